@@ -20,9 +20,9 @@ from importlib.util import find_spec
 import numpy as np
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.solve.arrow import Evaluation
-from baqueano.identify.solve.least_squares import minimise
-from baqueano.identify.solve.search import FINE
+from baqueano.identify.estimation.least_squares import minimise
+from baqueano.identify.estimation.search import FINE
+from baqueano.identify.residuals.block_arrow import Evaluation
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.simulate.system import System, varied

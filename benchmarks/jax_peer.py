@@ -9,9 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from baqueano.identify.solve.arrow import Evaluation
-from baqueano.identify.solve.least_squares import Solution, minimise
-from baqueano.identify.solve.search import FINE
+from baqueano.identify.estimation.least_squares import Solution, minimise
+from baqueano.identify.estimation.search import FINE
+from baqueano.identify.residuals.block_arrow import Evaluation
 from benchmarks import peers
 
 BEND = 1.345

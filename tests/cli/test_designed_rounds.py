@@ -4,8 +4,8 @@ import tomllib
 
 import pytest
 
-from baqueano.identify.answer import summary
 from baqueano.identify.design import plan as planning
+from baqueano.identify.result import assemble as summary
 from baqueano.runs import read_run
 from baqueano.vehicle_file import load
 

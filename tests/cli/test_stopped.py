@@ -36,7 +36,7 @@ def test_who_wants_no_more_is_not_told_what_is_not_in_the_model(lab, monkeypatch
         return text.startswith("asking")
 
     monkeypatch.setattr(
-        "baqueano.identify.answer.summary.afterwards", lambda *of: pytest.fail("it was asked")
+        "baqueano.identify.result.assemble.afterwards", lambda *of: pytest.fail("it was asked")
     )
     fit = identify(run, load("small"), ["model.actuator_matrix[0,0]"], say=say)
     assert fit.converged

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.rows.pieces import Layout, without_starts
-from baqueano.identify.solve import problem as simulated
-from baqueano.identify.solve.arrow import Arrow, Evaluation, add, begun, places_of, rows_times
-from baqueano.identify.solve.intervals import Information, covariance_of
-from baqueano.identify.solve.least_squares import RIDGE, _bounded_step, _solved, minimise
+from baqueano.identify.covariance.information import Information, covariance_of
+from baqueano.identify.data.segments import Layout, without_starts
+from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _solved, minimise
+from baqueano.identify.residuals import simulation as simulated
+from baqueano.identify.residuals.block_arrow import BlockArrow, Evaluation, add, begun, places_of, rows_times
 
 
 def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
@@ -40,7 +40,7 @@ ONE_RUN, TWO_RUNS, WHOLE_RUNS = (0,) * 12, (0,) * 6 + (1,) * 8, tuple(range(9))
 )
 def test_it_solves_as_the_whole_matrix_does(seed, runs, more, damping):
     arrow, whole, g = equations(seed, runs, more)
-    assert isinstance(arrow, Arrow)
+    assert isinstance(arrow, BlockArrow)
     index = np.flatnonzero(np.random.default_rng(seed).random(len(g)) < 0.8)
     scale = whole.diagonal().copy()
     x, y = (_solved(H, damping, scale, index, g[index]) for H in (arrow, whole))

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify import fit as module
-from baqueano.identify.doubts.probes import left_over
+from baqueano.identify.diagnostics.probes import left_over
 
 
 @pytest.fixture

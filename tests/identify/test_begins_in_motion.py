@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.solve.posed import Asked, records_of
+from baqueano.identify.parameters.setup import Asked, records_of
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 

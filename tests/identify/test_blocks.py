@@ -9,10 +9,10 @@ import pytest
 
 from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.identify import fit as module
-from baqueano.identify.answer.jackknife import BLOCK_S, LEAST, jackknife, no_smaller
-from baqueano.identify.answer.summary import fit_of
-from baqueano.identify.solve.intervals import Information, covariance_of, information
-from baqueano.identify.solve.problem import HUBER
+from baqueano.identify.covariance.information import Information, covariance_of, information
+from baqueano.identify.covariance.jackknife import BLOCK_S, LEAST, jackknife, no_smaller
+from baqueano.identify.residuals.simulation import HUBER
+from baqueano.identify.result.assemble import fit_of
 from baqueano.runs.run import Run, TruthLog
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load

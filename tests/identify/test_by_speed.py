@@ -3,7 +3,7 @@
 import numpy as np
 
 from baqueano.identify import FitOptions
-from baqueano.identify.solve.by_speed import spread_and_profile
+from baqueano.identify.residuals.speed_dependent_noise import spread_and_profile
 
 
 def drawn(kappa, seed, n=4000):

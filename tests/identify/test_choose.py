@@ -16,10 +16,10 @@ from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.choose.held_out import Score, paired
-from baqueano.identify.choose.information import not_separated
-from baqueano.identify.choose.selection import choose
-from baqueano.identify.choose.terms import BATTERY, Term, terms_of, without_terms
+from baqueano.identify.selection.held_out import Score, paired
+from baqueano.identify.selection.information import not_separated
+from baqueano.identify.selection.selection import choose
+from baqueano.identify.selection.terms import BATTERY, Term, terms_of, without_terms
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate

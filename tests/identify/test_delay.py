@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.solve.problem import Problem
+from baqueano.identify.residuals.simulation import Residuals
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.edit import override
@@ -79,8 +79,8 @@ def test_a_delay_that_the_fit_has_not_is_told_with_the_line_that_frees_it_and_no
 
 
 def test_as_many_evaluations_are_told_as_were_made(monkeypatch):
-    made, evaluate = [], Problem.evaluate
-    monkeypatch.setattr(Problem, "evaluate", lambda self, theta: made.append(1) or evaluate(self, theta))
+    made, evaluate = [], Residuals.evaluate
+    monkeypatch.setattr(Residuals, "evaluate", lambda self, theta: made.append(1) or evaluate(self, theta))
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 10.0, 100.0, 7, hold_s=0.5), 7)
     assert identify(run, small, FREE, options=FitOptions(diagnose=False)).evaluations == len(made) > 0

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import identify
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts import against_file
+from baqueano.identify.diagnostics import against_file
 from baqueano.simulate import simulate
 
 

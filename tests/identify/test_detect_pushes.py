@@ -5,9 +5,9 @@ import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify import fit as module
-from baqueano.identify.doubts.features import believed, probes
-from baqueano.identify.doubts.probes import ask, ask_parts, left_over
-from baqueano.identify.solve.parameters import with_numbers
+from baqueano.identify.diagnostics.features import believed, probes
+from baqueano.identify.diagnostics.probes import ask, ask_parts, left_over
+from baqueano.identify.parameters.free import with_numbers
 from baqueano.simulate import simulate
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from baqueano.diagnostics import Severity, note
-from baqueano.identify.doubts.samples import checked, grain
+from baqueano.identify.diagnostics.samples import checked, grain
 from baqueano.runs.run import Channel
 from baqueano.sensors import Imu, Odometer, Wheels
 

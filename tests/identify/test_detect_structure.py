@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify, random_steps
-from baqueano.identify.doubts.probes import ask, left_over
+from baqueano.identify.diagnostics.probes import ask, left_over
 from baqueano.simulate import simulate
 
 
@@ -78,7 +78,7 @@ def test_of_two_runs_of_two_vehicles_the_difference_is_told(case, u):
 
 def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, u):
     """The answer of a probe is the fit with that term, to first order."""
-    from baqueano.identify.doubts.features import believed, probes
+    from baqueano.identify.diagnostics.features import believed, probes
 
     rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
     run, seen = simulate(rough, u, 0), {}
@@ -117,7 +117,7 @@ def test_a_parameter_at_a_bound_where_chance_put_it_is_a_note(small):
 
 
 def test_what_a_parameter_may_be_off_by_is_added_to_its_error():
-    from baqueano.identify.doubts import widened
+    from baqueano.identify.diagnostics import widened
 
     cov = widened(np.diag([16.0, 1.0]), ("a", "b"), {"a": 3.0, "c": 1.0})
     assert np.array_equal(cov, np.diag([25.0, 1.0]))

@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.doubts import turning
+from baqueano.identify.diagnostics import turning
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.runs.run import Channel

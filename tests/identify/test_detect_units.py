@@ -8,7 +8,7 @@ import pytest
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts import against_file
+from baqueano.identify.diagnostics import against_file
 
 
 def felt(run, change):

@@ -16,7 +16,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import eight
 from baqueano.identify import FitOptions, forecast, identify, random_steps
 from baqueano.identify.forecast import LOST_RAD, Ahead, _lap
-from baqueano.identify.solve.parameters import value
+from baqueano.identify.parameters.free import value
 from baqueano.messages import texts
 from baqueano.report.of_fit import page_of_fit
 from baqueano.runs import write_run

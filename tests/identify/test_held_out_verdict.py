@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.choose.independent import pieces_of, turning_points
+from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.judged import judge
-from baqueano.identify.rows.resting import begins_at_rest
+from baqueano.identify.selection.independent import pieces_of, turning_points
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
 from baqueano.study.truth import World, drawn

@@ -10,8 +10,8 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
+from baqueano.identify.data.hand_measurements import drift, read
 from baqueano.identify.judged import judge
-from baqueano.identify.rows.tape import drift, read
 from baqueano.messages import text
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate

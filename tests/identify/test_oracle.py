@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.solve.problem import HUBER
+from baqueano.identify.residuals.simulation import HUBER
 from baqueano.signals import Motion
 from baqueano.symbolic import put
 

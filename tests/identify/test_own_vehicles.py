@@ -14,10 +14,10 @@ from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.choose.selection import choose
-from baqueano.identify.choose.terms import terms_of
 from baqueano.identify.design import designed, room_of
 from baqueano.identify.noise.covariances import measure_noise
+from baqueano.identify.selection.selection import choose
+from baqueano.identify.selection.terms import terms_of
 from baqueano.messages import texts
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate

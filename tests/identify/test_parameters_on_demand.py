@@ -9,8 +9,8 @@ import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.solve import search
-from baqueano.identify.solve.parameters import chosen, with_room
+from baqueano.identify.estimation import search
+from baqueano.identify.parameters.free import chosen, with_room
 from baqueano.messages import texts
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load

@@ -7,8 +7,8 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.rows.pieces import Layout, cut, slopes_without_start, without_starts
-from baqueano.identify.rows.record import record_of
+from baqueano.identify.data.record import record_of
+from baqueano.identify.data.segments import Layout, cut, slopes_without_start, without_starts
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from tests.codes import of_code
@@ -101,7 +101,7 @@ def test_a_slip_that_the_lead_forgets_does_not_lead_the_search_astray(small, see
 def test_cores_sum_as_one_does(case, driven, monkeypatch):
     runs = [driven(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
-    monkeypatch.setattr("baqueano.identify.solve.cores.ENOUGH", 10**9)
+    monkeypatch.setattr("baqueano.identify.parallel.ENOUGH", 10**9)
     alone = identify(runs, case, FREE)
     np.testing.assert_array_equal(together.estimate, alone.estimate)
     np.testing.assert_array_equal(together.cov, alone.cov)

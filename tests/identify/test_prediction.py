@@ -10,13 +10,14 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.rows.record import record_of
-from baqueano.identify.signals import random_steps
-from baqueano.identify.solve import prediction, prediction_kernel
-from baqueano.identify.solve.prediction import Noise, Prediction, most_likely, tail
-from baqueano.identify.solve.prediction_kernel import axes_of, filter_kernel
-from baqueano.identify.solve.problem import Problem
-from baqueano.identify.solve.start import Shape
+from baqueano.identify.data.record import record_of
+from baqueano.identify.design.signals import random_steps
+from baqueano.identify.estimation import prediction_error as prediction
+from baqueano.identify.estimation.prediction_error import Noise, Prediction, most_likely, tail
+from baqueano.identify.parameters.theta import Shape
+from baqueano.identify.residuals import innovations as prediction_kernel
+from baqueano.identify.residuals.innovations import axes_of, filter_kernel
+from baqueano.identify.residuals.simulation import Residuals
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, parse
 from tests.codes import of_code
@@ -68,7 +69,7 @@ def of_cart(file, *runs, start=(0,)):
     blocks = Blocks(file.vehicle, file.sensors)
     shape = Shape(FREE, (), start, (False,))
     records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
-    problem = Problem(blocks, shape, records)
+    problem = Residuals(blocks, shape, records)
     problem = problem.weighed(np.array([0.1]))
     found = Prediction(problem, blocks)
     found.kernel = filter_kernel(blocks, shape, "auto")
@@ -228,7 +229,7 @@ def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white
     blocks = Blocks(file.vehicle, file.sensors)
     run = simulate(file, random_steps(file.command.limit, 60.0, 20.0, 3), 3)
     early = (record_of(run, file.sensors._asdict()).sensors["camera"].early is not None,)
-    problem = Problem(
+    problem = Residuals(
         blocks, Shape(FREE, (), (0,), early), [record_of(run, file.sensors._asdict())], "python"
     )
     problem = problem.weighed(np.full(3, 0.01))

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.identify.solve.arrow import Evaluation
-from baqueano.identify.solve.intervals import information
-from baqueano.identify.solve.least_squares import minimise
+from baqueano.identify.covariance.information import information
+from baqueano.identify.estimation.least_squares import minimise
+from baqueano.identify.residuals.block_arrow import Evaluation
 
 
 def test_slopes_that_are_not_finite_are_no_place_to_go():

@@ -3,9 +3,9 @@
 import numpy as np
 
 from baqueano.identify import identify
-from baqueano.identify.answer.result import ChannelFit
-from baqueano.identify.answer.summary import explained
-from baqueano.identify.answer.verdict import Evidence, judge, noted
+from baqueano.identify.result.assemble import explained
+from baqueano.identify.result.fit_result import ChannelFit
+from baqueano.identify.result.verdict import Evidence, judge, noted
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import parse
 

@@ -10,8 +10,8 @@ import math
 import numpy as np
 import pytest
 
-from baqueano.identify.choose.selection import choose
 from baqueano.identify.judged import judge
+from baqueano.identify.selection.selection import choose
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import parse
 

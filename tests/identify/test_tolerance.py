@@ -6,7 +6,7 @@ import pytest
 
 from baqueano.cli import main
 from baqueano.errors import UsageError
-from baqueano.identify.answer.systematic import scales_of, with_tolerance
+from baqueano.identify.covariance.scale_uncertainty import scales_of, with_tolerance
 from baqueano.vehicle_file import load
 from tests.codes import of_code
 

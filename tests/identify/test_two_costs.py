@@ -5,11 +5,11 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions
-from baqueano.identify.answer.left_out import LeftOut
-from baqueano.identify.answer.two_costs import preferred
-from baqueano.identify.solve.intervals import Information
-from baqueano.identify.solve.least_squares import Evaluation, Solution
-from baqueano.identify.solve.prediction import Likely, Noise
+from baqueano.identify.covariance.information import Information
+from baqueano.identify.estimation.least_squares import Evaluation, Solution
+from baqueano.identify.estimation.prediction_error import Likely, Noise
+from baqueano.identify.result.left_out import LeftOut
+from baqueano.identify.result.objective_choice import preferred
 from tests.codes import of_code
 
 QUIET = np.ones(1)

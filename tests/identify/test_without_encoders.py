@@ -7,11 +7,11 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.answer.jackknife import with_blocks
-from baqueano.identify.answer.systematic import of_tolerance, scales_of, zero_of
-from baqueano.identify.solve import slow_noise
-from baqueano.identify.solve.intervals import Information
-from baqueano.identify.solve.yaw_rate import slow_part
+from baqueano.identify.covariance.information import Information
+from baqueano.identify.covariance.jackknife import with_blocks
+from baqueano.identify.covariance.scale_uncertainty import of_tolerance, scales_of, zero_of
+from baqueano.identify.residuals import low_frequency_noise as slow_noise
+from baqueano.identify.residuals.wiener_filter import slow_part
 from baqueano.identify.without_encoders import imu_is_all, without_encoders
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load

@@ -6,15 +6,15 @@ noise = measure_noise(fit, run)
 noise.updated(fit.vehicle_file).save("my.toml")
 """
 
-from baqueano.identify.answer.result import Fit
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
+from baqueano.identify.design.signals import KINDS, excitation, multisine, prbs, ramps, random_steps
+from baqueano.identify.estimation.least_squares import solution_at
 from baqueano.identify.fit import concluded, identify, solve
 from baqueano.identify.forecast import Forecast, forecast
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.identify.options import FitOptions
-from baqueano.identify.signals import KINDS, excitation, multisine, prbs, ramps, random_steps
-from baqueano.identify.solve.least_squares import solution_at
-from baqueano.identify.solve.problem import Problem as Residuals
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.identify.result.fit_result import Fit
 
 __all__ = [
     "KINDS",

@@ -5,8 +5,8 @@ the sensors. What it held stays held. Channels and verdict are still those of th
 a prediction over one step is no evidence for a model.
 
 Of a fit by simulation error the second search is a test. The errors of its parameters know of the colour of what is
-left (solve/intervals.py, answer/jackknife.py); colour and size are a doubt because a model that lacks something
-leaves them too. They are none where a floor that moves explains them (answer/two_costs.py).
+left (covariance/); colour and size are a doubt because a model that lacks something leaves them too. They
+are none where a floor that moves explains them (result/objective_choice.py).
 """
 
 from collections.abc import Sequence
@@ -17,30 +17,30 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.answer.left_out import LeftOut, left_out
-from baqueano.identify.answer.result import Fit
-from baqueano.identify.answer.summary import Finished, believed_of, fit_of, known_of, only_coloured
-from baqueano.identify.answer.two_costs import Preferred, preferred
-from baqueano.identify.rows.pieces import without
-from baqueano.identify.solve.arrow import Evaluation, dense
-from baqueano.identify.solve.intervals import Information, covariance_of
-from baqueano.identify.solve.least_squares import Solution
-from baqueano.identify.solve.parameters import FLOOR, described, value
-from baqueano.identify.solve.prediction import Likely, Prediction, most_likely
+from baqueano.identify.covariance.information import Information, covariance_of
+from baqueano.identify.data.segments import without
+from baqueano.identify.estimation.least_squares import Solution
+from baqueano.identify.estimation.prediction_error import Likely, Prediction, most_likely
+from baqueano.identify.parameters.free import FLOOR, described, value
+from baqueano.identify.residuals.block_arrow import Evaluation, dense
+from baqueano.identify.result.assemble import FinishedFit, believed_of, fit_of, known_of, only_coloured
+from baqueano.identify.result.fit_result import Fit
+from baqueano.identify.result.left_out import LeftOut, left_out
+from baqueano.identify.result.objective_choice import Preferred, preferred
 from baqueano.symbolic import put
 
 
 class Second(NamedTuple):
     """The second search, and what it says of the first."""
 
-    end: Finished
+    end: FinishedFit
     likely: Likely
     preferred: Preferred
     axes: tuple[int, ...]
     info: Information  # of θ that is known and of the noise, in this order
 
 
-def fit_by_simulation(first: Finished) -> Fit:
+def fit_by_simulation(first: FinishedFit) -> Fit:
     """Return the Fit by the first cost. Where colour and size of the residuals are all that speaks against it, the
     second is asked whether a floor that moves explains them."""
     known, model = known_of(first), first.blocks.model
@@ -59,7 +59,7 @@ def fit_by_simulation(first: Finished) -> Fit:
     return replace(fit, notes=(why, *fit.notes))
 
 
-def fit_by_innovations(first: Finished) -> Fit:
+def fit_by_innovations(first: FinishedFit) -> Fit:
     """Return the Fit by the second cost, with the floor's noise among its parameters; that of the first if somebody
     stopped it."""
     if first.found.stopped:
@@ -102,7 +102,7 @@ def _covariance(second: Second, fit: Fit) -> np.ndarray:
     return cov
 
 
-def by_innovations(first: Finished) -> Second:
+def by_innovations(first: FinishedFit) -> Second:
     """Return the search by the second cost from where the first ended."""
     problem, theta, task = first.task.problem, first.found.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)
@@ -129,7 +129,7 @@ def by_innovations(first: Finished) -> Second:
     return Second(second, likely, chosen, prediction.axes, with_noise)
 
 
-def _left_out(first: Finished, prediction: Prediction, likely: Likely) -> LeftOut | None:
+def _left_out(first: FinishedFit, prediction: Prediction, likely: Likely) -> LeftOut | None:
     """Both answers on segments that neither has used."""
     problem, ends = first.task.problem, first.found.solution
     told = first.sight.kept
@@ -144,7 +144,7 @@ def _free(likely: Likely) -> np.ndarray:
     return likely.solution.bound[len(likely.theta) :] == 0
 
 
-def _of_parameters(likely: Likely, first: Finished) -> tuple[Information, Information]:
+def _of_parameters(likely: Likely, first: FinishedFit) -> tuple[Information, Information]:
     """The information of the identifiable entries of θ with the noise, and of these entries alone. The starts of pieces
     are eliminated from both, the noise from the second: it too is unknown, and correlated with fading motions."""
     layout, known, info = first.task.problem.layout, len(first.sight.kept), likely.info
@@ -159,7 +159,7 @@ def _of_parameters(likely: Likely, first: Finished) -> tuple[Information, Inform
     return both, info._replace(bread=A, meat=B, channels=info.channels[:, :known])
 
 
-def _times(first: Finished, likely: Likely) -> np.ndarray:
+def _times(first: FinishedFit, likely: Likely) -> np.ndarray:
     """(m,) noise of the sensors without the floor's part in units of the file's, 0 where that tells none."""
     known = believed_of(first.blocks)
     found = first.task.problem.sigma * np.exp(likely.noise.sensors)

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Diagnostic, Severity, fault
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.doubts import mended
+from baqueano.identify.data.hand_measurements import with_tape
+from baqueano.identify.data.rest import with_gyro_at_rest
+from baqueano.identify.data.truth import TRUTH, with_truth
+from baqueano.identify.diagnostics import mended
 from baqueano.identify.options import FitOptions
-from baqueano.identify.rows.resting import with_gyro_at_rest
-from baqueano.identify.rows.tape import with_tape
-from baqueano.identify.rows.truth import TRUTH, with_truth
-from baqueano.identify.solve.parameters import acts_alone, chosen
-from baqueano.identify.solve.posed import Parameters, unknowns
-from baqueano.identify.solve.problem import chosen_sensors
+from baqueano.identify.parameters.free import acts_alone, chosen
+from baqueano.identify.parameters.setup import Parameters, unknowns
+from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ over all channels of all sensors, each in units of its own noise σ, k = 1.345 �
 Gauss-Newton with exact sensitivities over the free parameters and, run by run, the sensors' biases and the velocity
 at the start. What the data do not show is held where it was, and the rest is fitted again.
 
-    Dataset → Parameters → Problem, the residuals → solve → Fit
+    Dataset → Parameters → Residuals, the residuals → solve → Fit
 
 Each stage is an immutable object, and each of its makers can be replaced: docs/identification.md, "Own stages".
 """
@@ -19,22 +19,22 @@ import numpy as np
 
 from baqueano.diagnostics import note
 from baqueano.identify import without_encoders
-from baqueano.identify.answer.result import Fit
-from baqueano.identify.answer.summary import Finished
-from baqueano.identify.answer.systematic import covariance_by_zeros
 from baqueano.identify.by_innovations import fit_by_innovations, fit_by_simulation
+from baqueano.identify.covariance.scale_uncertainty import covariance_by_zeros
+from baqueano.identify.data.record import beginning
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
+from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
+from baqueano.identify.estimation.duty_step import PATH, duty_step
+from baqueano.identify.estimation.least_squares import Minimiser, minimise
+from baqueano.identify.estimation.search import Search, Task, search
+from baqueano.identify.identifiability.fixing import without_the_unseen
 from baqueano.identify.options import FitOptions
-from baqueano.identify.rows.record import beginning
-from baqueano.identify.solve.delay import best_search_of_all, bounds_of
-from baqueano.identify.solve.duty import PATH, duty_step
-from baqueano.identify.solve.huber import believed, smallest_spread
-from baqueano.identify.solve.least_squares import Minimiser, minimise
-from baqueano.identify.solve.parameters import acts_alone
-from baqueano.identify.solve.posed import Parameters, given_sigma
-from baqueano.identify.solve.problem import Problem
-from baqueano.identify.solve.search import Search, Task, search
-from baqueano.identify.solve.unseen import without_the_unseen
+from baqueano.identify.parameters.free import acts_alone
+from baqueano.identify.parameters.setup import Parameters, given_sigma
+from baqueano.identify.residuals.huber import believed, smallest_spread
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.identify.result.assemble import FinishedFit
+from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def identify(
     *,
     use: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
-    residuals: type[Problem] = Problem,
+    residuals: type[Residuals] = Residuals,
     solver: Minimiser = minimise,
     say: Callable[[str], object] | None = None,
 ) -> Fit:
@@ -72,7 +72,7 @@ def identify(
     0.61 kg, USABLE
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    if residuals is Problem and without_encoders.gyro_leads(vehicle_file, runs, use, free, options):
+    if residuals is Residuals and without_encoders.gyro_leads(vehicle_file, runs, use, free, options):
         return without_encoders.without_encoders(runs, vehicle_file, free, use, options=options, say=say)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
@@ -94,7 +94,7 @@ def identify(
 
 
 def solve(
-    problem: Problem,
+    problem: Residuals,
     parameters: Parameters,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     *,
@@ -124,7 +124,7 @@ def concluded(
     found, sight, info = without_the_unseen(task, found, parameters.free)
     whole = task._replace(low=parameters.low, high=parameters.high, problem=found.problem)
     found = bounds_of(whole, found)
-    end = Finished(
+    end = FinishedFit(
         data.file, parameters.blocks, whole, list(parameters.wanted), list(parameters.frozen), found, sight, info,
         data.note, data.findings, options.diagnose,
     )  # fmt: skip

@@ -23,8 +23,9 @@ from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.rows.record import record_of
-from baqueano.identify.solve.parameters import value, with_numbers
+from baqueano.identify.data.record import record_of
+from baqueano.identify.parameters.free import value, with_numbers
+from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text, texts
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
@@ -36,7 +37,6 @@ from baqueano.symbolic import scan
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow, Tree
     from baqueano.guides.route import Route
-    from baqueano.identify.answer.result import Fit
 
 AHEAD_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows

@@ -9,14 +9,14 @@
 
 What belongs to a run and not to the vehicle is found on the run itself, for nobody knows it before: the IMU's biases,
 clocks, the mount of a truth and other numbers that the fit found run by run, and the velocity at the start unless the
-run begins at rest (rows/resting.py). Everything else is the fit's.
+run begins at rest (data/rest.py). Everything else is the fit's.
 
 A share of the variance alone judges badly: where the own runs are explained to 99 %, 90 % are an error of three times
 the size, and a run that hardly moved is explained by no model. So the error is held against what noise explains (2):
 what the fit leaves of its own runs, sensor and floor together, and the white part by which this run is louder (w, von
 Neumann's: vibration grows with speed, and no model takes it away). The model is said not to carry over where its own
 part of e² is larger than that of the noise, and where that is no chance (3): blocks of BLOCK_S are as good as
-independent (choose/held_out.py), s is the scatter of g over the blocks of both, and t Student's with its B + B_own − 2
+independent (held_out.py), s is the scatter of g over the blocks of both, and t Student's with its B + B_own − 2
 degrees of freedom. A single block whose g lies beyond what the highest of B blocks reaches by chance (4) is told with
 its time: something happened there. Where there are fewer than ENOUGH on either side, blocks have SHORT_S. A single
 block on both sides tells nothing of chance, and the sentence says so. α is half of CHANCE, for each of the two.
@@ -24,7 +24,7 @@ block on both sides tells nothing of chance, and the sentence says so. α is hal
 REFUSED is a channel that the model explains by less than 0 and by more than chance (5): of what a true model leaves,
 the mean of the run takes away no more, and a true model leaves no more than s². What a fit leaves of own runs that it
 does not explain is no noise: then n is the white part alone. CANNOT TELL: nothing speaks against the model, and a
-command that moved in the fit has fewer than LEAST independent pieces in the held-out runs (choose/independent.py).
+command that moved in the fit has fewer than LEAST independent pieces in the held-out runs (selection/independent.py).
 """
 
 from collections.abc import Sequence
@@ -36,18 +36,18 @@ import numpy as np
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.answer.channel_units import channel_unit, percent, times
-from baqueano.identify.answer.result import ChannelFit, Fit, asked_for
-from baqueano.identify.batches import students
-from baqueano.identify.choose.held_out import BLOCK_S, SHORT_S
-from baqueano.identify.choose.independent import LEAST as ENOUGH_PIECES
-from baqueano.identify.choose.independent import pieces_of
+from baqueano.identify.covariance.clusters import students
+from baqueano.identify.data.hand_measurements import KINDS
+from baqueano.identify.data.rest import begins_at_rest
+from baqueano.identify.data.truth import MOUNT
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.rows.resting import begins_at_rest
-from baqueano.identify.rows.tape import KINDS
-from baqueano.identify.rows.truth import MOUNT
-from baqueano.identify.solve.posed import POSE_S
+from baqueano.identify.parameters.setup import POSE_S
+from baqueano.identify.result.channel_units import channel_unit, percent, times
+from baqueano.identify.result.fit_result import ChannelFit, Fit, asked_for
+from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S
+from baqueano.identify.selection.independent import LEAST as ENOUGH_PIECES
+from baqueano.identify.selection.independent import pieces_of
 from baqueano.messages import verdict_line
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose

@@ -23,17 +23,17 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.answer.verdict import short
+from baqueano.identify.covariance.information import QUANTILE_95
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.solve.intervals import QUANTILE_95
-from baqueano.identify.solve.parameters import with_numbers
+from baqueano.identify.parameters.free import with_numbers
+from baqueano.identify.result.verdict import short
 from baqueano.messages import text
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.result.fit_result import Fit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 

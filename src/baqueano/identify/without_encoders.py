@@ -1,16 +1,16 @@
 """A vehicle from its commands and its IMU alone: no encoder, no camera.
 
-The simulation is led by the gyro (guided.py) and each channel weighed by what it knows of slow motion
-(slow_noise.py). Beside what the model asks for, the place of the IMU along the vehicle is free: it acts on
+The simulation is led by the gyro (gyro_aided.py) and each channel weighed by what it knows of slow motion
+(low_frequency_noise.py). Beside what the model asks for, the place of the IMU along the vehicle is free: it acts on
 a_x by −l ν_ψ² and on a_y by l ν̇_ψ, is hardly ever measured, and taken for granted it becomes friction. Of a car
 the delay of the commands is free too, unless others are asked for in place of what it needs: a wrong one spoils what
 a_x says.
 
 The scales of gyro and accelerometers cannot be known from the IMU itself: twice the gyro's scale and half the
 speed fit as well. They are held, and so is the zero of a car's gyro, which looks like a steering that is a little off;
-what they may be off by goes into the error bars (systematic.py), and so does what parts of the run disagree about
-(jackknife.py). Another yaw rate that leads makes another delay likely, so that both are searched in turn until they
-stay: a fit that is repeated from its own answer ends there.
+what they may be off by goes into the error bars (scale_uncertainty.py), and so does what parts of the run disagree
+about (jackknife.py). Another yaw rate that leads makes another delay likely, so that both are searched in turn until
+they stay: a fit that is repeated from its own answer ends there.
 
 Measured: a real car, `baqueano study without-encoders`. A car of the independent truth, driven for 60 s on a floor
 that pushes it, after 3 s of rest (83 seeds from 100, scales known, benchmarks/coverage_without_encoders.py): errors of
@@ -29,18 +29,17 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.answer.jackknife import jackknife, with_blocks
-from baqueano.identify.answer.result import Fit
-from baqueano.identify.answer.summary import Finished, fit_of
-from baqueano.identify.answer.systematic import scales_of, with_systematic, zero_of
 from baqueano.identify.blocks import Blocks
+from baqueano.identify.covariance.information import Information, information
+from baqueano.identify.covariance.jackknife import jackknife, with_blocks
+from baqueano.identify.covariance.scale_uncertainty import scales_of, with_systematic, zero_of
 from baqueano.identify.dataset import dataset
+from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
+from baqueano.identify.estimation.search import Search, Task, search
+from baqueano.identify.identifiability.fixing import without_the_unseen
+from baqueano.identify.identifiability.identifiable import Seen
 from baqueano.identify.options import FitOptions
-from baqueano.identify.solve.delay import best_search_of_all, bounds_of
-from baqueano.identify.solve.guided import Guided, can_be_led
-from baqueano.identify.solve.huber import smallest_spread, spread
-from baqueano.identify.solve.intervals import Information, information
-from baqueano.identify.solve.parameters import (
+from baqueano.identify.parameters.free import (
     DELAY,
     Free,
     acts_alone,
@@ -49,10 +48,11 @@ from baqueano.identify.solve.parameters import (
     default_free,
     described,
 )
-from baqueano.identify.solve.posed import unknowns
-from baqueano.identify.solve.search import Search, Task, search
-from baqueano.identify.solve.seen import Seen
-from baqueano.identify.solve.unseen import without_the_unseen
+from baqueano.identify.parameters.setup import unknowns
+from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_led
+from baqueano.identify.residuals.huber import smallest_spread, spread
+from baqueano.identify.result.assemble import FinishedFit, fit_of
+from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def without_encoders(
     wanted = _wanted(data.blocks, free, options, imu)
     parameters = unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
     blocks = parameters.blocks
-    problem = Guided(blocks, parameters.shape, parameters.records, options.backend)
+    problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
     begin = parameters.first, parameters.low, parameters.high
     task = Task(problem, *begin, floor, None, by_speed=True, say=say)
@@ -101,7 +101,7 @@ def without_encoders(
     info = _with_all_errors(found, sight, info, (scales, zero))
     left = found.problem.left(found.solution.theta)
     found = found._replace(sigma=spread(left, found.problem.has, floor))
-    end = Finished(
+    end = FinishedFit(
         data.file, blocks, task._replace(problem=found.problem), list(parameters.wanted), list(parameters.frozen),
         found, sight, info, data.note, data.findings,
     )  # fmt: skip
@@ -130,7 +130,7 @@ def _settled(task: Task) -> tuple[Task, Search]:
 def _followed(task: Task, found: Search) -> Search:
     """The search led by what gyro and model know together, until that stays what it is."""
     problem, count = found.problem, found.evaluations
-    assert isinstance(problem, Guided)
+    assert isinstance(problem, GyroAidedResiduals)
     for _ in range(FOLLOWED):
         before = found.solution.theta
         problem = problem.following(before)
@@ -152,7 +152,7 @@ def _with_all_errors(
 ) -> Information:
     """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
     problem, theta, kept = found.problem, found.solution.theta, np.flatnonzero(sight.kept)
-    assert isinstance(problem, Guided)
+    assert isinstance(problem, GyroAidedResiduals)
     cov = jackknife(problem, theta, kept, info.bread)
     info = info if cov is None else with_blocks(info, kept, cov)
     return with_systematic(info, lambda *changed: problem.slope(theta, *changed), *unknown)

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.identify.answer.channel_units import percent
-from baqueano.identify.answer.lines import marks
-from baqueano.identify.answer.result import Fit, rounded
+from baqueano.identify.result.channel_units import percent
+from baqueano.identify.result.fit_result import Fit, rounded
+from baqueano.identify.result.lines import marks
 from baqueano.messages import ended, texts
 from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw

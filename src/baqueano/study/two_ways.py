@@ -22,8 +22,8 @@ from baqueano.compare import compare
 from baqueano.diagnostics import Verdict
 from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, FitOptions, identify
+from baqueano.identify.data.record import Record, record_of
 from baqueano.identify.noise import Noise, measure_noise
-from baqueano.identify.rows.record import Record, record_of
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import MAPS, check_present
 from baqueano.symbolic import scan

@@ -98,7 +98,7 @@ def one(file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: b
 def _meant(signal: str, rounds: int | None, update: bool) -> None:
     """UsageError where the options do not go together."""
     from baqueano.errors import UsageError
-    from baqueano.identify.signals import KINDS
+    from baqueano.identify.design.signals import KINDS
 
     known = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
     if signal.replace("_", "-") not in known:
@@ -116,7 +116,7 @@ def signal_of(
 ) -> np.ndarray:
     """The commands (N, n) of that name, kept in the room if there is one."""
     from baqueano.identify.design import contained, designed, room_of
-    from baqueano.identify.signals import excitation
+    from baqueano.identify.design.signals import excitation
 
     if kind == "designed":
         room = room_of(file, size or "2x2")

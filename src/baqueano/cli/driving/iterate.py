@@ -18,7 +18,7 @@ from baqueano.diagnostics import Verdict, fault, note
 if TYPE_CHECKING:
     from baqueano.cli.driving.targets import Place
     from baqueano.contracts.values import TableRow
-    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.result.fit_result import Fit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 from baqueano.messages import texts, verdict_line

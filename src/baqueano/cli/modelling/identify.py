@@ -16,7 +16,7 @@ from baqueano.messages import row_of, text
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.guides.route import Route
-    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.result.fit_result import Fit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -95,7 +95,7 @@ def command(
     from baqueano.cli.endings import Interrupted
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
-    from baqueano.identify.rows.unused import unused
+    from baqueano.identify.data.unused import unused
 
     _meant(over_time, choose, unseen=bool(held_out))
     _named(table)
@@ -200,7 +200,7 @@ def _predicted(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | N
 
 def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
     """For --json: what was asked for run by run, and the figures of unseen runs."""
-    from baqueano.identify.answer.result import asked_for
+    from baqueano.identify.result.fit_result import asked_for
 
     own = [row for row in fit.run_by_run() if asked_for(row["name"])]
     if judged is None:
@@ -238,7 +238,7 @@ def _asked(how: "JsonObject", backend: str) -> "JsonObject":
 def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: "list[Run]", asked: "JsonObject") -> Any:
     """The file with how well its scales are known. UsageError where the fit would not ask."""
     from baqueano.errors import UsageError
-    from baqueano.identify.answer.systematic import with_tolerance
+    from baqueano.identify.covariance.scale_uncertainty import with_tolerance
     from baqueano.identify.without_encoders import imu_is_all
 
     if not told:
@@ -268,7 +268,7 @@ def _chosen(
 ) -> Any:
     """The terms that held-out data ask for, the `unseen` runs where there are any, by the plain simulation error."""
     from baqueano.errors import UsageError
-    from baqueano.identify.choose.selection import choose
+    from baqueano.identify.selection.selection import choose
     from baqueano.identify.without_encoders import imu_is_all
 
     if more := _other(asked):

@@ -31,7 +31,7 @@ def command(
     vehicle: str | None, settings: tuple[str, ...], signal: str, seconds: float, vehicles: int, seed: int,
     backend: str, folder: str, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.signals import excitation
+    from baqueano.identify.design.signals import excitation
     from baqueano.runs import write_run
     from baqueano.runs.show import show
     from baqueano.simulate import simulate, simulate_many

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.solve.cores import each
-from baqueano.identify.solve.parameters import default_free, value
+from baqueano.identify.parallel import each
+from baqueano.identify.parameters.free import default_free, value
 from baqueano.simulate.many import bounds, lanes_kernel
 from baqueano.simulate.system import System
 from baqueano.vehicles import VehicleState

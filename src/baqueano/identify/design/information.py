@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.identify.blocks import Blocks
-from baqueano.identify.solve.parameters import (
+from baqueano.identify.parameters.free import (
     Free,
     default_free,
     described,

@@ -25,7 +25,7 @@ from baqueano.identify.design.driven import driven
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.inside import COAST_S, SAMPLE_S, VEHICLES, contained
 from baqueano.identify.design.pieces import Piece, Shape, children, drawn, gentler
-from baqueano.identify.solve.cores import each
+from baqueano.identify.parallel import each
 from baqueano.worlds.noise import stream
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
+from baqueano.identify.data.rest import REST_S
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
-from baqueano.identify.rows.resting import REST_S
 from baqueano.messages import texts
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds

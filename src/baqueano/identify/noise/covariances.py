@@ -28,16 +28,17 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
-from baqueano.identify.answer.channel_units import channel_unit
+from baqueano.identify.covariance.information import COLOUR
+from baqueano.identify.data.hand_measurements import KINDS
+from baqueano.identify.data.rest import standing
 from baqueano.identify.noise.accepted import Accepted, accepted
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import most_likely
 from baqueano.identify.noise.not_fitted import not_fitted
 from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
-from baqueano.identify.rows.resting import standing
-from baqueano.identify.rows.tape import KINDS
-from baqueano.identify.solve.intervals import COLOUR
+from baqueano.identify.result.channel_units import channel_unit
+from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
@@ -45,7 +46,6 @@ from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.identify.answer.result import Fit
     from baqueano.vehicle_file import VehicleFile
 
 LEAST = 1e-6  # least eigenvalue of a correlation matrix

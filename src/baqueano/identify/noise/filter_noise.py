@@ -28,13 +28,13 @@ from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import FORWARD, TURNING, Layout, layout
 from baqueano.estimators.sensor_numbers import slopes
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
-from baqueano.identify.solve.huber import MAD
+from baqueano.identify.residuals.huber import MAD
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import get, put, scan
 
 if TYPE_CHECKING:
-    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.result.fit_result import Fit
 
 SLOW_S = 0.3  # what fades faster is the walk of ν: a misfit and the floor are two numbers
 OF_FORWARD = (

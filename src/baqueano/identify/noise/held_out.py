@@ -19,15 +19,15 @@ from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
+from baqueano.identify.covariance.information import QUANTILE_95
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
-from baqueano.identify.solve.intervals import QUANTILE_95
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import put, scan
 
 if TYPE_CHECKING:
-    from baqueano.identify.answer.result import Fit
     from baqueano.identify.noise.covariances import Noise
+    from baqueano.identify.result.fit_result import Fit
 
 BLOCK_S = 2.0
 TICKS = {"c": 60_000, "python": 2000, "numpy": 500}

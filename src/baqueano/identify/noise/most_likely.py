@@ -24,7 +24,7 @@ from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import put, scan
 
 if TYPE_CHECKING:
-    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.result.fit_result import Fit
 
 FAR = 3.0  # standard deviations
 STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of the logarithm of a standard deviation

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.rows.resting import standing
+from baqueano.identify.data.rest import standing
 from baqueano.runs.run import Run
 
 FEWEST = 30  # samples for a variance

@@ -20,7 +20,7 @@ from baqueano.symbolic import scan
 from baqueano.vehicles import Effort
 
 if TYPE_CHECKING:
-    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.result.fit_result import Fit
 
 FLOOR = 1e-4  # of the root mean square of a state: no deviation is believed to be smaller
 

@@ -9,7 +9,7 @@ from baqueano.identify.design import Room, believed, contained, designed, mean_e
 from baqueano.identify.design.belief import Cloud
 from baqueano.identify.design.information import NUISANCE_SD, unknowns
 from baqueano.identify.design.inside import VEHICLES
-from baqueano.identify.signals import KINDS, excitation
+from baqueano.identify.design.signals import KINDS, excitation
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, Drawn
 from baqueano.study.identification.bound import beside, bound_of, numbers, with_numbers

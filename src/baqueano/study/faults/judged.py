@@ -24,7 +24,7 @@ import numpy as np
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.answer.result import Fit
+from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.left import left_of
@@ -36,7 +36,7 @@ from baqueano.study.wrong import wrong
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.identify.answer.result import Fit
+    from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file import VehicleFile
 
 SECONDS = 30.0

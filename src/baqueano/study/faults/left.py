@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.identify.doubts import mended
+from baqueano.identify.diagnostics import mended
 from baqueano.runs.run import Run
 from baqueano.vehicle_file import VehicleFile
 

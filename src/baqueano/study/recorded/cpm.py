@@ -2,7 +2,7 @@
 
 Nothing that the garage's file of this car says of it is used but its tape measure: gyro and odometer count as
 perfect, the delay is 0, and the model begins bare, with a gain, viscous drag and what steers. What else it has is
-chosen on the run itself (choose/selection.py), the effect of the logged battery among the candidates. Judged is the
+chosen on the run itself (selection/selection.py), the effect of the logged battery among the candidates. Judged is the
 speed of the whole other run, simulated from throttle and servo alone, in the odometer's own unit.
 
 The scale of the gyro and the clock of the camera are calibrated against the camera (identify/against_truth.py),
@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 from baqueano.identify import FitOptions
 from baqueano.identify.against_truth import Calibration, calibrate
-from baqueano.identify.choose.choice import Choice, Decision
-from baqueano.identify.choose.selection import choose
 from baqueano.identify.judged import judge
+from baqueano.identify.selection.choice import Choice, Decision
+from baqueano.identify.selection.selection import choose
 from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
@@ -26,7 +26,7 @@ from baqueano.vehicle_file import load
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.identify.choose.choice import Choice
+    from baqueano.identify.selection.choice import Choice
     from baqueano.runs import Run
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}

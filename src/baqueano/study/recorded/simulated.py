@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.identify.rows.record import record_of
+from baqueano.identify.data.record import record_of
 from baqueano.signals import seconds
 from baqueano.symbolic import scan
 

@@ -1,0 +1,188 @@
+"""How sure a robust fit is of its parameters.
+
+    A = Σ ψ'(r) ∂r ∂rᵀ,   B = Σ ψ(r)² ∂r ∂rᵀ,   cov = A⁻¹ B A⁻¹ N/(N − p)                                  (1)
+
+the sandwich of an M-estimator: right whatever the noise is distributed like, as long as it is white. It
+holds Huber's efficiency by itself: on normal noise the errors are 1/√0.95 of those of least squares. Where
+the residuals are coloured, with γ_c(l) the autocovariance of ψ in channel c,
+
+    B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ                                               (2)
+
+Bartlett's taper over L = 5 s, or a tenth of a shorter run, keeps B positive. (2) takes the colour for
+the same all along the run: with 25 parameters and a minute of driving that costs far less than Newey and
+West's sums of scores, which are drawn to 0 by the fit itself. Whether residuals are coloured is told by the
+sum of their autocorrelation over the first ticks, against its scatter for white noise.
+Of a run in pieces (segments.py) the pieces tell more than (2), whose L is a tenth of a piece while a pose that drifts
+is coloured all along it. Each piece is drawn to the data by a start of its own, the shared parameters by all, so
+that sums of scores over pieces are as good as independent, whatever the colour inside:
+
+    cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
+
+over K pieces and q shared parameters, correlations kept; white residuals leave it at (1). Of fewer pieces, and of a
+colour too faint to be told, covariance/jackknife.py knows.
+Of a channel with FEW measurements, a tape or a mark, ψ² tells nothing: the fit draws a single one to 0. There it
+is taken for 1, its mean if σ is right.
+Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.parallel import each, gram
+from baqueano.identify.residuals.huber import FEW
+from baqueano.identify.residuals.simulation import HUBER, Residuals
+
+WINDOW_S = 5.0
+LAGS = 20  # ticks over which the autocorrelation is summed
+FAR = 1e100  # slopes beyond it are those of a model that ran away; their squares still are numbers
+QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
+MANY = 2  # pieces for each shared parameter: of fewer, sums of scores are drawn to 0 by the fit
+COLOUR = 0.15  # of the variance: the least sum of autocorrelation that counts as colour
+
+
+class Information(NamedTuple):
+    """What the data say about θ."""
+
+    bread: np.ndarray  # A (p, p)
+    meat: np.ndarray  # B (p, p)
+    channels: np.ndarray  # (m, p) diagonal of Σ ∂r ∂rᵀ, channel by channel
+    coloured: bool  # whether B is that of (2)
+    colour: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
+    samples: int
+    scores: np.ndarray | None = (
+        None  # (K, p) s_k of (3); None where each run is whole, or the residuals white
+    )
+    shared: int = 0  # q
+
+
+def information(problem: Residuals, theta: np.ndarray) -> Information:
+    """A and B at θ (p,): those of (2) where the residuals are coloured, else of (1)."""
+    p, m = problem.size, len(problem.sigma)
+    A, B, channels = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
+    pieces = problem.sensitivities(theta)
+    colour = autocorrelation([r for r, _, _ in pieces], problem.has)
+    coloured = bool(np.any(colour > COLOUR))
+    few = np.sum([has.sum(axis=0) for has in problem.has], axis=0) < FEW
+
+    def parts(piece: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        r, d, _ = piece
+        if not (np.max(d, initial=0.0) < FAR and np.min(d, initial=0.0) > -FAR and np.isfinite(r).all()):
+            r, d = np.zeros_like(r), np.zeros_like(d)  # a model that runs away tells nothing
+        bread, meat = _white(np.where(few & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
+        if coloured:
+            scored = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))
+            meat = _coloured(scored, has, d, record.dt_s)
+            meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
+        return np.einsum("tmp,tmp->mp", d, d), bread, meat
+
+    found = each(parts, pieces, problem.records, problem.has, rows=sum(map(len, problem.has)))
+    for (_, _, index), (channel, bread, meat) in zip(pieces, found, strict=True):
+        channels[:, index] += channel
+        A[np.ix_(index, index)] += bread
+        B[np.ix_(index, index)] += meat
+    scores = _by_piece(problem, pieces) if coloured else None
+    samples = int(sum(has.sum() for has in problem.has))
+    return Information(A, B, channels, coloured, colour, samples, scores, problem.layout.starts)
+
+
+def _by_piece(problem: Residuals, pieces: list[Any]) -> np.ndarray | None:
+    """s_k (K, p) of (3); None where the runs are whole, or the pieces too few to tell."""
+    layout, count = problem.layout, len(pieces)
+    if count == max(layout.runs) + 1 or count < MANY * layout.starts:
+        return None
+    scores = np.zeros((count, problem.size))
+    for k, (r, d, index) in enumerate(pieces):
+        if np.max(np.abs(d), initial=0.0) < FAR and np.isfinite(r).all():
+            scores[k, index] = np.einsum("tm,tmp->p", np.clip(r, -HUBER, HUBER), d)
+    return scores
+
+
+def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A and B (p, p) of residuals (N, m) with slopes (N, m, p).  (1)"""
+    size, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
+    # few are clipped, so that this costs less than to choose the others
+    return gram(d) - gram(d[size >= HUBER]), gram(d, np.minimum(size, HUBER) ** 2)
+
+
+def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:
+    """Covariance (k, k) of the entries `kept` of θ, the others held.  (1), (3)"""
+    at = np.ix_(kept, kept)
+    scale = np.sqrt(np.diagonal(info.bread)[kept])
+    scale = np.where(scale > 0.0, scale, 1.0)
+    A = info.bread[at] / np.outer(scale, scale)
+    B = info.meat[at] / np.outer(scale, scale)
+    half = np.linalg.solve(A, _root(B))
+    cov = half @ half.T  # A⁻¹ B A⁻¹
+    cov = cov * (info.samples / max(1, info.samples - len(kept)))
+    if info.scores is not None:
+        count = len(info.scores)
+        moves = np.linalg.solve(A, (info.scores[:, kept] / scale).T)
+        told = np.sum(moves**2, axis=1) * (count / (count - info.shared))
+        wider = np.sqrt(np.maximum(told / np.maximum(np.diagonal(cov), 1e-300), 1.0))
+        cov = cov * np.outer(wider, wider)
+    return cov / np.outer(scale, scale)
+
+
+def inverse(A: np.ndarray) -> np.ndarray:
+    """Return A⁻¹ (p, p) of scaled entries; a direction without information gets none."""
+    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
+    return np.linalg.pinv(A / np.outer(root, root), rcond=1e-12, hermitian=True) / np.outer(root, root)
+
+
+def autocorrelation(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
+    """(m,) Σ of the autocorrelation over lags 1 to LAGS, of clipped residuals; rows without a measurement are
+    left out."""
+    sums = each(_products, residuals, has, rows=sum(map(len, has)))
+    total, power, count = np.sum(sums, axis=0)
+    rho = total / np.maximum(power, 1e-300)
+    scatter = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
+    return np.where(np.abs(rho) > scatter, rho, 0.0)
+
+
+def _products(r: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(3, m) of residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and how many x there are."""
+    out = np.zeros((3, r.shape[1]))
+    for c in range(r.shape[1]):
+        x = r[there[:, c] > 0.0, c]
+        if len(x) <= 2 * LAGS:
+            continue
+        x = np.minimum(np.maximum(x, -3.0), 3.0)
+        x -= x.mean()
+        sums = np.cumsum(x)
+        ahead = np.full(len(x), sums[-1])
+        ahead[:-LAGS] = sums[LAGS:]
+        out[:, c] = x @ (ahead - sums), x @ x, len(x)
+    return out
+
+
+def _coloured(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+    """B (p, p) of scores ψ (N, m) with slopes d (N, m, p) under the autocovariance of ψ.  (2)"""
+    n, m, p = d.shape
+    lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    taper = np.zeros(size)
+    taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1.0)
+    taper[-lags:] = taper[lags:0:-1]
+    B = np.zeros((p, p))
+    for c in range(m):
+        there = np.fft.rfft(has[:, c], size)
+        pairs = np.fft.irfft(np.abs(there) ** 2, size)
+        cov = np.fft.irfft(np.abs(np.fft.rfft(psi[:, c], size)) ** 2, size)
+        gamma = np.where(pairs > 0.5, cov / np.maximum(pairs, 0.5), 0.0) * taper
+        power = np.maximum(np.fft.rfft(gamma).real, 0.0)
+        slopes = np.ascontiguousarray(d[:, c, :])
+        smooth = np.fft.irfft(np.fft.rfft(slopes, size, axis=0) * power[:, None], size, axis=0)[:n]
+        B += slopes.T @ smooth
+    return 0.5 * (B + B.T)
+
+
+def _root(B: np.ndarray) -> np.ndarray:
+    """F (k, k) with F Fᵀ = B and a little on its diagonal. Of a B that was put together from what blocks tell, rounding
+    leaves eigenvalues below 0: they count as 0."""
+    little = 1e-13 * max(float(np.trace(B)), 1e-300)
+    try:
+        return np.linalg.cholesky(B + little * np.eye(len(B)))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(B)
+        return vectors * np.sqrt(np.maximum(values, little))

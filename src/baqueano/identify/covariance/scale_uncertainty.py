@@ -1,0 +1,157 @@
+"""What scales and a zero that are not fitted do to a fit.
+
+    θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε                                                       (1)
+    B ← B + Σ_c σ_c² g_c g_cᵀ                                                                             (2)
+
+g is the gradient of the cost, A its information. A scale that is off by ε is a measurement that is off by the part
+ε, a zero that is off by ε one that is off by ε: g_s is taken from measurements that are changed by ± STEP, at the θ
+of the fit. With (2) in the place of B the covariance A⁻¹ B A⁻¹ gains exactly (1) of each, whatever else is held.
+A data sheet's tolerance ± a, of which nothing else is known, counts as a uniform distribution, σ = a/√3 (Guide
+to the expression of uncertainty in measurement, 4.3.7).
+
+Of a car whose fit has other sensors too, the zero of the gyro is held. With W the weights of its readings,
+
+    cov ← cov + σ² v vᵀ,   v = A⁻¹ g,   g = Σ_t ψ'(r_t) W_t ∂r_t                                          (3)
+    σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (4)
+
+σ is the error of the zero at rest where that was measured, else (4), which is what the run knows of the zero beside
+all that is fitted, and by how much it asks for another one; at most that of the data sheet.
+"""
+
+from collections.abc import Callable, Mapping
+from datetime import date
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.identify.covariance.information import Information, inverse
+from baqueano.identify.covariance.jackknife import slopes_of
+from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.symbolic import get
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+STEP = 1e-3  # part of a reading, and of 1 rad/s
+ZERO_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's data sheet
+GYRO = 2  # channel of an IMU
+SHEET = {"accel": 0.02, "gyro": 0.03}  # ±, of small IMUs that nobody calibrated
+CHANNELS = (("accel", "accel_scale", 0), ("accel", "accel_scale", 1), ("gyro", "gyro_scale", 0))
+
+
+def of_tolerance(tolerance: float) -> float:
+    """Standard deviation of what is known to lie within ± `tolerance`."""
+    return tolerance / np.sqrt(3.0)
+
+
+def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None) -> np.ndarray:
+    """(3,) relative standard deviations of the scales of an IMU: of `tolerance` {"accel", "gyro"}, else of the
+    measurement that the file tells, else of a data sheet."""
+    given = dict(tolerance or {})
+    if not set(given) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in given.values()):
+        raise UsageError(fault("tolerance.keys", given=given, keys=SHEET))
+    sd = []
+    for kind, field, entry in CHANNELS:
+        told = None if kind in given else _told(file, f"sensors.{imu}.{field}", entry)
+        sd.append(of_tolerance(given.get(kind, SHEET[kind])) if told is None else told)
+    return np.array(sd)
+
+
+def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
+    """The file that tells of scales how well they are known: {"sensors.imu.gyro_scale": 0.01} is ± 1 % of its
+    value. UsageError for what is no scale of an IMU of the file, and for what is no part of 1."""
+    from baqueano.vehicle_file import Provenance
+
+    known = [
+        f"sensors.{name}.{field}"
+        for name, sensor in file.sensors._asdict().items()
+        for field in ("gyro_scale", "accel_scale")
+        if has_field(sensor, field)
+    ]
+    values, origins = {}, {}
+    for path, part in tolerance.items():
+        if path not in known:
+            raise UsageError(fault("tolerance.no-scale", path=path, vehicle=file.name, known=known))
+        if not 0.0 < part < 1.0:
+            raise UsageError(fault("tolerance.no-part", path=path, part=part))
+        value = np.asarray(get(file, path), float)
+        sd = np.abs(value) * of_tolerance(part)
+        values[path] = value.tolist()
+        origins[path] = Provenance(f"told, ± {100.0 * part:g} %", date.today(), sd.tolist())
+    return file.with_values(values, origins) if values else file
+
+
+def _told(file: "VehicleFile", path: str, entry: int) -> float | None:
+    """The relative standard error of a scale that was measured."""
+    origin = file.provenance.get(path)
+    if origin is None or origin.sd is None:
+        return None
+    sd, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, get(file, path)))
+    told = float(sd[min(entry, len(sd) - 1)] / abs(value[min(entry, len(value) - 1)]))
+    return told if np.isfinite(told) else None
+
+
+def zero_of(file: "VehicleFile", imu: str) -> float:
+    """Return the standard deviation of a gyro's zero [rad/s]: of the measurement that the file tells, else of a data
+    sheet."""
+    known = _measured_zero(file, imu)
+    return of_tolerance(ZERO_RAD_S) if known is None else known
+
+
+def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
+    origin = file.provenance.get(f"sensors.{imu}.gyro_bias")
+    known = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
+    return known if np.isfinite(known) else None
+
+
+def covariance_by_zeros(
+    problem: Residuals, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray, file: "VehicleFile"
+) -> np.ndarray:
+    """Return the covariance (p, p) that zeros of gyros, which are held, give to the entries `kept` (p,) of θ, of the
+    information `bread` (p, p); of a zero that is in θ itself none.  (3), (4)"""
+    cov, at, end = np.zeros_like(bread), np.flatnonzero(kept), 0
+    free = {*problem.shape.shared, *problem.shape.own}
+    gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]
+    for name, size in zip(problem.names, problem.sizes, strict=True):
+        end += size
+        if name not in gyros or f"sensors.{name}.gyro_bias" in free or not len(at):
+            continue
+        g, asks, power = np.zeros(problem.size), 0.0, 0.0
+        for (r, d, index), weight in zip(slopes_of(problem, theta), problem.weights, strict=True):
+            r, W = r[:, end - 1], weight[:, end - 1]
+            inside = W * (np.abs(r) < HUBER)
+            g[index] += inside @ d[:, end - 1]
+            asks, power = asks + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inside @ W)
+        A = bread[np.ix_(at, at)]
+        if not (np.isfinite(g).all() and np.isfinite(A).all()):
+            continue  # a model that ran away
+        v, measured = inverse(A) @ g[at], _measured_zero(file, name)
+        sd = _shown_zero(asks, power - float(g[at] @ v)) if measured is None else measured
+        cov[np.ix_(at, at)] += sd**2 * np.outer(v, v)
+    return cov
+
+
+def _shown_zero(asks: float, power: float) -> float:
+    """σ of a zero that nobody measured.  (4)"""
+    sheet = of_tolerance(ZERO_RAD_S)
+    return min(sheet, float(np.hypot(asks / power, power**-0.5))) if power > sheet**-2 else sheet
+
+
+def with_systematic(
+    info: Information, slope: Callable[[int, float, float], np.ndarray], scales: np.ndarray, zero: float
+) -> Information:
+    """The information with the standard deviations of `scales` (m,) and of the gyro's `zero` [rad/s].  (2)
+
+    `slope(c, scale, shift)` is the gradient (p,) when channel c is divided by `scale` and raised by `shift`.
+    """
+    meat = info.meat.copy()
+    for c in np.flatnonzero(scales > 0.0):
+        g = (slope(int(c), 1.0 + STEP, 0.0) - slope(int(c), 1.0 - STEP, 0.0)) / (2.0 * STEP)
+        meat += scales[c] ** 2 * np.outer(g, g)
+    if zero > 0.0:
+        g = (slope(GYRO, 1.0, STEP) - slope(GYRO, 1.0, -STEP)) / (2.0 * STEP)
+        meat += zero**2 * np.outer(g, g)
+    return info._replace(meat=meat)

@@ -1,0 +1,202 @@
+"""A run as the fit reads it: one row per tick, with all that was measured during that tick.
+
+    dt_k = t_k − t_{k−1},  u_k in force during it,  z_k measured at its end, has_k = 0 where nothing was   (1)
+
+Ticks need not be regular. A long one is cut into equal rows, of which the last alone has measurements, so that the
+integrator stays exact: a step of Runge-Kutta is to be short beside the fastest motion of a small vehicle, 15 ms. A
+measurement belongs to the tick that ended at its own time stamp (not at its arrival) or first after it; of several in
+one tick the last one counts. Left out are entries that are not finite, what diagnostics/samples.py found to be no
+measurement among them, what was measured before the first tick, where the model has not begun, and, counted, those at
+the end of the sensor's range.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.errors import UsageError
+from baqueano.identify.data.clock_offset import CLOCK_S
+from baqueano.runs.run import Channel, Run
+from baqueano.signals import seconds
+
+LONG_STEP = 2.5  # median steps, above which a step is a gap
+JUST = 1e-6  # of a row: rounding
+ROW_S, MORE = 0.02, 0.25  # the longest row; of it, what a tick may last longer and stay one
+LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
+
+
+class Measured(NamedTuple):
+    """One sensor's measurements, row by row."""
+
+    z: np.ndarray  # (N, m), 0 where there is none
+    has: np.ndarray  # (N, m) 1.0 where there is one
+    early: np.ndarray | None  # (N,) part of the step by which it precedes the tick; None: on the tick;
+    # of a sensor whose clock is free: its age at the row's end [s]
+
+
+class Record(NamedTuple):
+    """A run, row by row."""
+
+    name: str
+    t_s: np.ndarray  # (N,) end of each row, from the first tick on
+    dt_s: np.ndarray  # (N,)
+    u: np.ndarray  # (N, n)
+    sensors: dict[str, Measured]
+    notes: tuple[Diagnostic, ...]
+    run: int = 0  # which of the runs of a fit
+    lead: int = 0  # rows at the beginning that belong to the piece before
+
+
+def record_of(
+    run: Run,
+    sensors: dict[str, Tree],
+    only: Mapping[str, list[int]] | None = None,
+    clocks: Sequence[str] = (),
+) -> Record:
+    """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone; those in
+    `clocks` stand CLOCK_S late."""
+    if len(run.t_ns) < 2:
+        raise UsageError(fault("runs.few-ticks", run=run.name, ticks=len(run.t_ns)))
+    steps = np.diff(run.t_ns)
+    median_ns = int(np.median(steps))
+    dt_s = seconds(np.concatenate([[median_ns], steps]))
+    u, notes = _command(run)
+    gaps = dt_s > LONG_STEP * median_ns * 1e-9
+    if gaps.any():
+        notes.append(note("data.gaps", gaps=int(gaps.sum()), longest_s=float(dt_s.max())))
+    pieces = rows_in(dt_s)
+    pieces[gaps] = np.maximum(pieces[gaps], np.ceil(dt_s[gaps] / (LONG_STEP * median_ns * 1e-9)).astype(int))
+    ends = np.cumsum(pieces) - 1
+    said = {}
+    for name, block in sensors.items():
+        said[name] = _measured(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
+        if only and name in only:
+            left_out = np.setdiff1d(np.arange(block.size), only[name])
+            said[name].has[:, left_out] = 0.0
+    t_s = seconds(run.t_ns, run.t_ns[0])
+    if np.any(pieces > 1):
+        dt_s = np.repeat(dt_s / pieces, pieces)
+        u = np.repeat(u, pieces, axis=0)
+        t_s = np.cumsum(dt_s) - dt_s[0]
+    return Record(run.name, t_s, dt_s, u, said, tuple(notes))
+
+
+def rows_in(dt_s: np.ndarray) -> np.ndarray:
+    """Into how many rows (N,) ticks of `dt_s` (N,) are cut.
+
+    >>> rows_in(np.array([0.01, 0.022, 0.05]))
+    array([1, 1, 3])
+    """
+    return np.maximum(np.ceil(dt_s / ROW_S - MORE), 1).astype(int)
+
+
+def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
+    """Return how many rows of the past a delay [s] needs, in the rows of `runs`."""
+    ticks = [seconds(np.diff(run.t_ns)) for run in runs if len(run.t_ns) > 1]
+    rows = [np.repeat(dt_s / rows_in(dt_s), rows_in(dt_s)) for dt_s in ticks]
+    usual_s = min((float(np.median(dt_s)) for dt_s in rows), default=ROW_S)
+
+    def slots(delay_s: float) -> int:
+        if delay_s <= 0.0:
+            return 0
+        count = int(np.ceil(delay_s / usual_s - JUST))
+        ends = [np.concatenate([[0.0], np.cumsum(dt_s)]) for dt_s in rows]
+        spans = [np.min(t[count:] - t[:-count], initial=np.inf) for t in ends]
+        return count + bool(
+            min(spans, default=np.inf) < delay_s * (1.0 - JUST)
+        )  # one more where ticks are uneven
+
+    return slots
+
+
+def beginning(record: Record, rows: int) -> Record:
+    """The first rows of it."""
+    sensors = {
+        name: Measured(z[:rows], has[:rows], None if early is None else early[:rows])
+        for name, (z, has, early) in record.sensors.items()
+    }
+    return record._replace(t_s=record.t_s[:rows], dt_s=record.dt_s[:rows], u=record.u[:rows], sensors=sensors)
+
+
+def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
+    """u (N, n), the last finite one where it is not known."""
+    known = np.asarray(np.isfinite(run.applied).all(axis=1))
+    if known.all():
+        return run.applied, []
+    if not known.any():
+        raise UsageError(fault("runs.no-command", run=run.name))
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
+    u = np.where(known[last][:, None], run.applied[last], 0.0)
+    return u, [note("data.command-unknown", ticks=int((~known).sum()))]
+
+
+def _measured(
+    run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], late_s: float
+) -> Measured:
+    """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
+    channel = run.sensors.get(name)
+    if channel is None:
+        raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
+    if channel.z.shape[1] != block.size:
+        raise UsageError(
+            fault(
+                "runs.other-size",
+                run=run.name,
+                sensor=name,
+                entries=channel.z.shape[1],
+                kind=type(block).__name__,
+                size=block.size,
+            )
+        )
+    m, rows = block.size, int(ends[-1]) + 1
+    z, has = np.zeros((rows, m)), np.zeros((rows, m))
+    good = _sound(name, block, channel, notes)
+    tick = np.searchsorted(run.t_ns, channel.t_ns + round(late_s * 1e9))
+    begun = run.t_ns[0] - round(LATE * float(np.median(np.diff(run.t_ns))))
+    inside = (tick < len(run.t_ns)) & ((channel.t_ns >= begun) | (late_s > 0.0))
+    at = ends[tick[inside]]
+    z[at] = np.where(good[inside], channel.z[inside], 0.0)
+    has[at] = good[inside]
+    if late_s > 0.0:
+        age_s = np.zeros(rows)
+        age_s[at] = seconds(run.t_ns[tick[inside]], channel.t_ns[inside])
+        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * CLOCK_S))])] = 0.0  # line not full
+        return Measured(z, has, age_s)
+    return Measured(z, has, _early(run, channel.t_ns[inside], tick[inside], at, rows))
+
+
+def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: int) -> np.ndarray | None:
+    """Part of the step by which the stamps precede the ends of their ticks, (rows,)."""
+    if not len(tick):
+        return None
+    before = run.t_ns[np.maximum(tick, 1) - 1]
+    part: np.ndarray = (run.t_ns[tick] - t_ns) / np.maximum(run.t_ns[np.maximum(tick, 1)] - before, 1)
+    if np.all(part < LATE):
+        return None
+    early = np.zeros(rows)
+    early[at] = np.clip(part, 0.0, 1.0)
+    return early
+
+
+def _sound(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
+    """(M, m) True where an entry may be believed."""
+    good = np.isfinite(channel.z)
+    limit = range_of(block)
+    if limit is not None:
+        clipped = good & (np.abs(channel.z) >= limit)
+        if clipped.any():
+            notes.append(note("data.end-of-range", subject=name, lost=int(clipped.sum())))
+        good &= ~clipped
+    return good
+
+
+def range_of(block: Tree) -> np.ndarray | None:
+    """(m,) the end of the range of an IMU; None for sensors without one."""
+    if not has_field(block, "accel_limit"):
+        return None
+    step = np.array([block.accel_step, block.accel_step, block.gyro_step])
+    return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step

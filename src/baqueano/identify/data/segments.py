@@ -1,0 +1,129 @@
+"""A long run as short pieces, each with a start of its own: multiple shooting.
+
+A simulation that is never corrected wanders off: by the heading, whose errors add up, and by a floor that is
+not modelled. Cut into pieces of a few seconds, each begins anew where the data say; all share the parameters.
+Before its first measurement a piece has a lead, rows without measurements, in which delayed commands and
+sensors fill their lines.
+
+θ = (shared | by run | by piece): the starts are many and of no interest, so what the data say of the others is
+told with the starts taken out,
+
+    A_r = A − A_s A_ss⁻¹ A_sᵀ,   B_r = G B Gᵀ,   G = (I, −A_s A_ss⁻¹)                                       (1)
+
+block by block, for a start acts on its own piece alone. Row by row, with the weights w = ψ'(r) of A, these are the
+slopes of the others without what the start of their piece would make up for,
+
+    d⊥ = d − d_s A_ss⁻¹ A_sᵀ,   A_r = Σ w d⊥ d⊥ᵀ                                                           (2)
+
+Source: Bock 1983 for the pieces; Schur's complement.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.identify.data.record import Measured, Record
+
+LEAST = 1e-9  # of the largest eigenvalue of a start's information: below it that direction is not seen
+
+
+class Layout(NamedTuple):
+    """Where the entries of a piece stand in θ."""
+
+    shared: int
+    by_run: int
+    by_piece: int
+    runs: tuple[int, ...]  # of each piece
+
+    @property
+    def starts(self) -> int:
+        """Where the starts begin."""
+        return self.shared + self.by_run * (max(self.runs) + 1)
+
+    @property
+    def size(self) -> int:
+        """Of θ."""
+        return self.starts + self.by_piece * len(self.runs)
+
+    @property
+    def indices(self) -> list[np.ndarray]:
+        """Per piece, its entries."""
+        s, o, q = self.shared, self.by_run, self.by_piece
+        first = self.starts
+        return [
+            np.concatenate(
+                [
+                    np.arange(s),
+                    np.arange(s + run * o, s + (run + 1) * o),
+                    np.arange(first + k * q, first + (k + 1) * q),
+                ]
+            )
+            for k, run in enumerate(self.runs)
+        ]
+
+    def of_starts(self, k: int) -> slice:
+        """The start of piece k."""
+        return slice(self.starts + k * self.by_piece, self.starts + (k + 1) * self.by_piece)
+
+
+def cut(record: Record, segment_s: float, lead_s: float) -> list[Record]:
+    """Pieces of about `segment_s`, each after the first with a lead of `lead_s`, and of one row at least, without
+    measurements: what was measured between two ticks lies between what both rows show."""
+    ends = np.cumsum(record.dt_s)
+    count = max(1, round(float(ends[-1]) / segment_s))
+    edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)
+    edges = np.unique(np.concatenate([[0], edges, [len(ends)]]))
+    out = []
+    for first, last in pairwise(edges):
+        begin = int(np.searchsorted(ends, ends[first] - lead_s))
+        out.append(_piece(record, max(min(begin, int(first) - 1), 0), int(first), int(last)))
+    return out
+
+
+def _piece(record: Record, begin: int, first: int, last: int) -> Record:
+    sensors = {}
+    for name, (z, has, early) in record.sensors.items():
+        has = has[begin:last].copy()
+        has[: first - begin] = 0.0
+        sensors[name] = Measured(z[begin:last], has, None if early is None else early[begin:last])
+    t_s, dt_s, u = (a[begin:last] for a in (record.t_s, record.dt_s, record.u))
+    return record._replace(t_s=t_s, dt_s=dt_s, u=u, sensors=sensors, lead=first - begin)
+
+
+def without_starts(bread: np.ndarray, meat: np.ndarray, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+    """A and B (r, r) of shared and run's entries, the starts taken out.  (1)"""
+    return without(bread, meat, layout.starts, [layout.of_starts(k) for k in range(len(layout.runs))])
+
+
+def without(
+    bread: np.ndarray, meat: np.ndarray, first: int, blocks: Sequence[slice]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return A and B (r, r) of the `first` r entries, without the `blocks`, of which no two share information.  (1)"""
+    A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
+    for at in blocks:
+        gain = bread[:first, at] @ _inverse(bread[at, at])  # A_s A_ss⁻¹
+        A -= gain @ bread[at, :first]
+        cross = gain @ meat[at, :first]
+        B += gain @ meat[at, at] @ gain.T - cross - cross.T
+    return 0.5 * (A + A.T), 0.5 * (B + B.T)
+
+
+def slopes_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """d⊥ (N, m, q) of the slopes d (N, m, p) of a piece, whose entries `start` (p,) bool are its start's, with weights
+    w (N, m).  (2)"""
+    own, others = d[..., start], d[..., ~start]
+    weighted = own * w[..., None]
+    axes = (0, 1), (0, 1)
+    ties = _inverse(np.tensordot(weighted, own, axes)) @ np.tensordot(weighted, others, axes)
+    return others - own @ ties
+
+
+def _inverse(A: np.ndarray) -> np.ndarray:
+    """Of a small information matrix, 0 in directions that nothing shows."""
+    root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
+    values, vectors = np.linalg.eigh(A / np.outer(root, root))
+    seen = values > LEAST * np.max(values, initial=1e-300)
+    kept = vectors[:, seen]
+    return (kept / values[seen]) @ kept.T / np.outer(root, root)

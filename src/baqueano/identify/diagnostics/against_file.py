@@ -1,0 +1,147 @@
+"""A fit held against what the vehicle file claims.
+
+    G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)      (1)
+    G_y = l_x G_ψ,   G_x = −l_y G_ψ      what an IMU at (l_x, l_y) adds to those of a command that turns    (2)
+
+The file need not be right, but a command that pushed forward and now pushes backward, or sideways, or five
+times as hard, is more often a column that was swapped, inverted or in other units than a vehicle that was
+misjudged. A scale that all commands and readings share cannot be seen in the residuals: only the file
+knows better. Noise is held against the file too, as it changes with the unit and not with the vehicle.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.parameters.free import entries, value
+from baqueano.parameter import all_parameters
+from baqueano.symbolic import get
+
+GAIN = 2.0  # times the file's: what a data sheet and a scale promise together, and a guess of half or double
+TENTH = 0.1  # by which a model that is not quite the vehicle's moves a gain, beside chance
+WHOLE = 20.0  # times the file's: no vehicle is misjudged so
+CLEAR = 5.0  # standard errors
+QUIET, SILENT = 0.2, 1e-4  # times the noise of the file; below SILENT it is a simulation without noise
+UNITS = {
+    57.29578: "guess.degrees", 9.80665: "guess.g", 255.0: "guess.pwm", 100.0: "guess.percent", 1000.0: "guess.milli",
+}  # fmt: skip
+AXES, TURNING = ("forward", "sideways", "turning"), 2
+
+
+def checked(
+    file: Blocks,
+    names: Sequence[str],
+    estimate: np.ndarray,
+    sd: np.ndarray,
+    told: np.ndarray,
+    sigma: np.ndarray,
+    labels: Sequence[str],
+) -> list[Diagnostic]:
+    """`file` as it was before the fit; `estimate`, `sd` (p,) of `names`; noise (m,) of the channels `labels`:
+    `told` by the file, 0 for none, and `sigma` found."""  # fmt: skip
+    return gains(file, names, estimate, sd) + _noise(told, sigma, labels)
+
+
+def gains(file: Blocks, names: Sequence[str], estimate: np.ndarray, sd: np.ndarray) -> list[Diagnostic]:
+    """What commands do, against what they do by the `file`."""
+    numbers = {n: (float(e), float(s)) for n, e, s in zip(names, estimate, sd, strict=True) if np.isfinite(e)}
+    return _gains(file, numbers) + _matrix(file, numbers)
+
+
+def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
+    out = []
+    for label, known, found in zip(labels, told, sigma, strict=True):
+        if known > 0.0 and SILENT < found / known < QUIET:
+            shown: dict[str, Any] = {"sigma": float(found), "times": float(found / known)}
+            out.append(
+                note("file.quiet", Severity.WARNING, subject=label, guess=_unit(known / found), **shown)
+            )
+    return out
+
+
+def _gains(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
+    out = []
+    for path, p in all_parameters(file.model, "model"):
+        matrix = np.ndim(get(file, path)) == 2
+        for one in entries(file, path) if p.role == "gain" and not matrix else ():
+            if one in numbers and value(file, one) != 0.0:
+                out += _compared(one, value(file, one), *numbers[one])
+    return out
+
+
+def _compared(path: str, was: float, now: float, sd: float) -> list[Diagnostic]:
+    """One gain against the file."""
+    if not abs(now - was) > CLEAR * sd:
+        return []
+    ratio = now / was
+    if ratio < 0.0:
+        return [note("file.inverted", Severity.WARNING, subject=path, now=now, was=was)]
+    off = max(ratio, 1.0 / max(ratio, 1e-12))
+    if off * (1.0 - max(CLEAR * sd / abs(now), TENTH)) < GAIN:
+        return []
+    if off > WHOLE:
+        return [note("file.far-gain", Severity.ERROR, subject=path, times=ratio, guess=_unit(off))]
+    return [note("file.gain", Severity.WARNING, subject=path, times=ratio, guess=_unit(off))]
+
+
+def _unit(off: float) -> Diagnostic | str:
+    for factor, code in UNITS.items():
+        if 0.8 < off / factor < 1.25:
+            return note(code)
+    return ""
+
+
+def _matrix(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
+    """Column by column: the entry that is largest in the file has to stay so.  (1)"""
+    model = file.model
+    path = next(
+        (k for k, p in all_parameters(model, "model") if p.role == "gain" and p.shape == (3, 3)), None
+    )
+    if path is None:
+        return []
+    was, scale, out = np.asarray(get(file, path), float), _inertia(model), []
+    for j in range(was.shape[1]):
+        paths = [f"{path}[{i},{j}]" for i in range(3)]
+        main = int(np.argmax(np.abs(was[:, j]) / scale))
+        if was[main, j] == 0.0 or paths[main] not in numbers:
+            continue
+        now = np.array([numbers.get(p, (was[i, j], 0.0))[0] for i, p in enumerate(paths)]) / scale
+        size, before = _size(now, was, scale), _size(was[:, j] / scale, was, scale)
+        other = int(np.argmax(np.where(np.arange(3) == main, 0.0, size)))
+        if size[other] > size[main] and GAIN * size[main] < before[main]:
+            out.append(
+                note(
+                    "file.swapped",
+                    Severity.WARNING,
+                    subject=f"u[{j}]",
+                    expected=note(f"axis.{AXES[main]}"),
+                    found=note(f"axis.{AXES[other]}"),
+                )
+            )
+            continue
+        if size[other] > size[main] and main == TURNING:
+            lever = "--free +sensors.imu.lever_arm_m"
+            axis = note(f"axis.{AXES[other]}")
+            out.append(note("file.lever-arm", Severity.WARNING, lever, f"u[{j}]", axis=axis))
+        out += _compared(paths[main], was[main, j], *numbers[paths[main]])
+    return out
+
+
+def _size(now: np.ndarray, was: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Accelerations of a command (3,); a turn counts at the ratio of the file's own forward and turning gains."""
+    gains = np.max(np.abs(was) / scale[:, None], axis=1)
+    linear = max(gains[0], gains[1])
+    ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0
+    return np.abs(now) * np.array([1.0, 1.0, ratio])
+
+
+def _inertia(model: Tree) -> np.ndarray:
+    """(3,) m, m, I; ones for a kinematic model."""
+    if has_field(model, "mass_kg"):
+        return np.array([model.mass_kg, model.mass_kg, model.inertia_kg_m2])
+    return np.ones(3)

@@ -1,0 +1,250 @@
+"""What is often not in a model: forces, delays and places of sensors, as columns for probes.py.
+
+A force that nobody modelled pushes the vehicle along an axis a with an acceleration ε φ(t),
+
+    ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
+
+the derivatives of the vehicle's own step carried along with it, for all φ in one pass: forces.py says which. Delays,
+lags and clocks, an IMU elsewhere or turned on its mount, and what its low-pass does beside a delay, change the
+readings alone:
+
+    D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (2)
+    D = −τ ḣ + τ² ḧ   (the IMU, where the delay of the commands is free)
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.data.record import Record
+from baqueano.identify.data.voltage import VOLTAGE, at_voltage
+from baqueano.identify.diagnostics.forces import COMMANDED, Force, commanded, driven, forces, moved
+from baqueano.identify.parallel import ahead, each
+from baqueano.identify.parameters.free import DELAY, with_numbers
+from baqueano.identify.parameters.theta import Shape, beginning, example, shown_by
+from baqueano.identify.residuals.simulation import Residuals, kept_kernel
+from baqueano.sensors.sampling import Signal
+from baqueano.symbolic import scan
+
+LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
+SIDEWAYS = np.array([0.0, 1.0, 0.0])
+AXES = (0, 2)  # of all pushes but the last of each, which goes sideways
+
+Said: TypeAlias = tuple[str, Diagnostic]  # name of a probe, and what it asks
+Probes: TypeAlias = tuple[list[Said], np.ndarray]  # and their columns D (K, N m) in standard deviations
+
+
+class Going(NamedTuple):
+    """What the simulation carries."""
+
+    vehicle: Tree
+    signals: tuple[Signal, ...]
+
+
+class Pushed(NamedTuple):
+    """What the one that is pushed carries: θ too, for the slopes are those by ε."""
+
+    vehicle: Tree
+    signals: tuple[Signal, ...]
+    theta: np.ndarray
+
+
+class Motions(NamedTuple):
+    """What it shows, tick by tick."""
+
+    h: np.ndarray  # (N, m)
+    nu: np.ndarray  # (N, 3)
+    nu_dot: np.ndarray  # (N, 3)
+
+
+class Kernels(NamedTuple):
+    """One structure of vehicle and sensors, going and pushed."""
+
+    going: Tree
+    pushed: Tree
+
+
+class Believed(NamedTuple):
+    """The motion that a fit believes in, piece by piece."""
+
+    kernels: Kernels
+    starts: list[Pushed]
+    motions: list[Motions]
+
+    @property
+    def nu(self) -> np.ndarray:
+        """(N, 3) of all pieces."""
+        return np.concatenate([m.nu for m in self.motions])
+
+    @property
+    def nu_dot(self) -> np.ndarray:
+        """(N, 3) of all pieces."""
+        return np.concatenate([m.nu_dot for m in self.motions])
+
+
+def believed(blocks: Blocks, problem: Residuals, theta: np.ndarray) -> Believed | None:
+    """None for a model that cannot be pushed."""
+    if not has_field(blocks.model, "process_noise_std"):
+        return None
+    kernels = kept_kernel(blocks, problem.shape, problem.scan.backend, _traced)
+    begin = beginning(blocks, problem.shape)
+    starts, motions = [], []
+    for record, index in zip(problem.records, problem.layout.indices, strict=True):
+        own = theta[index]
+        starts.append(Pushed(*begin(own), own))
+        motions.append(kernels.going.run(_rows(record), own)[1])
+    return Believed(kernels, starts, motions)
+
+
+def probes(blocks: Blocks, problem: Residuals, now: Believed) -> Callable[[], list[Probes]]:
+    """What is asked of the motion that is believed; the long part of it goes ahead until it is called for."""
+    of_forces = _of_forces(blocks, problem, now)
+    return lambda: [of_forces(), _of_readings(blocks, problem, now)]
+
+
+def _of_readings(blocks: Blocks, problem: Residuals, now: Believed) -> Probes:
+    """(2)"""
+    said: list[Said] = []
+    columns = []
+    for record, motion, weight in zip(problem.records, now.motions, problem.weights, strict=True):
+        found = _readings(blocks, problem, record, motion)
+        said = [(code, what) for code, what, _ in found]
+        columns.append(np.stack([(D * weight).ravel() for _, _, D in found]))
+    return said, np.concatenate(columns, axis=1)
+
+
+def _of_forces(blocks: Blocks, problem: Residuals, now: Believed) -> Callable[[], Probes]:
+    """(1)"""
+    channels = [driven(blocks.model, record.u) for record in problem.records]
+    most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
+    kernel, scale = now.kernels.pushed, np.where(most > 0.0, most, 1.0)
+
+    def rows_of(k: int) -> np.ndarray:
+        record, nu = problem.records[k], now.motions[k].nu
+        phi = [commanded(channels[k] / scale, record), *(moved(axis, nu, record) for axis in AXES)]
+        return _rows(record, problem.weights[k], *phi)
+
+    def slopes(k: int, rows: np.ndarray) -> np.ndarray:
+        return np.asarray(kernel.sensitivities(rows, np.zeros(kernel.parameters), now.starts[k])[1])
+
+    count = sum(map(len, channels)) if problem.scan.backend == "c" else 0
+    if len(channels) == 1:
+        whole = ahead(partial(slopes, 0, rows_of(0)), rows=count)
+    else:
+        pieces = each(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
+        whole = partial(np.concatenate, pieces)
+    asked = [force for axis in AXES for force in forces(axis, len(most))]
+    some = [k for k, force in enumerate(asked) if force.channel is None or most[force.channel] > 0.0]
+
+    def found() -> Probes:
+        D = whole().reshape(-1, len(asked)).T  # (K, N m)
+        return [_words(asked[k]) for k in some], D if len(some) == len(asked) else D[some]
+
+    return found
+
+
+def _words(force: Force) -> Said:
+    return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.what
+
+
+def _rows(record: Record, *more: np.ndarray) -> np.ndarray:
+    """(N, q): dt, u, what is `more`, the battery's voltage if it is known."""
+    volts = [record.sensors[VOLTAGE].z] if VOLTAGE in record.sensors else []
+    return np.concatenate([record.dt_s[:, None], record.u, *more, *volts], axis=1)
+
+
+def _traced(blocks: Blocks, shape: Shape, backend: str) -> Kernels:
+    return Kernels(_going(blocks, shape, backend), _pushed(blocks, shape, backend))
+
+
+def _going(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    n, paths = blocks.model.commands, (*shape.shared, *shape.own)
+    begin = beginning(blocks, shape)
+
+    def start(theta: np.ndarray) -> Going:
+        return Going(*begin(theta))
+
+    def step(theta: np.ndarray, state: Going, row: np.ndarray) -> tuple[Going, Motions]:
+        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
+        vehicle, motion = there.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
+        felt, signals = shown_by(there.sensors, state.signals, motion, row[0])
+        return Going(vehicle, signals), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
+
+    return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
+
+
+def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    """ε (K,) of all forces, axis by axis, the last of each sideways → what the sensors show, times 1/σ.  (1)"""
+    n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
+    channels = driven(blocks.model, np.zeros((1, n))).shape[1]
+    c, count = len(COMMANDED) * channels, len(forces(0, channels))
+    theta, every = example(blocks, shape), c + len(AXES) * (count - c)
+    start = Pushed(*beginning(blocks, shape)(theta), theta)
+
+    def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
+        for k, axis in enumerate(AXES):
+            e, of_motion = epsilon[k * count : (k + 1) * count], phi[c + k * (count - c) :]
+            along = e[:c] @ phi[:c] + e[c:-1] @ of_motion[: count - c - 1]
+            yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS
+
+    def step(epsilon: np.ndarray, state: Pushed, row: np.ndarray) -> tuple[Pushed, np.ndarray]:
+        there = at_voltage(with_numbers(blocks, paths, state.theta), row, shape.volts)
+        dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
+        push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + every]))
+        vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
+        vehicle, motion = there.model.step(vehicle, u, dt_s, np.zeros(3))
+        tick = motion.tick and tuple(there._replace(nu_dot=there.nu_dot + push) for there in motion.tick)
+        motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
+        felt, signals = shown_by(there.sensors, state.signals, motion, dt_s)
+        return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(felt)
+
+    rows = np.zeros(1 + n + m + every + shape.volts)
+    return scan(step, start, rows, np.zeros(len(AXES) * count), backend=backend)
+
+
+def _readings(
+    blocks: Blocks, problem: Residuals, record: Record, still: Motions
+) -> list[tuple[str, Diagnostic, np.ndarray]]:
+    """(2)"""
+    h = still.h
+    h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
+    found, at = [("delay", note("term.delay"), h_dot)], 0
+    for name, block, size in zip(problem.names, blocks.sensors, problem.sizes, strict=True):
+        span = slice(at, at + size)
+        at += size
+        if len(problem.names) > 1:
+            own = np.zeros_like(h)
+            own[:, span] = h_dot[:, span]
+            found.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), own))
+        if has_field(block, "lever_arm_m"):
+            found += _mount(name, h, still, span)
+        if not getattr(block, "has_low_pass", True) and DELAY in problem.shape.shared:
+            smooth = np.zeros_like(h)
+            smooth[:, span] = LOW_PASS_S * h_dot[:, span]
+            bend = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2
+            smooth[1:-1, span] += LOW_PASS_S**2 * bend
+            found.append((f"low-pass of {name}", note("term.low-pass", subject=name), smooth))
+    return found
+
+
+def _mount(name: str, h: np.ndarray, still: Motions, span: slice) -> list[tuple[str, Diagnostic, np.ndarray]]:
+    """An IMU elsewhere, turned, or with the other measurement model."""
+    x, y = span.start, span.start + 1
+    w, w_dot = still.nu[:, 2], still.nu_dot[:, 2]
+    out = []
+    for code, along, across in (
+        ("term.imu-ahead", -w * w, w_dot),
+        ("term.imu-beside", -w_dot, -w * w),
+        ("term.imu-turned", h[:, y], -h[:, x]),
+        ("term.measurement-model", -w * still.nu[:, 1], w * still.nu[:, 0]),
+    ):
+        D = np.zeros_like(h)
+        D[:, x], D[:, y] = along, across
+        out.append((f"mount of {name}", note(code, subject=name), D))
+    return out

@@ -1,0 +1,90 @@
+"""Forces that a model often lacks, as accelerations φ(t) along an axis: what features.py pushes with.
+
+With w the channels of the drivetrain (left and right wheel, or the commands) and ν what the model says, both over
+their largest value, φ is one of
+
+    tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (1)
+    tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s), s since ν changed its sign             (2)
+    ν_x |ν_ψ|   ν_ψ²      ν_x |ν_x| ν_ψ²   ν_x ν_ψ (sideways)       along x                                (3)
+    ν_ψ |ν_x|   ν_x ν_ψ   ν_ψ ν_x²         ν_ψ |ν_ψ| (sideways)     about ψ                                (4)
+
+(1) are dead zones and backlash, motors that saturate or slip, that are unequal forward and backward, and a
+battery that fades; (2) dry and other friction, a caster that flips; (3), (4) what corners cost. A tyre that slips
+sideways in proportion to its force brakes with the square of the sideways acceleration, the third of (3), and turns
+less than it is steered, by the third of (4).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.data.record import Record
+
+AFTER_S = 0.2  # how long something lasts that begins when a sign changes
+SMALL = 0.1  # of the largest value: where a tanh has changed its sign
+COMMANDED = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
+MOVED = ("dry friction", "drag", "steep drag", "one-sided drag", "caster", "cornering", "turning", "slip")
+SIDEWAYS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
+
+
+class Force(NamedTuple):
+    """One φ along one axis; the channel of (1)."""
+
+    code: str
+    what: Diagnostic
+    axis: int
+    channel: int | None = None
+
+
+def forces(axis: int, channels: int) -> list[Force]:
+    """What is asked along `axis`, 0 or 2, and, last, one thing sideways, in the order of `commanded`
+    and `moved`."""
+    of_commands = [
+        Force(f"{code} of channel {j}", _term(code), axis, j) for code in COMMANDED for j in range(channels)
+    ]
+    of_motion = [Force(code, _term(code), axis) for code in MOVED]
+    return [*of_commands, *of_motion, Force("sideways", SIDEWAYS[axis], 1)]
+
+
+def _term(code: str) -> Diagnostic:
+    return note(f"term.{code.replace(' ', '-')}")
+
+
+def commanded(w: np.ndarray, record: Record) -> np.ndarray:
+    """φ (N, 5 c) of one piece with channels w (N, c) over their largest.  (1)"""
+    t, size = np.cumsum(record.dt_s), np.abs(w)
+    fading = w * (t / t[-1] - 0.5)[:, None]
+    return np.concatenate([np.tanh(w / SMALL), w * size, size, fading, _since_turn(w, t)], axis=1)
+
+
+def moved(axis: int, nu: np.ndarray, record: Record) -> np.ndarray:
+    """φ (N, 9) of one piece with motion ν (N, 3): (2), then (3) or (4)."""
+    v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
+    x, w, size = nu[:, :1], nu[:, 2:], np.abs(v)
+    along, about = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
+    corners = (*along, x * w) if axis == 0 else (*about, w * np.abs(w))
+    flips = _since_turn(v, np.cumsum(record.dt_s))
+    return np.concatenate([np.tanh(v / SMALL), v * size, v * v * v, size, flips, *corners], axis=1)
+
+
+def driven(model: Tree, u: np.ndarray) -> np.ndarray:
+    """The channels (N, c) that commands u (N, n) drive."""
+    drivetrain = getattr(model, "drivetrain", None)
+    if getattr(drivetrain, "mixing", "none") == "two_wheels":
+        return np.column_stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]])
+    return u
+
+
+def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """sign x e^(−s/0.2 s) (N, c), s since each column last changed its sign."""
+    out = np.zeros_like(x)
+    for c, sign in enumerate(np.sign(x).T):
+        known = np.flatnonzero(sign != 0.0)
+        turned = known[1:][sign[known[1:]] != sign[known[:-1]]] if len(known) else known
+        if len(turned):
+            edges = np.append(turned, len(t))
+            since = t[turned[0] :] - np.repeat(t[turned], np.diff(edges))
+            out[turned[0] :, c] = np.exp(-since / AFTER_S) * sign[turned[0] :]
+    return out

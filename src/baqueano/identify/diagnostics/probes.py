@@ -1,0 +1,252 @@
+"""Would the parameters be others if the model had this too? Asked of many things at once, without a new fit.
+
+Let r (N, m) be what a fit left, in standard deviations, d = ∂r/∂θ, ψ(r) the clipped residual of the Huber cost
+and w = ψ'(r). A thing that is not in the model and would change the residuals by −D per unit of it has
+
+    D⊥ = D − d A⁻¹ dᵀ w D,   A = dᵀ w d           what θ cannot imitate                                   (1)
+    δ  = D⊥ᵀ ψ / (D⊥ᵀ w D⊥)                       how much of it the data ask for                         (2)
+    Δθ = A⁻¹ dᵀ w D δ                             by how much θ would move if it were there               (3)
+
+one step of Gauss and Newton from the fit to the larger model: a score (Lagrange multiplier) test with its
+consequence. The scatter of (2) comes from the run itself, whatever the colour of its noise: scores and their
+information are summed over B blocks of time, S_b and P_b = D⊥ᵀ w D⊥, and with what each block says when it is
+left out (the jackknife),
+
+    e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
+
+is distributed about like Student's t with 1/Σ h_b² − 1 degrees of freedom. B is 60 where the run allows it. What
+white noise would give is worked out first; what is not clear even then is not looked at further.
+
+A parameter that is another in some part of the run is such a thing: D = 1_part d_j. What each run has for
+itself (biases, starts) is taken out of d and D before, piece by piece and run by run. Sources: Rao 1948 for the
+score test; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.identify.covariance.information import inverse
+from baqueano.identify.parallel import in_cache
+from baqueano.identify.residuals.simulation import HUBER, Residuals
+
+BLOCKS = 60
+SHORTEST_BLOCK = 20  # rows
+PROMISING = 3.0  # standard errors of white noise
+AT_ONCE = 16  # probes
+UNSEEN = 1e-6  # part of a probe that θ does not imitate, below which there is none
+
+
+class Own(NamedTuple):
+    """What one run, or one piece of it, has for itself."""
+
+    rows: slice  # of N
+    at: slice  # of N m
+    d: np.ndarray  # (q, n m) slopes, without what was taken out before
+    weighted: np.ndarray  # (q, n m) d w
+    inverse: np.ndarray  # (q, q) of d w dᵀ
+
+
+class Left(NamedTuple):
+    """What a fit left of all runs, one row after another; k shared entries of θ were told."""
+
+    residuals: list[np.ndarray]  # per piece (n, m)
+    psi: np.ndarray  # (N m,)
+    w: np.ndarray  # (N m,) 1 where the residual is not clipped and there is one
+    d: np.ndarray  # (k, N m) slopes of what the model says, in standard deviations, without what is own
+    score: np.ndarray  # (k,) d ψ
+    own: list[Own]
+    run: np.ndarray  # (N,) the number of the run
+    blocks: np.ndarray  # (B,) their first rows
+    inverse: np.ndarray  # A⁻¹ (k, k)
+    weighted: np.ndarray  # (k + 1, N m) d w, and ψ
+    power: float  # of ψ where white noise has 1, over the part of it that is not clipped
+
+
+class Answer(NamedTuple):
+    """Of one probe."""
+
+    size: float  # δ (2)
+    z: float  # (4)
+    freedom: float  # degrees of it
+    shift: np.ndarray  # (k,) Δθ (3)
+
+
+class _Sums(NamedTuple):
+    """Of K probes D: all that (1) to (3) need of them."""
+
+    whole: np.ndarray  # (K,) D w D
+    total: np.ndarray  # (K,) D ψ
+    cross: np.ndarray  # (K, k) D w dᵀ
+    own: list[np.ndarray]  # (K, q) D w dᵀ of what is own
+
+
+def left_over(problem: Residuals, theta: np.ndarray, kept: np.ndarray) -> Left:
+    """What is left at θ; `kept` (p,) bool are the entries of θ that were told."""
+    layout, pieces = problem.layout, problem.sensitivities(theta, last=True)
+    s, m = layout.shared, len(problem.sigma)
+    has = np.concatenate(problem.has).ravel() > 0.0
+    r = np.concatenate([r.ravel() for r, _, _ in pieces])
+    psi, w = np.where(has, np.clip(r, -HUBER, HUBER), 0.0), (has & (np.abs(r) < HUBER)).astype(float)
+    slopes = [d.reshape(-1, d.shape[2]) for _, d, _ in pieces]
+    flat = (np.concatenate(slopes) if len(slopes) > 1 else slopes[0]).T  # (q, N m); rows stay together
+    np.negative(flat, out=flat)
+    q = len(flat)
+    run = np.concatenate([np.full(len(r), k) for (r, _, _), k in zip(pieces, layout.runs, strict=True)])
+    ends = np.cumsum([0, *(len(r) for r, _, _ in pieces)])
+    count = int(np.clip(len(run) // SHORTEST_BLOCK, 2, BLOCKS))
+    first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
+    own: list[Own] = []
+    for k, (a, b) in enumerate(pairwise(ends.tolist())):
+        told = kept[layout.of_starts(k)]
+        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), told, range(q - layout.by_piece))
+    for k in range(max(layout.runs) + 1):
+        rows = np.flatnonzero(run == k)
+        told = kept[s + k * layout.by_run : s + (k + 1) * layout.by_run]
+        at = slice(int(rows[0]), int(rows[-1]) + 1)
+        own += _own(flat, w, at, m, range(s, s + layout.by_run), told, range(s))
+    d = flat if kept[:s].all() and q == s else np.ascontiguousarray(flat[:s][kept[:s]].T).T
+    weighted = np.empty((len(w), len(d) + 1)).T
+    np.multiply(d, w, out=weighted[:-1])
+    weighted[-1] = psi
+    both = _product(weighted, d.T)
+    power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
+    left = [r for r, _, _ in pieces]
+    return Left(left, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted, power)
+
+
+def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """x y of x (a, n) and y (n,) or (n, b), where n are measurements."""
+    out = np.zeros((len(x), *y.shape[1:]))
+    for at in in_cache(len(y), out.size):
+        out += x[:, at] @ y[at]
+    return out
+
+
+def _own(
+    flat: np.ndarray, w: np.ndarray, rows: slice, m: int, entries: range, kept: np.ndarray, others: range
+) -> list[Own]:
+    """The told ones of `entries` of a run or piece, taken out of the `others` of `flat` (q, N m)."""
+    index = [i for i, told in zip(entries, kept, strict=True) if told]
+    if not index:
+        return []
+    at = slice(rows.start * m, rows.stop * m)
+    d = flat[index, at].copy()
+    weighted = d * w[at]
+    own = Own(rows, at, d, weighted, inverse(_product(weighted, d.T)))
+    rest = flat[others.start : others.stop, at]
+    _take_out(rest, _product(rest, weighted.T) @ own.inverse, d)
+    return [own]
+
+
+def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
+    """D (K, n) ← D − ties d, with ties (K, q) and d (q, n)."""
+    for at in in_cache(D.shape[1], ties.size):
+        D[:, at] -= ties @ d[:, at]
+
+
+def ask(left: Left, D: np.ndarray) -> list[Answer]:
+    """Probes D (K, N m), in standard deviations as `left` is: what the model would say more. One that ran away
+    asks nothing."""
+    sums = _sums(left, D)
+    away = ~np.isfinite(sums.whole)
+    for part in (sums.whole, sums.total, sums.cross, *sums.own) if away.any() else ():
+        part[away] = 0.0
+    return _asked(left, sums, lambda k: D[k])
+
+
+def _sums(left: Left, D: np.ndarray) -> _Sums:
+    """Of probes (K, N m)."""
+    whole, both = np.zeros(len(D)), np.zeros((len(left.weighted), len(D)))
+    with np.errstate(invalid="ignore", over="ignore"):
+        for at in in_cache(D.shape[1], both.size):
+            some = D.T[at]
+            whole += left.w[at] @ (some * some)
+            both += left.weighted[:, at] @ some
+        return _Sums(
+            whole, both[-1], both[:-1].T, [_product(D[:, own.at], own.weighted.T) for own in left.own]
+        )
+
+
+def ask_parts(left: Left, masks: Sequence[np.ndarray]) -> list[list[Answer]]:
+    """Whether each of the k entries is another in the rows of each mask (N,): D = 1_part d."""
+    k, n = len(left.d), len(left.run)
+    m, there = len(left.psi) // n, np.array(masks)
+    rows = left.weighted[:-1].T.reshape(n, m, k)
+    code = 2 ** np.arange(len(there)) @ there
+    alike = (np.cumsum(np.bincount(code) > 0) - 1)[code]
+    A = _in_parts(rows, rows, alike, there)  # w is 0 or 1
+    scores = np.einsum("nmk,nm->nk", left.d.T.reshape(n, m, k), left.psi.reshape(n, m))
+    own = [
+        _in_parts(
+            rows[one.rows], one.weighted.T.reshape(-1, m, len(one.d)), alike[one.rows], there[:, one.rows]
+        )
+        for one in left.own
+    ]
+    sums = _Sums(
+        np.einsum("pkk->pk", A).ravel(),
+        _product(there.astype(float), scores).ravel(),
+        A.reshape(-1, k),
+        [products.reshape(len(there) * k, -1) for products in own],
+    )
+
+    def column(at: np.ndarray) -> np.ndarray:
+        return left.d[at % k] * np.repeat(there[at // k], m, axis=1)
+
+    found = _asked(left, sums, column)
+    return [found[i : i + k] for i in range(0, len(found), k)]
+
+
+def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """(P, k, q) Σ xᵀ y of the rows x (n, m, k), y (n, m, q) of each part (P, n): rows that are `alike` (n,) are in
+    the same parts, so that each is taken once."""
+    order = np.argsort(
+        alike.astype(np.min_scalar_type(alike.max())), kind="stable"
+    )  # quick where it is small
+    edges = np.flatnonzero(np.diff(alike[order], prepend=-1, append=-1))
+    k, q = x.shape[2], y.shape[2]
+    x, y = x[order].reshape(-1, k), y[order].reshape(-1, q)
+    sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
+    for one, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
+        np.matmul(x[a:b].T, y[a:b], out=one)
+    return (there[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
+
+
+def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) -> list[Answer]:
+    """(1)-(3) of the probes' sums; (4) of those `column`s that may be clear."""
+    ties = sums.cross @ left.inverse
+    power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
+    total = sums.total - ties @ left.score
+    ties_own = []
+    for own, mine in zip(left.own, sums.own, strict=True):
+        ties_own.append(mine @ own.inverse)
+        power -= np.einsum("ki,ki->k", mine, ties_own[-1])
+        total = total - ties_own[-1] @ _product(own.d, left.psi[own.at])
+    there = power > UNSEEN * np.maximum(sums.whole, 1e-300)  # else θ imitates it, or nothing shows it
+    size = np.where(there, total / np.where(there, power, 1.0), 0.0)
+    clear = np.flatnonzero(there & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * left.power)))
+    shift = -ties * size[:, None]
+    out = [Answer(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
+    for first in range(0, len(clear), AT_ONCE):
+        some = clear[first : first + AT_ONCE]
+        D = column(some)
+        _take_out(D, ties[some], left.d)
+        for own, tie in zip(left.own, ties_own, strict=True):
+            _take_out(D[:, own.at], tie[some], own.d)
+        for k, (z, freedom) in zip(some, _jackknife(left, D), strict=True):
+            out[k] = out[k]._replace(z=z, freedom=freedom)
+    return out
+
+
+def _jackknife(left: Left, D: np.ndarray) -> list[tuple[float, float]]:
+    """z and degrees of freedom of D⊥ (K, N m).  (4)"""
+    first = left.blocks * (len(left.psi) // len(left.run))
+    S, P = np.add.reduceat(D * left.psi, first, axis=1), np.add.reduceat(D * D * left.w, first, axis=1)
+    total, power = S.sum(axis=1, keepdims=True), P.sum(axis=1, keepdims=True)
+    h = P / power
+    e = (S - total * h) / np.maximum(1.0 - h, 1e-3)
+    z = total[:, 0] / np.sqrt(np.maximum(np.sum(e**2, axis=1), 1e-300))
+    freedom = 1.0 / np.sum(h**2, axis=1) - 1.0
+    return list(zip(z.tolist(), freedom.tolist(), strict=True))

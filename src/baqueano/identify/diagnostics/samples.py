@@ -1,0 +1,205 @@
+"""Samples that are no measurements: not finite, held, stuck, logged as zero, at the end of an unknown range.
+
+For white noise σ, measured in steps of q, two samples in a row are equal, and one is exactly zero, with at most
+
+    P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)                                                    (1)
+
+σ from second differences of the values that changed: σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6.
+What is `FACTOR` times more frequent than that is not chance and is left out, sample by sample: so is every
+sample that repeats the one before (a driver that reads faster than the chip measures; a stuck bus), and exact
+zeros. Where the signal moves by less than a step, (1) allows everything and nothing is left out. Encoders have
+hardly any noise: of theirs the values between two jumps decide
+(runs/diagnostics/repeated_readings.py), and a pile is their top speed. They do repeat zeros: of sensors other than an
+IMU a zero counts only between two readings far from it.
+
+A range that the file does not tell shows as a pile at the largest value:
+
+    n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5)                           (2)
+
+on three visits or more; a sensor that is stuck goes there once. The tails of a distribution, of noise or of
+motion, fall towards the extreme; only a clip piles up there. To
+leave out just what reached the end would cut the noise at one side and pull the fit. Left out is instead, with
+all around it, what does not depend on the noise of the sample itself:
+
+    median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
+
+A single sample at the end is noise that the end cut a little, and stays.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.identify.residuals.huber import MAD
+from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
+from baqueano.runs.run import Channel
+
+FACTOR, FEW = 3.0, 5  # times the chance, and how many more, that are no chance
+ENOUGH = 20  # samples to say anything
+PILE, VISITS = 5, 3  # (2)
+MUCH = 0.1  # part of the samples of a channel that may be lost without a warning
+AROUND, IN_A_ROW = 9, 3  # samples, (3)
+ROUNDING = 1e-12  # of the largest value: what two ways to compute one reading differ by
+FAR = 10.0  # standard deviations between an isolated zero and its neighbours
+
+
+class Grain(NamedTuple):
+    """Noise and resolution of one channel."""
+
+    sigma: float  # of second differences; 0 where too little changes
+    step: float  # least difference of two values, rounding aside
+
+
+def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
+    """The channel with NaN in place of what is no measurement, and what was found."""
+    z, found = channel.z.copy(), []
+    lost = int(np.sum(~np.isfinite(z)))
+    if lost:
+        found.append(note("data.not-finite", subject=name, lost=lost))
+    if len(z) < ENOUGH or optional.of(block, "cov") is None:
+        return channel, found
+    imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
+    for i in range(z.shape[1]):
+        bad, said = _channel(f"{name}[{i}]", z[:, i], imu, float(noise[i]))
+        z[bad, i] = np.nan
+        found += said
+    return channel._replace(z=z), _together(name, z.shape[1], found)
+
+
+def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.ndarray, list[Diagnostic]]:
+    """Which samples of one channel (M,) are none, and why."""
+    good, none = np.isfinite(x), np.zeros(len(x), bool)
+    if good.sum() < ENOUGH:
+        return none, []
+    if np.ptp(x[good]) == 0.0:
+        return (~none, [_dead(label, x[good])]) if noise > 0.0 else (none, [])
+    here = grain(x[good])
+    if here.sigma <= 0.0:
+        return none, []
+    end, found = _clipped(label, x, here) if imu else (none, [])
+    x = np.where(end, np.nan, x)
+    zero, said = _zeros(label, x, here, imu)
+    same, more = _repeats(label, x, here, imu)
+    return end | zero | same, found + said + more
+
+
+def _together(name: str, m: int, found: list[Diagnostic]) -> list[Diagnostic]:
+    """What is the same of all m channels is said once."""
+    out: list[Diagnostic] = []
+    for one in found:
+        same = [o for o in found if (o.code, o.figures) == (one.code, one.figures)]
+        if m > 1 and len(same) == m:
+            out += [replace(one, subject=name)] if one is same[0] else []
+        else:
+            out.append(one)
+    return out
+
+
+def grain(x: np.ndarray) -> Grain:
+    """σ and q of finite values x (M,).  (1)"""
+    fresh = x[np.concatenate([[True], np.diff(x) != 0.0])]
+    levels = np.unique(x)
+    if len(fresh) < ENOUGH or len(levels) < 3:
+        return Grain(0.0, 0.0)
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > ROUNDING * np.max(np.abs(levels))]
+    if not len(gaps):
+        return Grain(0.0, 0.0)
+    step = float(np.quantile(gaps, 0.01))
+    sigma = MAD * float(np.median(np.abs(np.diff(fresh, 2)))) / np.sqrt(6.0)
+    return Grain(sigma, step)
+
+
+def _dead(label: str, x: np.ndarray) -> Diagnostic:
+    return note("data.dead-channel", Severity.WARNING, subject=label, value=float(x[0]), samples=len(x))
+
+
+def _part(bad: np.ndarray, known: np.ndarray) -> float:
+    """Return the percentage of samples `bad` (M,) of those `known` (M,)."""
+    return 100.0 * float(bad.sum()) / max(1, int(known.sum()))
+
+
+def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
+    """Frames that were lost and logged as zero."""
+    zero, none = x == 0.0, np.zeros(len(x), bool)
+    chance = len(x) * here.step / (np.sqrt(2.0 * np.pi) * here.sigma)
+    if zero.sum() <= FACTOR * chance + FEW:
+        return none, []
+    if not imu:
+        there = np.flatnonzero(np.isfinite(x) & ~zero)
+        if len(there) < 2:
+            return none, []
+        row = np.arange(len(x))
+        after = np.searchsorted(there, row)
+        before, after = there[np.maximum(after - 1, 0)], there[np.minimum(after, len(there) - 1)]
+        zero &= (before < row) & (row < after)
+        far = np.minimum(np.abs(x[before]), np.abs(x[after])) > FAR * here.sigma
+        zero &= far & (x[before] * x[after] > 0.0) & (after - before <= FEW)
+        if zero.sum() <= FEW:
+            return none, []
+    part = _part(zero, np.isfinite(x))
+    return zero, [note("data.zeros", subject=label, lost=int(zero.sum()), percent=part)]
+
+
+def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
+    """Samples that repeat the one before: held, or stuck."""
+    same = np.concatenate([[False], x[1:] == x[:-1]])
+    chance = len(x) * here.step / (2.0 * np.sqrt(np.pi) * here.sigma)
+    if same.sum() <= FACTOR * chance + FEW if imu else not are_held(repeats(x).lasting):
+        return np.zeros(len(x), bool), []
+    edges = np.flatnonzero(~same)
+    longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
+    same &= imu | (x != 0.0)
+    part = _part(same, np.isfinite(x))
+    return same, [note("data.repeats", subject=label, lost=int(same.sum()), percent=part, longest=longest)]
+
+
+def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[Diagnostic]]:
+    """Samples at the end of a range.  (2), (3)"""
+    known, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
+    if known.sum() < ENOUGH or here.sigma < here.step:
+        return bad, []  # so coarse that levels are piles by themselves
+    width = max(2.0 * here.step, 0.2 * here.sigma)
+    for sign in (1.0, -1.0):
+        y = np.where(known, sign * x, -np.inf)
+        most = float(np.max(y))
+        at = y == most
+        inner = int(np.sum((y < most) & (y >= most - width)))
+        visits = int(np.sum(at[1:] & ~at[:-1])) + int(at[0])
+        if visits >= VISITS and at.sum() >= PILE and at.sum() > PILE * inner:
+            bad |= _beyond(y, at, most, here.sigma)
+            ends.append(sign * most)
+            count += int(at.sum())
+    if not ends:
+        return bad, []
+    bad, part = bad & known, _part(bad & known, known)
+    grave = Severity.WARNING if part > 100.0 * MUCH else Severity.INFO
+    ends_at = ", ".join(f"{end:.4g}" for end in ends)
+    return bad, [
+        note(
+            "data.clipped",
+            grave,
+            subject=label,
+            lost=int(bad.sum()),
+            percent=part,
+            ends=ends_at,
+            at_end=count,
+        )
+    ]
+
+
+def _beyond(y: np.ndarray, at: np.ndarray, most: float, sigma: float) -> np.ndarray:
+    """Where the signal itself, not its noise, is at the end `most` of the range: (M,) bool.  (3)"""
+    padded = np.pad(y, AROUND // 2, mode="edge")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
+    near = middle > most - 2.0 * sigma
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        if last - first >= IN_A_ROW:
+            near[first:last] = True
+    return near

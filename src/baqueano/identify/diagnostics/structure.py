@@ -1,0 +1,229 @@
+"""What a fit left over, and whether that could have moved its parameters.
+
+Asked are all of features.py, and whether each parameter is another in the first quarter, third, half, two
+thirds, three quarters of the time, in each run against the others, forward and backward, to the left and to
+the right, fast and slow, speeding up and slowing down. An answer counts if chance gives it in 1 of 40,000
+cases (Student's t; some 250 are asked; a low-pass of the IMU, which nearly all have, in 1 of 300) and if it
+matters: a parameter would move by over 2 of its standard errors and 2 %, or is different in parts by over 5 %.
+
+What an answer would move, and half of what parts differ by, is added to the error bars: they are to hold what the
+run itself does not agree on.
+
+    share_c = √γ_c(1) / spread of what the model says of channel c                                        (1)
+    excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
+
+γ(1) is the covariance of neighbouring residuals: white noise has none, so what is there is motion that the
+model does not know. Above 5 % of the motion it knows, parameters are not told to 5 %; nor are they from a tenth
+of that on where there is clearly more of it than of noise, (2) above 1.3 (1 for white noise, whatever it is).
+
+Outliers of a sensor come whenever they like. Where readings beyond 4 σ come when the model changes fast, by rank,
+
+    z = (mean rank of |ḣ| among them − ½) √(12 n)                                                         (3)
+
+they are no outliers but a model that is late, early or too simple for what happens then.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.diagnostics.features import Believed, Said, believed, probes
+from baqueano.identify.diagnostics.probes import Answer, Left, ask, ask_parts, left_over
+from baqueano.identify.parameters.free import DELAY
+from baqueano.identify.residuals.huber import MAD
+from baqueano.identify.residuals.simulation import Residuals
+
+# of Student's t at 1.25e-5 on each side, by degrees of freedom
+SURE = (
+    (1, 2.5e4),
+    (2, 200.0),
+    (3, 44.5),
+    (5, 14.9),
+    (7, 9.8),
+    (9, 7.9),
+    (14, 6.2),
+    (19, 5.5),
+    (29, 5.0),
+    (59, 4.6),
+)
+LIKELY = 3.0  # standard errors of a low-pass: nearly every IMU has one, so less has to speak for it
+MOVES_SD, MOVES = 2.0, 0.02  # standard errors, and part of itself
+DIFFERS = 0.05  # part of itself
+SHARE, EXCESS = 0.05, 1.3  # (1), (2)
+ENOUGH = 20  # measurements of a channel
+FAR, FEW, FAR_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
+TOLD = 2  # answers that are told, the clearest first
+RUNS = 8  # that are held against the others one by one
+
+
+def checked(
+    blocks: Blocks,
+    problem: Residuals,
+    theta: np.ndarray,
+    kept: np.ndarray,
+    sd: np.ndarray,
+) -> tuple[list[Diagnostic], dict[str, float]]:
+    """Return findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,), and by how much each parameter,
+    by path, may be off for them; the problem is weighed with the noise that was found."""
+    index = np.flatnonzero(kept[: problem.layout.shared])
+    if not len(index):
+        return _left(problem, problem.residuals(theta)), {}
+    now = believed(blocks, problem, theta)
+    asked = list if now is None else probes(blocks, problem, now)
+    left = left_over(problem, theta, kept)
+    here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
+    found, parts = _left(problem, left.residuals), _parts(here, now)
+    answers = [pair for said, D in asked() for pair in zip(said, ask(left, D), strict=True)]
+    off: dict[str, float] = {}
+    for one in (missing := _missing(here, answers)) + parts:
+        for path, by in here.widens(one.by):
+            off[path] = max(by, off.get(path, 0.0))
+    return [*found, *(one.said for one in (*missing[:TOLD], *parts[:TOLD]))], off
+
+
+class _Clear(NamedTuple):
+    """One clear answer."""
+
+    z: float
+    said: Diagnostic
+    by: np.ndarray  # (k,) what the parameters may be off by
+
+
+class _Fitted:
+    """A fit and what it left."""
+
+    def __init__(self, left: Left, paths: Sequence[str], theta: np.ndarray, sd: np.ndarray) -> None:
+        self.left, self.paths, self.theta, self.sd = left, paths, theta, sd
+        self.names = [path.removeprefix("model.") for path in paths]
+
+    def clear(self, answer: Answer) -> bool:
+        """Whether chance hardly gives it."""
+        if abs(answer.z) <= SURE[-1][1]:
+            return False
+        dof = [-1.0 / d for d, _ in SURE]
+        sure = np.exp(np.interp(-1.0 / max(answer.freedom, 1.0), dof, np.log([t for _, t in SURE])))
+        return bool(abs(answer.z) > sure)
+
+    def widens(self, by: np.ndarray) -> tuple[tuple[str, float], ...]:
+        """`by` (k,) as a finding has it."""
+        return tuple((path, float(x)) for path, x in zip(self.paths, by, strict=True) if x > 0.0)
+
+    def moved(self, answer: Answer) -> int | None:
+        """Which parameter the answer moves most, in standard errors; None if none is moved by enough."""
+        far = np.abs(answer.shift) / np.maximum(self.sd, 1e-300)
+        counts = (far > MOVES_SD) & (np.abs(answer.shift) > MOVES * np.abs(self.theta))
+        return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
+
+
+def _missing(fit: _Fitted, answers: Sequence[tuple[Said, Answer]]) -> list[_Clear]:
+    ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
+    out = []
+    for (code, what), answer in ranked:
+        filtered = what.code == "term.low-pass"
+        if not (abs(answer.z) > LIKELY if filtered else fit.clear(answer)):
+            continue
+        k, delay = fit.moved(answer), code == "delay"
+        if delay and DELAY in fit.paths:
+            continue  # it is in the model: what is left has another shape
+        if k is not None:
+            path = f"sensors.{what.subject}.low_pass_hz" if filtered else DELAY
+            said = note(
+                "residual.missing-free" if delay or filtered else "residual.missing", Severity.WARNING,
+                f"--free +{path}" if delay or filtered else "", fit.paths[k], term=code, what=what,
+                z=abs(answer.z), errors=abs(answer.shift[k]) / fit.sd[k],
+            )  # fmt: skip
+            out.append(_Clear(abs(answer.z), said, np.abs(answer.shift)))
+    return out
+
+
+def _parts(fit: _Fitted, now: Believed | None) -> list[_Clear]:
+    worst: list[_Clear] = []
+    parts = list(_masks(fit.left, now))
+    for (part, _), answers in zip(parts, ask_parts(fit.left, [mask for _, mask in parts]), strict=True):
+        for k, answer in enumerate(answers):
+            if abs(answer.size) > DIFFERS * abs(fit.theta[k]) and fit.clear(answer):
+                said = note(
+                    "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], off=answer.size, part=part,
+                    over_all=fit.theta[k], z=abs(answer.z),
+                )  # fmt: skip
+                half = 0.5 * abs(answer.size) * (np.arange(len(fit.theta)) == k)
+                worst.append(_Clear(abs(answer.z), said, half))
+    return sorted(worst, key=lambda one: -one.z)
+
+
+def _masks(left: Left, now: Believed | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
+    n = len(left.run)
+    for part in (0.25, 1 / 3, 0.5, 2 / 3, 0.75):
+        yield note("part.first", percent=100.0 * part), np.arange(n) < part * n
+    count = int(left.run.max()) + 1
+    if 2 < count <= RUNS:
+        for number in range(count):
+            yield note("part.run", number=number + 1), left.run == number
+    if now is None:
+        return
+    (x, _, w), (x_dot, _, w_dot) = now.nu.T, now.nu_dot.T
+    yield note("part.forward"), x > 0.0
+    yield note("part.left"), w > 0.0
+    yield note("part.fast"), np.abs(x) > np.median(np.abs(x))
+    yield note("part.in-turns"), np.abs(w) > np.median(np.abs(w))
+    yield note("part.gaining-speed"), x * x_dot > 0.0
+    yield note("part.turning-faster"), w * w_dot > 0.0
+
+
+def _channels(
+    problem: Residuals, residuals: Sequence[np.ndarray]
+) -> Iterator[tuple[str, list[np.ndarray], list[np.ndarray]]]:
+    """Per channel its name, and per piece residuals r and predictions h (n,) where there are measurements, in
+    standard deviations."""
+    labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
+    for c, label in enumerate(labels):
+        there = [has[:, c] > 0.0 for has in problem.has]
+        r = [x[t, c] for x, t in zip(residuals, there, strict=True)]
+        z = [x[t, c] * w[t, c] for x, w, t in zip(problem.z, problem.weights, there, strict=True)]
+        yield label, r, [a - b for a, b in zip(z, r, strict=True)]
+
+
+def _left(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
+    """Residuals that are coloured, and outliers that are none."""
+    out = []
+    for label, r, h in _channels(problem, residuals):
+        if sum(map(len, r)) >= ENOUGH:
+            out += _coloured(label, r, h) + _timely(label, r, h)
+    return out
+
+
+def _coloured(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
+    """(1), (2)"""
+    clipped = [np.clip(x, -3.0, 3.0) for x in r]
+    count = sum(max(0, len(x) - 1) for x in clipped)
+    gamma = sum(float(x[1:] @ x[:-1]) for x in clipped) / max(count, 1)
+    model = float(np.std(np.concatenate(h)))
+    if not gamma > 5.0 / np.sqrt(max(count, 1)):
+        return []
+    share = np.sqrt(gamma) / model if model > 0.0 else np.inf
+    rough = MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in r])))) / np.sqrt(6.0)
+    excess = MAD * float(np.median(np.abs(np.concatenate(r)))) / max(rough, 1e-9)
+    if not (share > SHARE or (share > 0.1 * SHARE and excess > EXCESS)):
+        return []
+    percent = 100.0 * float(share) if np.isfinite(share) else 100.0
+    return [note("residual.coloured", Severity.WARNING, subject=label, percent=percent, times=excess)]
+
+
+def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
+    """(3)"""
+    far = np.abs(np.concatenate(r)) > FAR
+    n = int(far.sum())
+    if n < FEW:
+        return []
+    speed = np.concatenate(
+        [np.maximum(np.abs(np.diff(x, prepend=x[:1])), np.abs(np.diff(x, append=x[-1:]))) for x in h]
+    )
+    rank = np.empty(len(speed))
+    rank[np.argsort(speed, kind="stable")] = np.arange(len(speed)) / len(speed)
+    z = (float(rank[far].mean()) - 0.5) * np.sqrt(12.0 * n)
+    if z < FAR_Z:
+        return []
+    return [note("residual.late", Severity.WARNING, subject=label, readings=n, beyond=FAR, z=float(z))]

@@ -1,0 +1,201 @@
+"""The search where the delay of the command is free.
+
+Without a lag of the motors an accelerometer shows at the end of a tick the command that is felt then: where that is
+another one, at delays of whole ticks, the cost has jumps. A lag makes it smooth, but commands that change in even steps
+leave valleys of their own on both sides, and only one is the deepest.
+
+    d_0 = arg min over a grid of SCAN_S of min C(θ; d),  σ that of where it begins                         (1)
+    d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ that of d_0                       (2)
+    d_2 = arg min C(θ, d)  within a step of d_1, on this side of a whole tick and on the other             (3)
+    d   = arg min C(θ, d),  k δ < d < (k + 1) δ;  k ← k ± 1 while d ends at that side                      (4)
+
+Within a tick δ the cost is smooth but for the corners of dead zones. Where (4) comes back to a whole tick from both
+sides, the least cost is at the tick itself, and the search has converged although its slope is not 0. The first grid
+is that of half a period of the fastest command that a small vehicle follows, 20 Hz; where a tick is much shorter than
+that, it is halved about d_0 until MOST ticks are left for (2).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from baqueano.identify.covariance.information import information
+from baqueano.identify.estimation.least_squares import Solution
+from baqueano.identify.estimation.search import ROUGH, Search, Task, best_search, search
+from baqueano.identify.parameters.free import DELAY
+
+SCAN_S = 0.025
+PART = 1e-2  # of the least cost: what (1) leaves to be gained at the other delays of its grid
+FINE = 0.25  # of a tick: the deepest valley is wider on both sides, however large the dead zone
+MOST = 6  # ticks that (2) looks into
+MOST_EACH = 8  # evaluations at one delay: the next begins where they end
+INSIDE = 1e-6  # of a tick, from whole ones: where the slope is one-sided
+STEPS = 6  # ticks that (4) may walk
+
+
+def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
+    """The best search from `begin` (p,), and the task in whose bounds it is smooth: `task` itself where no delay
+    is free."""
+    shared = task.problem.shape.shared
+    if DELAY not in shared:
+        return task, best_search(task, begin)
+    i = shared.index(DELAY)
+    tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
+    signal, count = task.problem.signal(), 0
+    # where the first leaves doubts, the second begins again from other ends
+    for first in (_roughly, best_search):
+        found, scanned = _scanned(task, begin, i, max(SCAN_S, tick_s), first)
+        found, looked = _closer(task, found, i, max(SCAN_S, tick_s), tick_s)
+        within, found, walked = _walked(task, found, i, tick_s)
+        count += scanned + looked + walked
+        if found.stopped or found.sound(signal):
+            break
+    return within, found._replace(evaluations=count)
+
+
+def bounds_of(task: Task, found: Search) -> Search:
+    """`found` with those at their bounds in the eyes of `task`, not of a tick."""
+    theta, near = found.solution.theta, 1e-3 * (task.high - task.low)
+    near = np.where(np.isfinite(near), np.minimum(near, 1e-6), 0.0)
+    bound = np.where(theta <= task.low + near, -1, np.where(theta >= task.high - near, 1, 0))
+    return found._replace(solution=found.solution._replace(bound=bound))
+
+
+def _scanned(
+    task: Task, begin: np.ndarray, i: int, step_s: float, search_first: Callable[..., Search]
+) -> tuple[Search, int]:
+    """The best of the grid, each point begun where the one before ended.  (1)"""
+    low, high = float(task.low[i]), float(task.high[i])
+    grid = np.linspace(low, high, max(2, 1 + int(np.ceil((high - low) / step_s - 1e-9))))
+    first = int(np.argmin(np.abs(grid - begin[i])))
+    middle = search_first(_bounded(task, i, grid[first], grid[first]), _put(begin, i, grid[first]))
+    if middle.stopped:
+        return middle, middle.evaluations
+    total, best, weighed = middle.evaluations, middle.solution, task._replace(problem=middle.problem)
+    for side in (grid[first + 1 :], grid[:first][::-1]):
+        last = middle.solution
+        for delay_s in side:
+            last = _fitted_at(weighed, last.theta, i, delay_s, PART * best.at.cost)
+            total += last.evaluations
+            best = last if _least(last) < _least(best) else best
+    if best is middle.solution:
+        return middle, total
+    found = _held_at(task, middle._replace(solution=best), i, float(best.theta[i]))
+    return found, total + found.evaluations
+
+
+def _closer(task: Task, found: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
+    """`found` with θ at the best of a finer grid, a step of the first one to both sides.  (2)"""
+    total, best = 0, found
+    while 2.0 * step_s > MOST * tick_s and not best.stopped:
+        step_s, middle = 0.5 * step_s, best
+        for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
+            if task.low[i] <= delay_s <= task.high[i]:
+                other = _held_at(task, middle, i, delay_s)
+                total += other.evaluations
+                best = _better(task, best, other)
+    at, fine_s = best.solution.theta[i], FINE * tick_s
+    task = task._replace(problem=best.problem)
+    middle = solution = _fitted_at(task, best.solution.theta, i, at)
+    total += middle.evaluations
+    for side in (fine_s, -fine_s):
+        last = middle
+        for n in range(1, 1 + round(step_s / fine_s)):
+            if best.stopped or not task.low[i] <= at + n * side <= task.high[i]:
+                break
+            last = _fitted_at(task, last.theta, i, at + n * side, PART * solution.at.cost)
+            total += last.evaluations
+            solution = last if _least(last) < _least(solution) else solution
+    if not best.stopped:
+        solution, more = _of_both_sides(task, solution, i, fine_s, tick_s)
+        total += more
+    return best._replace(solution=solution), total
+
+
+def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: float) -> tuple[Solution, int]:
+    """The better end of the ticks, one or two, within `fine_s` of where `near` is.  (3)"""
+    best, total = near, 0
+    for side in (-fine_s, fine_s):
+        begin = float(near.theta[i]) + 0.5 * side
+        k = int(np.floor(begin / tick_s))
+        low, high = sorted((float(near.theta[i]), float(near.theta[i]) + side))
+        inside = _bounded(task, i, max(low, (k + INSIDE) * tick_s), min(high, (k + 1 - INSIDE) * tick_s))
+        if inside.low[i] < inside.high[i]:
+            end = _fitted(inside, _put(near.theta, i, begin), None)
+            total += end.evaluations
+            best = end if end.at.cost < best.at.cost else best
+    return best, total
+
+
+def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float, least: float = ROUGH) -> Solution:
+    """The least cost with this delay by the σ of now, until no more than `least` is to be gained."""
+    return _fitted(task, _put(theta, i, delay_s), np.arange(len(theta)) == i, least)
+
+
+def _least(found: Solution) -> float:
+    """The cost where the search would end, by the parabola through where it is."""
+    return found.at.cost - 0.5 * found.decrement
+
+
+def _fitted(task: Task, theta: np.ndarray, held: np.ndarray | None, least: float = ROUGH) -> Solution:
+    return task.minimise(
+        task.problem.evaluate, theta, task.low, task.high,
+        held=held, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
+    )  # fmt: skip
+
+
+def _held_at(task: Task, near: Search, i: int, delay_s: float) -> Search:
+    """The search from where `near` ended, with this delay."""
+    held = np.arange(len(task.first)) == i
+    return search(task, _put(near.solution.theta, i, delay_s), held, near, rough=True)
+
+
+def _better(task: Task, one: Search, other: Search) -> Search:
+    counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
+    return other if other.badness(counts) < one.badness(counts) else one
+
+
+def _walked(task: Task, found: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
+    """Tick by tick to the one that holds the least cost; at a kink, of the side with the larger error.  (4)"""
+    k, total, been = int(found.solution.theta[i] / tick_s), 0, {}
+    while True:
+        inside = _inside(task, i, k, tick_s)
+        found = search(inside, np.clip(found.solution.theta, inside.low, inside.high), None, found)
+        total += found.evaluations
+        been[k] = inside, found
+        side = int(found.solution.bound[i])
+        ahead = (k + side + 0.5) * tick_s
+        if found.stopped or side == 0 or not task.low[i] < ahead < task.high[i] or len(been) > STEPS:
+            return inside, found, total
+        if k + side in been:
+            ends = been[k], been[k + side]
+            return *max(ends, key=lambda end: _width(end[1], i)), total
+        k += side
+
+
+def _width(found: Search, i: int) -> float:
+    """The variance of entry i, all others known; of a model that ran away none is larger."""
+    info = information(found.problem, found.solution.theta)
+    bread = float(info.bread[i, i])
+    return float(info.meat[i, i]) / bread**2 if bread > 0.0 else np.inf
+
+
+def _inside(task: Task, i: int, k: int, tick_s: float) -> Task:
+    """The task with the delay in tick k."""
+    return _bounded(task, i, (k + INSIDE) * tick_s, (k + 1 - INSIDE) * tick_s)
+
+
+def _bounded(task: Task, i: int, low: float, high: float) -> Task:
+    bounds = np.array([task.low, task.high])
+    bounds[:, i] = np.clip([low, high], *bounds[:, i])
+    return task._replace(low=bounds[0], high=bounds[1])
+
+
+def _roughly(task: Task, theta: np.ndarray) -> Search:
+    return search(task, theta, rough=True)
+
+
+def _put(theta: np.ndarray, i: int, value: float) -> np.ndarray:
+    out = theta.copy()
+    out[i] = value
+    return out

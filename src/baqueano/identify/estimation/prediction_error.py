@@ -1,0 +1,274 @@
+"""The second cost of a fit: how likely the innovations of a filter are, its noise fitted along.
+
+    J(x) = Σ ρ(e) + ½ β log s,   x = (θ, v, ½ log q),   ρ(e) = ½ K² atan(e²/K²)                            (1)
+    ψ = ρ' = w e,   w = 1/(1 + (e/K)⁴)
+
+over all measurements, e and s of innovations.py. Without K, which keeps outliers out, and with β = 1 this
+is the likelihood of Gauss; β = E ψ e puts the least of J where v and q are the variances of normal noise. A floor
+that disturbs the vehicle makes the error of a simulation a walk that fades slowly: neighbours tell the same, and
+all of them are believed. The filter forgets at the pace of v, and its e are white.
+
+    ∂J = Σ ψ ∂e + ½ β ∂log s,      H = Σ w ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ                                     (2)
+
+H is the Fisher information: e holds the one half of what is known of a variance, the second term the other.
+Error bars are those of an M-estimator whose scores U_t, tick by tick, are a martingale's:
+
+    cov = A⁻¹ B A⁻¹,   A = Σ ψ' ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ,   B = Σ U Uᵀ,   U = ψ ∂e + ½ β ∂log s          (3)
+
+v = 0 is the cost of the simulation, so the two are nested:
+
+    2 (J(v = 0) − J)/τ  ~  at most χ² with as many degrees as v has axes,   τ = E ψ²/E ψ'                  (4)
+
+at most, because v = 0 lies on the border, where half of the time the best v is 0 itself.
+Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987 for the border. Why it does not
+replace the other costs, and what more was tried: docs/derivations/one_likelihood.md
+"""
+
+from collections.abc import Callable
+from math import erfc, exp, pi, sqrt
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.covariance import information as intervals
+from baqueano.identify.covariance.information import Information, covariance_of
+from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
+from baqueano.identify.parallel import each
+from baqueano.identify.residuals.block_arrow import Evaluation, add, begun, dense, places_of
+from baqueano.identify.residuals.innovations import axes_of, filter_kernel
+from baqueano.identify.residuals.simulation import Residuals, kept_kernel
+
+FAR = (
+    3.0  # K of (1): 97.5 % efficient on normal noise; an outlier of 20 σ keeps a two-thousandth of its weight
+)
+BETA = 0.8797543464799179  # E ψ e of a normal e
+TAU = 0.9025241522034412  # E ψ²/E ψ' of a normal e
+WIDEST = 7.0  # of ½ log q: e⁷ is a thousand times the noise
+TOLERANCE = 1e-7  # decrement at the end
+MOST, PATIENCE = 60, 15  # evaluations, in all and between two words on how far it is
+R = TypeVar("R")
+
+
+class Noise(NamedTuple):
+    """What the filter believes of the floor and of the sensors."""
+
+    floor: np.ndarray  # (k,) v of each axis, per second
+    sensors: np.ndarray  # (m,) ½ log q: logarithm of the factor on σ of each channel
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(k + m,)."""
+        return np.concatenate([self.floor, self.sensors])
+
+
+class Likely(NamedTuple):
+    """The most likely x, and what it is worth."""
+
+    solution: Solution  # in x
+    theta: np.ndarray  # (p,)
+    noise: Noise
+    floor_sd: np.ndarray  # (k,) standard errors of v
+    info: Information  # by x
+    ratio: float  # (4): how much likelier than a still floor
+    evaluations: int
+
+    @property
+    def chance(self) -> float:
+        """At most: of a ratio as large as this with a still floor."""
+        return tail(self.ratio, len(self.noise.floor))
+
+
+class Slopes(NamedTuple):
+    """What a piece of a run says of x, measurement by measurement."""
+
+    e: np.ndarray  # (N, m), 0 where there is no measurement
+    log_s: np.ndarray  # (N, m)
+    e_slopes: np.ndarray  # (N, m, p_piece) ∂e
+    s_slopes: np.ndarray  # (N, m, p_piece) ∂log s
+    places: np.ndarray  # (p_piece,) where these entries stand in x
+
+
+class Prediction:
+    """The innovations of the runs of a `Residuals`, as a function of x = (θ, v, ½ log q).
+
+    θ, rows and σ are those of `simulation`, weighed as it is.
+    """
+
+    def __init__(self, simulation: Residuals, blocks: Blocks) -> None:
+        self.simulation, self.size = simulation, simulation.size
+        self.axes, self.channels = axes_of(blocks.model), sum(simulation.sizes)
+        self.kernel = kept_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
+
+    def x(self, theta: np.ndarray, noise: Noise | None = None) -> np.ndarray:
+        """(θ, v, ½ log q); without noise a still floor and the σ of the simulation."""
+        noise = noise or Noise(np.zeros(len(self.axes)), np.zeros(self.channels))
+        return np.concatenate([theta, noise.vector])
+
+    def parts(self, x: np.ndarray) -> tuple[np.ndarray, Noise]:
+        """θ (p,) and the noise."""
+        floor, sensors = np.split(x[self.size :], [len(self.axes)])
+        return x[: self.size], Noise(floor, sensors)
+
+    def evaluate(self, x: np.ndarray) -> Evaluation:
+        """J, its gradient and its curvature by x.  (1), (2)"""
+        cost, g = 0.0, np.zeros(len(x))
+        H = begun(g, places_of(self.simulation.layout, len(x) - self.size))
+        parts, places = self._each(x, _normal), self._places()
+        for part, index in zip(parts, places, strict=True):
+            cost += part.cost
+            g[index] += part.gradient
+        add(H, places, [dense(part.hessian) for part in parts])
+        return Evaluation(cost if np.isfinite(cost) else np.inf, g, H)
+
+    def innovations(self, x: np.ndarray) -> list[np.ndarray]:
+        """Per piece e (N, m), 0 where there is no measurement."""
+        return self._each(x, lambda one: one.e)
+
+    def slopes(self, x: np.ndarray) -> list[Slopes]:
+        """Return what each piece says of x."""
+        return self._each(x, lambda one: one)
+
+    def _each(self, x: np.ndarray, what: Callable[[Slopes], R]) -> list[R]:
+        """`what` of the slopes of each piece."""
+
+        def of_piece(rows: np.ndarray, places: np.ndarray) -> R:
+            return what(self._slopes(rows, x, places))
+
+        rows = self.simulation.rows
+        worth = sum(map(len, rows)) if self.kernel.backend == "c" else 0
+        return each(of_piece, rows, self._places(), rows=worth)
+
+    def _places(self) -> list[np.ndarray]:
+        """Per piece where its θ, and the noise, stand in x."""
+        noise = self.size + np.arange(len(self.axes) + self.channels)
+        return [np.concatenate([index, noise]) for index in self.simulation.layout.indices]
+
+    def _slopes(self, rows: np.ndarray, x: np.ndarray, places: np.ndarray) -> Slopes:
+        m = self.channels
+        out, d = self.kernel.sensitivities(rows, x[places])
+        return Slopes(out[:, :m], out[:, m:], d[:, :m], d[:, m:], places)
+
+    def information(self, x: np.ndarray) -> Information:
+        """A and B by x.  (3)"""
+        A, B = np.zeros((len(x), len(x))), np.zeros((len(x), len(x)))
+        channels = np.zeros((self.channels, len(x)))
+        has, records = self.simulation.has, self.simulation.records
+        colour = intervals.autocorrelation(self.innovations(x), has)
+        coloured = bool(np.any(np.abs(colour) > intervals.COLOUR))
+        pieces = zip(self.simulation.rows, self._places(), has, records, strict=True)
+        for rows, places, there, record in pieces:
+            one = self._slopes(rows, x, places)
+            at, psi = np.ix_(one.places, one.places), weight(one.e) * one.e
+            A[at] += _square(slope(one.e), one.e_slopes) + _square(0.25 * BETA, one.s_slopes)
+            channels[:, one.places] += np.einsum("tmp,tmp->mp", one.e_slopes, one.e_slopes)
+            if coloured:
+                B[at] += intervals._coloured(psi, there, one.e_slopes, record.dt_s)
+                B[at] += _square(0.25 * (BETA - psi * one.e) ** 2, one.s_slopes)
+            else:
+                U = np.einsum("tm,tmp->tp", psi, one.e_slopes) + 0.5 * BETA * one.s_slopes.sum(axis=1)
+                B[at] += U.T @ U
+        return Information(A, B, channels, coloured, colour, int(sum(there.sum() for there in has)))
+
+
+def most_likely(
+    prediction: Prediction,
+    theta: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    held: np.ndarray,
+    least: np.ndarray | None = None,
+    say: Callable[[str], object] | None = None,
+) -> Likely:
+    """The most likely x from the simulation's `theta` (p,), between its bounds and with what it `held` (p,).
+
+    No sensor's noise is taken for less than `least` (m,), what its converter and its numbers allow.
+    First over a still floor, then over one that moves. `say` is told how far it is; True from it ends a search.
+    """
+    k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
+    quiet = np.zeros(m) if least is None else least / prediction.simulation.sigma
+    low = np.concatenate([low, np.zeros(k), np.log(np.clip(quiet, np.exp(-WIDEST), 1.0))])
+    high = np.concatenate([high, np.full(k, np.inf), np.full(m, WIDEST)])
+    floor = np.zeros(len(x), bool)
+    floor[len(theta) : len(theta) + k] = True
+    held = np.concatenate([held, np.zeros(k + m, bool)])
+    before = _searched(prediction, x, low, high, held | floor, DAMPING, say)
+    found = _searched(prediction, before.theta, low, high, held, 1e-6, say)
+    ratio = 2.0 * (before.at.cost - found.at.cost) / TAU
+    theta, noise = prediction.parts(found.theta)
+    info = prediction.information(found.theta)
+    inside = floor & (found.theta > 0.0)
+    sd = np.full(len(x), np.nan)
+    kept = np.flatnonzero((inside | (~held & ~floor)) & (np.diagonal(info.bread) > 0.0))
+    sd[kept] = np.sqrt(np.diagonal(covariance_of(info, kept)))
+    return Likely(found, theta, noise, sd[floor], info, ratio, before.evaluations + found.evaluations)
+
+
+def tail(ratio: float, degrees: int) -> float:
+    """Of χ² with 1, 2 or 3 degrees, the part beyond `ratio`."""
+    half = max(ratio, 0.0) / 2.0
+    if degrees == 2:
+        return exp(-half)
+    said = erfc(sqrt(half))
+    return said if degrees == 1 else said + 2.0 * sqrt(half / pi) * exp(-half)
+
+
+def _searched(
+    prediction: Prediction,
+    x: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    held: np.ndarray,
+    damping: float,
+    say: Callable[[str], object] | None,
+) -> Solution:
+    """The least of J from `x`; `say` is told how far it is, and True from it ends the search."""
+    count, at = 0, None
+    while True:
+        found = minimise(
+            prediction.evaluate, x, low, high,
+            held=held, tolerance=TOLERANCE, most=PATIENCE, damping=damping, at=at,
+        )  # fmt: skip
+        count += found.evaluations
+        stopped = (
+            say is not None and say(f"innovations: {count} evaluations, cost {found.at.cost:.6g}") is True
+        )
+        if found.converged or stopped or count >= MOST or not np.isfinite(found.at.cost):
+            return found._replace(evaluations=count)
+        x, at, damping = found.theta, found.at, 1e-6
+
+
+def _normal(one: Slopes) -> Evaluation:
+    """J of a piece.  (1), (2)"""
+    with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away
+        cost, w = float(np.sum(rho(one.e)) + 0.5 * BETA * np.sum(one.log_s)), weight(one.e)
+    g = _along(w * one.e, one.e_slopes) + _along(0.5 * BETA, one.s_slopes)
+    return Evaluation(cost, g, _square(w, one.e_slopes) + _square(0.25 * BETA, one.s_slopes))
+
+
+def rho(e: np.ndarray) -> np.ndarray:
+    """ρ of (1)."""
+    return 0.5 * FAR**2 * np.arctan((e / FAR) ** 2)
+
+
+def weight(e: np.ndarray) -> np.ndarray:
+    """w = ψ/e."""
+    return 1.0 / (1.0 + (e / FAR) ** 4)
+
+
+def slope(e: np.ndarray) -> np.ndarray:
+    """ψ'."""
+    w = weight(e)
+    return w * (4.0 * w - 3.0)
+
+
+def _along(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
+    """Σ f ∂ (p,) of slopes (N, m, p)."""
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    return np.broadcast_to(factors, slopes.shape[:-1]).ravel() @ flat
+
+
+def _square(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
+    """Σ f ∂ ∂ᵀ (p, p) of slopes (N, m, p)."""
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    return (np.broadcast_to(factors, slopes.shape[:-1]).reshape(-1, 1) * flat).T @ flat

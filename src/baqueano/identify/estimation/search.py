@@ -1,0 +1,149 @@
+"""The search for the least cost while the noise itself is being found.
+
+    σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ settles                            (1)
+
+It begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic, and ends
+with that of the noise. Where what is left is coloured and large, or the search got stuck, it is begun again
+from a vehicle whose motors are without force, with less and with more friction, until two ends agree; the
+best of all is taken.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.identify.covariance import information as intervals
+from baqueano.identify.estimation.least_squares import MOST, Minimiser, Solution, minimise
+from baqueano.identify.residuals.huber import spread, telling
+from baqueano.identify.residuals.simulation import Residuals
+
+ROUNDS = 15  # of σ
+SETTLED = 5e-3  # relative change of σ below which it is final
+NEAR = 0.2  # relative change below which the next round is run to its end
+ROUGH, FINE = 1e-1, 1e-7  # decrements while σ is still moving, and at the end
+PATIENCE = 20  # evaluations while σ is still moving
+GAINS = ("actuator_matrix", "velocity_matrix", "throttle_gain")
+LACKING = 0.14  # of a channel's own spread: coloured residuals above it are a doubt
+SAME = 1e-3  # of the logarithm of σ: ends that are no further apart are one
+TWICE = 0.7  # of the logarithm of σ: a rough end that leaves so much more is not gone on with
+AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, where the search begins again without force
+
+
+class Task(NamedTuple):
+    """What is searched, and where."""
+
+    problem: Residuals
+    first: np.ndarray  # (p,) θ at the start
+    low: np.ndarray  # (p,)
+    high: np.ndarray  # (p,)
+    floor: np.ndarray  # (m,) least σ
+    given: np.ndarray | None  # (m,) σ, where it is known
+    by_speed: bool = False  # whether the noise may grow with speed: speed_dependent_noise.py
+    say: Callable[[str], object] | None = None  # told how far it is; True from it ends the search
+    believed: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
+    again: bool = True  # whether a search that leaves doubts is begun again: not of data that are refused
+    minimise: Minimiser = minimise  # finds the least cost of one σ
+
+
+class Search(NamedTuple):
+    """Where a search ended."""
+
+    problem: Residuals  # weighed by the noise that was found
+    solution: Solution
+    sigma: np.ndarray  # (m,)
+    colour: np.ndarray  # (m,) see intervals.autocorrelation
+    evaluations: int
+    profile: list[np.ndarray] | None = None  # per piece (N, m), of mean square 1: σ where it is not the same
+    stopped: bool = False  # from outside: not converged if there was more to do
+
+    def sound(self, signal: np.ndarray) -> bool:
+        """Whether there is nothing left to look for, in channels of size `signal` (m,)."""
+        lacking = (np.abs(self.colour) > intervals.COLOUR) & (self.sigma > LACKING * signal)
+        return self.solution.converged and not lacking.any()
+
+    def badness(self, counts: np.ndarray) -> float:
+        """What is compared between searches: the logarithm of what is left, over all samples."""
+        left = float(counts @ np.log(self.sigma))
+        return left if np.isfinite(left) and np.isfinite(self.solution.at.cost) else np.inf
+
+
+def best_search(task: Task, begin: np.ndarray) -> Search:
+    """The search from `begin` (p,) and, where that leaves doubts, the best of it and others."""
+    best = search(task, begin)
+    signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
+    gains = np.array(
+        [path.partition("[")[0].endswith(GAINS) for path in task.problem.shape.shared], dtype=bool
+    )
+    for factor in AGAIN if gains.any() and task.again else ():
+        if best.stopped or best.sound(signal):
+            break
+        theta = task.first.copy()
+        theta[: len(gains)] = np.where(gains, 0.0, factor * theta[: len(gains)])
+        other = search(task, np.clip(theta, task.low, task.high), rough=True)
+        if not other.stopped and other.badness(counts) - best.badness(counts) < TWICE * counts.sum():
+            whole = search(task, other.solution.theta, None, other)
+            other = whole._replace(evaluations=whole.evaluations + other.evaluations)
+        gain = (best.badness(counts) - other.badness(counts)) / counts.sum()
+        evaluations = best.evaluations + other.evaluations
+        best = (other if gain > SAME else best)._replace(evaluations=evaluations, stopped=other.stopped)
+        if abs(gain) <= SAME:
+            break  # two searches came to the same end
+    return best
+
+
+def search(
+    task: Task,
+    theta: np.ndarray,
+    held: np.ndarray | None = None,
+    before: Search | None = None,
+    rough: bool = False,
+) -> Search:
+    """One search from `theta` (p,), with what is `held` (p,) and the σ of the one before, if any.  (1)
+
+    `rough`: only until σ moves little.
+    """
+    problem, known = task.problem, task.given is not None
+    damping = 1e-2 if before is None else 1e-6
+    if before is not None:
+        sigma, profile = before.sigma, before.profile
+    else:
+        sigma, profile = sigma_at(task, problem, theta) if task.given is None else (task.given, None)
+    count, turn, near, stopped = 0, 1, known, False
+    while True:
+        problem = problem.weighed(sigma, profile)
+        near = near or turn == ROUNDS
+        found = task.minimise(
+            problem.evaluate, theta, task.low, task.high, held=held, damping=damping,
+            tolerance=FINE if near else ROUGH, most=MOST if near else PATIENCE,
+        )  # fmt: skip
+        theta, count, damping = found.theta, count + found.evaluations, 1e-6
+        if task.say is not None:
+            stopped = task.say(f"round {turn}: {count} evaluations, cost {found.at.cost:.6g}") is True
+        if known or turn == ROUNDS or not np.isfinite(found.at.cost):
+            break
+        now, profile = sigma_at(task, problem, theta)
+        moved = float(np.max(np.abs(np.log(now / sigma))))
+        if (near and moved < SETTLED) or (rough and moved < NEAR):
+            break
+        if stopped:
+            found = found._replace(converged=False)
+            break
+        sigma, near, turn = now, moved < NEAR, turn + 1
+    colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
+    return Search(problem, found, problem.sigma, colour, count, profile, stopped)
+
+
+def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
+    """σ (m,) of the residuals at θ, and its profile (N, m) per piece; of the measurements where the model runs
+    away."""
+    left, profile = problem.left(theta), None
+    if not all(np.isfinite(r).all() for r in left):
+        sigma = spread(problem.z, problem.has, task.floor)
+    elif task.by_speed:
+        sigma, profile = problem.spread_and_profile(left, theta, task.floor)
+    else:
+        sigma = spread(left, telling(left, problem.has, problem.z), task.floor)
+    if task.believed is not None:
+        sigma = np.where(task.believed > 0.0, task.believed, sigma)
+    return sigma, profile

@@ -1,0 +1,1 @@
+"""What the data show, and what they do not."""

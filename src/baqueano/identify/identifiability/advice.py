@@ -1,0 +1,94 @@
+"""Unobservable parameters (identifiability/identifiable.py) in words, and the motion that would show them,
+as the fields of the blocks say it (parameter.py).
+
+What the vehicle can never show is said once, and is no reproach to the run.
+"""
+
+from collections.abc import Sequence
+
+from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.identify.parameters.free import Free
+from baqueano.vehicles.freedoms import AXES
+
+MOST = 4  # names in one message
+WARNING = Severity.WARNING
+
+
+def weakly(one: Free, near: Sequence[Free]) -> Diagnostic:
+    """Return why a parameter has a large error, and what would help."""
+    if near:
+        others = _listed(near)
+        return note(
+            "seen.weakly-beside",
+            WARNING,
+            subject=one.path,
+            others=others,
+            why=_moved((one, *near)),
+            needs=_needs(one),
+        )
+    return note("seen.weakly", WARNING, subject=one.path, why=_moved((one,)), needs=_needs(one))
+
+
+def unobservable(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free] = ()) -> Diagnostic:
+    """Return why a parameter is held `at` its value, and what would help."""
+    if ties:
+        return note(
+            "seen.tied",
+            subject=one.path,
+            others=_listed(ties),
+            at=at,
+            how=_by_hand(one),
+            apart=_apart((one, *ties)),
+        )
+    if one.of.role == "scale":
+        return note("seen.scale", subject=one.path, at=at, needs=_needs(one))
+    why, needs = _moved((one, *near)), _needs(one)
+    if near:
+        return note("seen.not-beside", subject=one.path, others=_listed(near), at=at, why=why, needs=needs)
+    return note("seen.not", subject=one.path, at=at, why=why, needs=needs)
+
+
+def missing_command(some: Sequence[Free], command: str, never: bool) -> Diagnostic:
+    """Return why a column of T or V is not known."""
+    names = _listed(some)
+    if never and command == "u_y":
+        return note("seen.never-sideways", subject=some[0].path, names=names)
+    code = "seen.never" if never else "seen.command-still"
+    return note(code, subject=some[0].path, names=names, command=command)
+
+
+def _listed(some: Sequence[Free]) -> str:
+    """Return the names, MOST at most."""
+    return ", ".join([one.short for one in some[:MOST]] + ["…"] * (len(some) > MOST))
+
+
+def _moved(some: Sequence[Free]) -> Diagnostic | str:
+    """Return what the vehicle did, that it does not tell these from each other."""
+    axes = {one.axis for one in some if one.axis is not None}
+    if axes == {1}:
+        return note("seen.hardly-sideways")
+    frictions = {one.path.partition("[")[0] for one in some if one.axis is not None and one.of.role != "gain"}
+    if len(axes) == 1 and len(frictions) > 1:
+        return note("seen.few-speeds") if axes == {0} else note("seen.few-turn-rates")
+    return ""
+
+
+def _by_hand(one: Free) -> Diagnostic:
+    return note("seen.by-hand", by=one.of.measured_by) if one.of.measured_by else note("seen.fix-one")
+
+
+def _apart(some: Sequence[Free]) -> Diagnostic | str:
+    """Return the motions that tell them from each other, two at most."""
+    motions = [*dict.fromkeys(one.shown_by for one in some if one.shown_by)][:2]
+    if len(motions) == 2:
+        return note("seen.apart-by-two", first=motions[0], second=motions[1])
+    return note("seen.apart", motion=motions[0]) if motions else ""
+
+
+def _needs(one: Free) -> Diagnostic:
+    if one.shown_by:
+        return note("seen.needs", motion=one.shown_by)
+    if one.of.role == "gain" and one.of.shape == (3, 3):
+        row, column = (AXES[i] for i in one.entry)
+        return note("seen.needs-command", command=column, motion=row)
+    return note("seen.needs-run")

@@ -1,0 +1,1 @@
+"""What is free in a fit, and what θ means."""

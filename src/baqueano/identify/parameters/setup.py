@@ -1,0 +1,225 @@
+"""Second stage of a fit: what θ means, where its search begins, its bounds, and the rows that it is fitted to."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.data.clock_offset import CLOCK_S, slots_for
+from baqueano.identify.data.record import Measured, Record, past_of, record_of
+from baqueano.identify.data.segments import Layout, cut
+from baqueano.identify.data.voltage import VOLTAGE, with_voltage
+from baqueano.identify.options import FitOptions
+from baqueano.identify.parallel import each
+from baqueano.identify.parameters.free import (
+    Free,
+    acts_alone,
+    described,
+    entries,
+    frozen_columns,
+    value,
+    with_room,
+)
+from baqueano.identify.parameters.theta import Shape
+from baqueano.runs.run import Run
+from baqueano.sensors.sampling import tells_pose
+from baqueano.vehicles.freedoms import kept
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
+    from baqueano.signals import ByName
+
+BIASES = ("accel_bias", "gyro_bias")
+POSE_S = 5.0  # of a piece, where a pose is used: a simulated heading wanders off
+SETTLED_LAGS = 8.0  # of the motors, after which 3e-4 is left of what they did before
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameters:
+    """θ (p,): the parameters that all runs share first, then those of each run, then the start of each piece."""
+
+    blocks: Blocks  # with room for what is free
+    wanted: tuple[Free, ...]  # (q,) all parameters that were asked for
+    frozen: tuple[int, ...]  # those of them whose command never moved; they are not in θ
+    records: tuple[Record, ...]  # per piece
+    shape: Shape
+    layout: Layout
+    first: np.ndarray  # (p,) where the search begins
+    low: np.ndarray  # (p,)
+    high: np.ndarray  # (p,)
+
+    @property
+    def free(self) -> list[Free]:
+        """Those of `wanted` that are in θ; they are its first entries, in order."""
+        return [one for k, one in enumerate(self.wanted) if k not in self.frozen]
+
+
+def unknowns(
+    blocks: Blocks,
+    wanted: Sequence[Free],
+    runs: Sequence[Run],
+    channels: Mapping[str, list[int]],
+    rate_hz: float,
+    options: FitOptions,
+) -> Parameters:
+    """Return the parameters `wanted` of `blocks` for all rows of `runs`; `channels` as those of a Dataset. UsageError
+    where no command moved, or bounds and start values belong to no free parameter."""
+    _are_free(options.bounds, [*(one.path for one in wanted), *options.per_run])
+    options = for_sensors(options, blocks)
+    for run in runs:
+        if len(run.applied) and not np.any(np.isfinite(run.applied)):
+            raise UsageError(fault("runs.no-command", run=run.name))
+    u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
+    frozen = frozen_columns(list(wanted), u)
+    if (wanted and len(frozen) == len(wanted)) or not np.any(u):
+        raise UsageError(fault("runs.all-still", f"baqueano runs calibrate {runs[0].name}"))
+    blocks, wanted = with_room(blocks, list(wanted), rate_hz, u, past_of(runs))
+    records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
+    free = [one for k, one in enumerate(wanted) if k not in frozen]
+    shape = shape_of(blocks, free, records, options)
+    layout = layout_of(shape, records)
+    begin = first_theta(blocks, free, shape, records, options)
+    return Parameters(blocks, tuple(wanted), tuple(frozen), tuple(records), shape, layout, *begin)
+
+
+def for_sensors(options: FitOptions, blocks: Blocks) -> FitOptions:
+    """Return the options with segments where a pose is used. UsageError for a clock of a sensor that is not used."""
+    names = blocks.sensors._fields
+    for name in options.clocks:
+        if name not in names:
+            raise UsageError(fault("clock.not-believed", sensor=name, known=names))
+    poses = any(tells_pose(sensor) for sensor in blocks.sensors)
+    return replace(options, segment_s=POSE_S) if poses and options.segment_s is None else options
+
+
+def layout_of(shape: Shape, records: Sequence[Record]) -> Layout:
+    """Return where the entries of each piece stand in θ."""
+    runs = tuple(record.run for record in records)
+    return Layout(len(shape.shared), len(shape.by_run), len(shape.start), runs)
+
+
+def records_of(
+    runs: Sequence[Run], blocks: Blocks, channels: Mapping[str, list[int]], options: FitOptions
+) -> list[Record]:
+    """The rows of all runs, piece by piece."""
+    out, sensors = [], blocks.sensors._asdict()
+    read = each(
+        lambda run: record_of(run, sensors, channels, options.clocks),
+        runs,
+        rows=sum(len(r.t_ns) for r in runs),
+    )
+    for k, whole in enumerate(read):
+        whole = whole._replace(run=k)
+        drivetrain = getattr(blocks.model, "drivetrain", None)
+        late_s = float(np.median(whole.dt_s)) * getattr(drivetrain, "delay_slots", 0)
+        settled_s = SETTLED_LAGS * getattr(drivetrain, "lag_s", 0.0)
+        lead_s = max(late_s, settled_s, 2.0 * CLOCK_S if options.clocks else 0.0)
+        if not options.at_rest:
+            whole = _after_the_past(whole, float(getattr(drivetrain, "delay_s", 0.0)))
+        out += [whole] if options.segment_s is None else cut(whole, options.segment_s, lead_s)
+    return out
+
+
+def _after_the_past(record: Record, late_s: float) -> Record:
+    """The record without what was measured before its own commands arrive, `late_s` after it begins with one:
+    what was sent before then is not known, and the start is found from what comes after. `late_s` is what the file
+    tells, also where the delay is free: a run from rest shows a delay by its first command. A run that begins without
+    a command was not driven before, and one shorter than twice that stays whole."""
+    ends = np.cumsum(record.dt_s)
+    if not np.any(record.u[0]) or ends[-1] < 2.0 * late_s:
+        return record
+    known = (ends > late_s * (1.0 + 1e-9))[:, None]
+    sensors = {name: Measured(z, has * known, early) for name, (z, has, early) in record.sensors.items()}
+    return record._replace(sensors=sensors)
+
+
+def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:
+    """UsageError where a parameter has bounds and is not fitted."""
+    for path in bounds:
+        if not any(one == path or one.startswith(f"{path}[") for one in free):
+            raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
+
+
+def shape_of(blocks: Blocks, told: Sequence[Free], records: Sequence[Record], options: FitOptions) -> Shape:
+    """What θ means: the shared numbers `told`, what each run has for itself, and the start of each piece."""
+    paths, names = tuple(one.path for one in told), blocks.sensors._fields
+    own = [p for path in options.per_run for p in entries(blocks, path)]
+    for name, sensor in zip(names, blocks.sensors, strict=True):
+        known = BIASES[:1] if acts_alone(blocks.model) else BIASES
+        fields = [f for f in known if has_field(sensor, f)] if options.biases else []
+        biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
+        own += [p for p in biases if p not in paths and p not in own]
+    pieces = options.segment_s is not None
+    start = () if options.at_rest and not pieces else kept(blocks.model)
+    if any(tells_pose(sensor) for sensor in blocks.sensors):
+        start += (3, 4, 5)
+    early = tuple(any(r.sensors[name].early is not None for r in records) for name in names)
+    slots = max(slots_for(record.dt_s) for record in records) if options.clocks else 0
+    volts = any(VOLTAGE in record.sensors for record in records)
+    return Shape(paths, tuple(own), start, early, tuple(options.clocks), slots, volts)
+
+
+def first_theta(
+    blocks: Blocks,
+    free: Sequence[Free],
+    shape: Shape,
+    records: Sequence[Record],
+    options: FitOptions,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return θ (p,) at the start, and its bounds (p,), (p,)."""
+    layout = layout_of(shape, records)
+    said: dict[str, float] = {}
+    for path, numbers in options.start.items():
+        paths = entries(blocks, path)
+        for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
+            said[p] = float(x)
+    lost = [p for p in said if p not in shape.shared and p not in shape.own]
+    if lost:
+        raise UsageError(fault("start.not-free", path=lost[0]))
+    theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+    for k, one in enumerate(free):
+        theta[k], low[k], high[k] = said.get(one.path, value(blocks, one.path)), one.low, one.high
+    for run in range(max(layout.runs) + 1):
+        for k, path in enumerate(shape.by_run, layout.shared + run * layout.by_run):
+            if path in shape.own:
+                one = described(blocks, path, options.bounds)
+                theta[k], low[k], high[k] = said.get(path, value(blocks, path)), one.low, one.high
+            else:
+                low[k], high[k] = -CLOCK_S, CLOCK_S
+    for k, record in enumerate(records):
+        seen = _first_pose(record, blocks)
+        theta[layout.of_starts(k)] = [seen[i - 3] if i >= 3 else 0.0 for i in shape.start]
+    return np.clip(theta, low, high), low, high
+
+
+def _first_pose(record: Record, blocks: Blocks) -> np.ndarray:
+    """(3,) of the first pose that was measured, 0 without one; without a heading, the course of the first half of the
+    way."""
+    for name, sensor in blocks.sensors._asdict().items():
+        said = record.sensors[name]
+        if tells_pose(sensor) and said.has.any():
+            first = np.array(said.z[np.argmax(said.has[:, 0] > 0.0)])
+            if not said.has[:, 2].any():
+                way = said.z[said.has[:, 0] > 0.0, :2] - first[:2]
+                far = np.hypot(*way.T)
+                first[2] = np.arctan2(*way[np.argmax(far >= 0.5 * far.max())][::-1])
+            return first
+    return np.zeros(3)
+
+
+def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
+    """σ (m,) from {sensor: (m_s,)}."""
+    out = []
+    for name, sensor in zip(sensors._fields, sensors, strict=True):
+        if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
+            raise UsageError(fault("sigma.size", size=sensor.size, sensor=name))
+        out.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
+    full = np.concatenate(out)
+    if not np.all(np.isfinite(full) & (full > 0.0)):
+        raise UsageError(fault("sigma.negative", found=full.tolist()))
+    return full

@@ -1,0 +1,1 @@
+"""Residuals as functions of θ, and their noise."""

@@ -1,0 +1,159 @@
+"""Normal equations of a run in many pieces: an arrow, solved piece by piece.
+
+The start of a piece acts on its own piece alone, as the biases of a run do on the run, so that their blocks never
+meet each other:
+
+    ( S    B_1 … B_K ) ( x )   ( g   )
+    ( B_kᵀ     W_k   ) ( y_k ) = ( g_k )                                                                  (1)
+
+    (S − Σ B_k W_k⁻¹ B_kᵀ) x = g − Σ B_k W_k⁻¹ g_k,      y_k = W_k⁻¹ (g_k − B_kᵀ x)                        (2)
+
+x what all pieces share, y_k what piece k has for itself: K small solves and one of the size of x in place of one of
+the size of all, and nothing of that size is ever stored. Source: Schur's complement, as in bundle adjustment
+(Brown 1958). What the data say of x with the starts taken out is the same complement: data/segments.py.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.identify.data.segments import Layout
+
+ENOUGH = 48  # entries of pieces, from which on (2) is faster than to solve all at once
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """Where in a vector (p,) the parts of (1) stand."""
+
+    common: np.ndarray  # (s,) entries of x
+    own: np.ndarray  # (K, q) entries of y_k
+    is_own: np.ndarray  # (p,) bool
+    place: np.ndarray  # (p,) of an entry among those of x, or of its y_k
+
+
+def places_of(layout: Layout, more: int = 0) -> Places | None:
+    """The parts of θ, and of `more` entries behind it that all share; None where little is of pieces alone."""
+    count, o, q = len(layout.runs), layout.by_run, layout.by_piece
+    own = layout.starts + np.arange(count * q).reshape(count, q)
+    if layout.runs == tuple(range(count)):  # a run of one piece: what is of the run is of the piece
+        own = np.hstack([layout.shared + np.arange(count * o).reshape(count, o), own])
+    if count < 2 or own.size < ENOUGH:
+        return None
+    is_own = np.zeros(layout.size + more, bool)
+    is_own[own] = True
+    common, place = np.flatnonzero(~is_own), np.zeros(len(is_own), int)
+    place[common], place[own] = np.arange(len(common)), np.arange(own.shape[1])
+    return Places(common, own, is_own, place)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockArrow:
+    """The matrix of (1)."""
+
+    places: Places
+    corner: np.ndarray  # S (s, s)
+    border: np.ndarray  # B (K, s, q)
+    blocks: np.ndarray  # W (K, q, q)
+
+    @classmethod
+    def of_diagonal(cls, places: Places, d: np.ndarray) -> "BlockArrow":
+        """diag(d) of d (p,)."""
+        x, y = d[places.common], d[places.own]
+        s, (count, q) = len(x), y.shape
+        return cls(places, np.diag(x), np.zeros((count, s, q)), y[:, :, None] * np.eye(q))
+
+    def add(self, indices: np.ndarray, parts: np.ndarray) -> None:
+        """The matrices `parts` (K, n, n) of the pieces, whose rows stand at `indices` (K, n)."""
+        mine, at = (
+            self.places.is_own[indices[0]],
+            self.places.place[indices],
+        )  # in the same order in each piece
+        common, own, k = at[:, ~mine], at[:, mine], np.arange(len(parts))[:, None, None]
+        wide, tall = parts[:, ~mine], parts[:, mine]
+        np.add.at(self.corner, (common[:, :, None], common[:, None, :]), wide[:, :, ~mine])
+        self.border[k, common[:, :, None], own[:, None, :]] += wide[:, :, mine]
+        self.blocks[k, own[:, :, None], own[:, None, :]] += tall[:, :, mine]
+
+    @property
+    def finite(self) -> bool:
+        """Whether all of it are numbers."""
+        return all(np.isfinite(part).all() for part in (self.corner, self.border, self.blocks))
+
+    def diagonal(self) -> np.ndarray:
+        """(p,)."""
+        return self._joined(self.corner.diagonal(), np.einsum("kii->ki", self.blocks))
+
+    def __matmul__(self, v: np.ndarray) -> np.ndarray:
+        """Times v (p,): (p,)."""
+        x, y = self._split(v)
+        up = self.corner @ x + np.einsum("ksq,kq->s", self.border, y)
+        down = np.einsum("ksq,s->kq", self.border, x) + np.einsum("kqr,kr->kq", self.blocks, y)
+        return self._joined(up, down)
+
+    def solved(self, damping: float, scale: np.ndarray, free: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """(H + λ D)⁻¹ g (p,) over the entries `free` (p,) bool, D = diag(scale); 0 for the others.  (2)"""
+        root = np.where(free, 1.0 / np.sqrt(np.where(free, scale, 1.0)), 0.0)
+        (r, r_k), (h, h_k) = self._split(root), self._split(root * g)
+        extra, extra_k = self._split(np.where(free, damping, 1.0))
+        S = self.corner * (r[:, None] * r) + np.diag(extra)
+        B = self.border * (r[None, :, None] * r_k[:, None, :])
+        W = self.blocks * (r_k[:, :, None] * r_k[:, None, :])
+        np.einsum("kii->ki", W)[:] += extra_k
+        inner = np.linalg.solve(W, np.concatenate([np.swapaxes(B, 1, 2), h_k[:, :, None]], axis=2))
+        taken = np.einsum("ksq,kqn->sn", B, inner, optimize=True)
+        x = np.linalg.solve(S - taken[:, :-1], h - taken[:, -1])
+        y = inner[:, :, -1] - inner[:, :, :-1] @ x
+        return root * self._joined(x, y)
+
+    def dense(self) -> np.ndarray:
+        """(p, p)."""
+        common, own = self.places.common, self.places.own
+        H = np.zeros((len(self.places.place), len(self.places.place)))
+        H[np.ix_(common, common)] = self.corner
+        for k, index in enumerate(own):
+            H[np.ix_(common, index)], H[np.ix_(index, common)] = self.border[k], self.border[k].T
+            H[np.ix_(index, index)] = self.blocks[k]
+        return H
+
+    def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return v[self.places.common], v[self.places.own]
+
+    def _joined(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        out = np.zeros(len(self.places.place))
+        out[self.places.common], out[self.places.own] = x, y
+        return out
+
+
+class Evaluation(NamedTuple):
+    """A cost and its normal equations at one θ."""
+
+    cost: float
+    gradient: np.ndarray  # (p,)
+    hessian: np.ndarray | BlockArrow  # (p, p)
+
+
+def begun(diagonal: np.ndarray, places: Places | None) -> np.ndarray | BlockArrow:
+    """diag(diagonal) (p, p), to be summed into."""
+    return np.diag(diagonal) if places is None else BlockArrow.of_diagonal(places, diagonal)
+
+
+def add(H: np.ndarray | BlockArrow, indices: Sequence[np.ndarray], parts: Sequence[np.ndarray]) -> None:
+    """To H the matrix (n, n) of each piece, whose rows stand at its `indices` (n,)."""
+    if isinstance(H, BlockArrow):
+        H.add(np.stack(indices), np.stack(parts))
+        return
+    for index, part in zip(indices, parts, strict=True):
+        H[np.ix_(index, index)] += part
+
+
+def rows_times(H: np.ndarray | BlockArrow, index: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Rows `index` (n,) of H times v (p,)."""
+    return (H @ v)[index] if isinstance(H, BlockArrow) else H[index] @ v
+
+
+def dense(H: np.ndarray | BlockArrow) -> np.ndarray:
+    """H (p, p) itself."""
+    return H.dense() if isinstance(H, BlockArrow) else H

@@ -1,0 +1,222 @@
+"""Residuals of a vehicle that has an IMU and no encoder: its gyro leads the simulation.
+
+    ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s and its slope                             (1)
+    r_x, r_y = z − h(ν, ν̇)   of the two accelerometers, at the velocity of (1)                            (2)
+    r_ψ = z − h(ν_ψ)   of the gyro, at the ν_ψ that the commands make of the ν_x of (1)                   (3)
+
+What tells such a vehicle's speed is a_y = ν_x ν_ψ. Under (1) an error of the steering, which is coloured and
+large on any real car, does not reach the speed by way of ν_ψ. The price is the gyro's noise in a regressor, which
+draws towards 0 what it multiplies: a lever arm of 75 mm came out 16 mm short. So the gyro leads only the first
+search; from then on, `following`, what gyro and model together know of the yaw rate does (wiener_filter.py).
+
+The three channels do not agree about a real vehicle, so each is weighed by what it knows of slow motion
+(low_frequency_noise.py).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.data.record import Measured, Record
+from baqueano.identify.data.voltage import at_voltage
+from baqueano.identify.parameters.free import DELAY, with_numbers
+from baqueano.identify.parameters.theta import Shape, beginning, example, vehicle_at_start
+from baqueano.identify.residuals import low_frequency_noise as slow_noise
+from baqueano.identify.residuals.simulation import Residuals, kept_kernel
+from baqueano.identify.residuals.wiener_filter import slow_part
+from baqueano.sensors.sampling import Signal, low_pass_s, shown
+from baqueano.signals import Motion
+from baqueano.symbolic import scan
+
+SETTLED = 3.0  # time constants after which a motor has forgotten
+EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row
+
+
+class GuidedMotion(NamedTuple):
+    """What the two simulations carry."""
+
+    led: Tree  # by the gyro
+    free: Any  # of it
+    signals: tuple[Signal, Signal]  # of the IMU on each of them
+    before: np.ndarray  # h of the row before (3,); (0,) where it is not needed
+
+
+class GyroAidedResiduals(Residuals):
+    """The residuals (2), (3) of several runs as a function of one θ; only of an IMU."""
+
+    def __init__(
+        self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
+    ) -> None:
+        records = [_after_the_start(record, blocks, DELAY in shape.shared) for record in records]
+        super().__init__(blocks, shape, records, backend)
+        self.scan = kept_kernel(blocks, shape, backend, _traced)
+        imu = self.names[0]
+        self._rows = [
+            _led(rows, record, imu, blocks) for rows, record in zip(self._rows, records, strict=True)
+        ]
+        self._gyro = [rows[:, -EXTRA] for rows in self._rows]
+
+    def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece |ν_x| (N,) of the model that is led."""
+        return [np.abs(said[:, 0]) for said in self._said(theta)]
+
+    def following(self, theta: np.ndarray) -> "GyroAidedResiduals":
+        """Return the residuals led by the mean of the true yaw rate, given the gyro and the model at θ."""
+        leads = []
+        for omega, said, record in zip(self._gyro, self._said(theta), self.records, strict=True):
+            slow = slow_part(omega - said[:, 1])
+            turn = np.gradient(slow, np.cumsum(record.dt_s))
+            leads.append(np.column_stack([said[:, 1] + slow, said[:, 2] + turn]))
+        return self.with_columns([-2, -1], leads)
+
+    def _said(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece (N, 3): ν_x of the model that is led, and the gyro and its slope by the commands."""
+        if self._speeds is None:
+            self._speeds = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced_said)
+        return [
+            np.asarray(self._speeds.run(rows, theta[index])[1])
+            for rows, index in zip(self._rows, self._index, strict=True)
+        ]
+
+    def spread_and_profile(
+        self, left: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, by which channels are weighed."""
+        dt_s = [record.dt_s for record in self.records]
+        return slow_noise.spread_and_profile(left, self.has, self.speeds(theta), dt_s, floor)
+
+    def slope(self, theta: np.ndarray, c: int, scale: float, shift: float) -> np.ndarray:
+        """The gradient (p,) at θ if channel c had been measured smaller, by `scale`, and larger by `shift`."""
+        z = 1 + self._blocks.model.commands + c
+        columns = [z, -2, -1] if c == 2 else [z]
+        shifts = np.array([shift, shift, 0.0][: len(columns)])
+        changed = [rows[:, columns] / scale + shifts for rows in self._rows]
+        return self.with_columns(columns, changed).evaluate(theta).gradient
+
+
+def _after_the_start(record: Record, blocks: Blocks, delay_is_free: bool) -> Record:
+    """The record without what was measured while commands from before its first row may still have moved the
+    vehicle: nobody knows them. A delay that is free counts as the longest one, so that every search has the same rows,
+    wherever it begins."""
+    drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
+    late_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
+    late_s += SETTLED * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
+    sensors = {}
+    for name, (z, has, early) in record.sensors.items():
+        sensors[name] = Measured(z, has * (np.cumsum(record.dt_s) > late_s)[:, None], early)
+    return record._replace(sensors=sensors)
+
+
+def _led(rows: np.ndarray, record: Record, imu: str, blocks: Blocks) -> np.ndarray:
+    """The rows (N, q) with ω_z and its slope, as they were at the end of each."""
+    z, has, early = record.sensors[imu]
+    there = has[:, 2] > 0.0
+    if np.sum(there) < 2:
+        raise UsageError(fault("led.silent-gyro", run=record.name))
+    block = blocks.sensors[0]
+    late_s = float(block.delay_s) + float(low_pass_s(block))
+    t_s = record.t_s - late_s if early is None else record.t_s - late_s - early * record.dt_s
+    omega = np.interp(record.t_s, t_s[there], z[there, 2])
+    slope = np.gradient(omega, np.cumsum(record.dt_s))
+    out = np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
+    out.flags.writeable = False
+    return out
+
+
+def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
+    at_start, early = beginning(blocks, shape), shape.early[0]
+
+    def start(theta: np.ndarray) -> GuidedMotion:
+        vehicle, (signal,) = at_start(theta)
+        return GuidedMotion(vehicle, vehicle, (signal, signal), np.zeros(3 if early else 0))
+
+    def step(theta: np.ndarray, state: GuidedMotion, row: np.ndarray) -> tuple[GuidedMotion, np.ndarray]:
+        there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        imu = there.sensors[0]
+        at = with_speed(there.model, state.free.nu, state.led.nu[0])
+        free, motion = there.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
+        led, felt = move(there, state.led, row)
+        of_led, accel = shown(imu, state.signals[0], felt, row[0])
+        of_free, gyro = shown(imu, state.signals[1], motion, row[0])
+        h = np.concatenate([accel[:2], gyro[2:]])
+        said = h + row[7 + n] * (state.before - h) if early else h
+        moving = GuidedMotion(led, free, (of_led, of_free), h if early else state.before)
+        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - said)
+
+    return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
+
+
+def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    """ν_x of the simulation that is led, and what the gyro says and its slope in that of the commands, (3,), from
+    the same rows and θ."""
+    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
+    at_start = vehicle_at_start(blocks, shape)
+
+    def start(theta: np.ndarray) -> tuple[Tree, Tree]:
+        return at_start(theta), at_start(theta)
+
+    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
+        there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        imu, led, free = there.sensors[0], *state
+        at = with_speed(there.model, free.nu, led.nu[0])
+        free, motion = there.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
+        led, felt = move(there, led, row)
+        says = imu.h(motion)[2]
+        slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - says
+        return (led, free), np.array([felt.nu[0], says, slope])
+
+    return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
+
+
+def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Tree, Motion]]:
+    """One row of the simulation that is led.  (1)"""
+    n = blocks.model.commands
+    still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
+    turning = still._replace(nu=np.array([0.0, 0.0, 1.0]))
+
+    def move(there: Blocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
+        model, imu, dt_s, u = there.model, there.sensors[0], row[0], row[1 : 1 + n]
+        at_rest = imu.h(still)[2]
+        gain = imu.h(turning)[2] - at_rest
+        r, r_dot = (row[-2] - at_rest) / gain, row[-1] / gain
+        _, effort = model.drivetrain.step(state.drivetrain, u, dt_s)
+        r_before = state.nu[2]
+        state, motion = model.step(state, u, dt_s, np.zeros(3))
+        efforts, rates = (effort.start, effort.mean, effort.end), (r_before, 0.5 * (r_before + r), r)
+        tick = tuple(turned(model, *there, r_dot) for there in zip(motion.tick, efforts, rates, strict=True))
+        felt = turned(model, motion, effort.last, r, r_dot)
+        return state._replace(nu=felt.nu, nu_dot=felt.nu_dot), felt._replace(tick=tick)
+
+    return move
+
+
+def turned(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
+    """The motion of a vehicle whose yaw rate and its slope are known, under an effort (n,)."""
+    nu = model.init(nu=np.array([motion.nu[0], motion.nu[1], r])).nu
+    nu_dot = model.nu_dot(nu, effort, motion.eta[2])
+    nu_dot = np.array([nu_dot[0], nu_dot[1] + model.turning_arm_m * (r_dot - nu_dot[2]), r_dot])
+    return motion._replace(nu=nu, nu_dot=nu_dot)
+
+
+def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
+    """ν (3,) with another ν_x."""
+    return model.init(nu=np.array([v, nu[1], nu[2]])).nu
+
+
+def can_be_led(blocks: Blocks) -> bool:
+    """Whether there is an IMU and nothing else, on a vehicle with a velocity of its own."""
+    only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
+    return only and optional.of(blocks.model, "turning_arm_m") is not None
+
+
+def _width(shape: Shape, n: int) -> int:
+    """q: entries of a row with `n` commands."""
+    return 7 + n + sum(shape.early) + shape.volts + EXTRA

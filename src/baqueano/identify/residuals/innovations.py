@@ -1,0 +1,203 @@
+"""An extended Kalman filter over the velocity alone, small enough to be derived by all parameters of a fit.
+
+    x̄ = f(x, e),   P̄ = G P Gᵀ + B diag(v) Bᵀ,               G = ∂f/∂x                                     (1)
+    y_c = (z_c − h_c(x̄))/σ_c,   H = ∂h/∂x̄ / σ                                                              (2)
+    Δ, P, e, s = correct(P̄, y, H, q),   weights w = 1/(1 + (e/G)⁸)                        (3) kalman.py
+
+x = ν; with a sensor of the pose x = (η, ν). v is the variance that the floor adds to ν in a second, along the axes of
+the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0 nothing is ever corrected, and e is the residual of
+the simulation. The weights are a gate made smooth: an outlier moves nothing and teaches nothing.
+A late sensor (delay, stamp between ticks) is compared with what was shown then, but linearised now.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.optional import has_field, is_dynamic
+from baqueano.contracts.values import Tree, Value
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.estimators.covariance import mirrored
+from baqueano.estimators.kalman import correct, moved
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.data.voltage import at_voltage
+from baqueano.identify.parameters.free import value, with_numbers
+from baqueano.identify.parameters.theta import Shape, beginning
+from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
+from baqueano.signals import ByName, Motion
+from baqueano.symbolic import jacobian, put, scan
+from baqueano.vehicles import Effort, VehicleState
+from baqueano.vehicles.delay import SHORTEST_TICK_S
+from baqueano.vehicles.state import arrived
+
+GATE = 4.0  # G of (3): the gate of the other filter, made smooth
+UNSEEN = 1e-9  # a slope below which a sensor does not show the pose
+
+
+class Filtering(NamedTuple):
+    """What the filter carries."""
+
+    vehicle: VehicleState
+    cov: np.ndarray  # (n, n) of ν, or of (η, ν)
+    signals: tuple[Signal, ...]  # per sensor, what went before
+    before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
+
+
+class PredictedState(NamedTuple):
+    """A vehicle one row on, before it is corrected."""
+
+    model: Tree
+    before: VehicleState
+    dt_s: Value
+    eta: np.ndarray  # (3,)
+    effort: Effort
+    mean: np.ndarray  # x̄ (n,)
+
+    def motion(self, x: np.ndarray) -> Motion:
+        """What a sensor sees of the state x (n,)."""
+        eta, nu = (self.eta, x) if len(x) == 3 else (x[:3], x[3:])
+        return arrived(self.model, self.before, eta, nu, self.before.drivetrain, self.effort, self.dt_s)[1]
+
+
+def axes_of(model: Tree) -> tuple[int, ...]:
+    """The entries of `process_noise_std` that move ν; UsageError for a vehicle that has none."""
+    if not is_dynamic(model) or not has_field(model, "process_noise_std"):
+        raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
+    kick = _kick(model, 1.0)
+    return tuple(i for i in range(3) if np.any(kick[:, i] != 0.0))
+
+
+def shows_pose(blocks: Blocks) -> bool:
+    """Whether a sensor shows where the vehicle is."""
+    rng = np.random.default_rng(0)
+    nu, nu_dot, eta = rng.normal(size=(3, 3))
+    slopes = [jacobian(lambda x, s=s: s.h(Motion(x, nu, nu_dot, np.zeros(2))))(eta) for s in blocks.sensors]
+    return any(bool(np.any(np.abs(slope) > UNSEEN)) for slope in slopes)
+
+
+def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    """A scan over rows (dt, u, z, 1/σ, early) that puts out e (m,) and log s (m,), 0 without a measurement.
+
+    θ = (θ of the simulation, v of each axis, ½ log q of each channel).
+    """
+    n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
+    m, paths, axes = sum(sizes), (*shape.shared, *shape.own), axes_of(blocks.model)
+    size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.early) + shape.volts
+
+    start_of = beginning(blocks, shape)
+
+    def start(theta: np.ndarray) -> Filtering:
+        vehicle, signals = start_of(theta[: shape.size])
+        before = tuple(np.zeros(k if e else 0) for k, e in zip(sizes, shape.early, strict=True))
+        return Filtering(vehicle, np.zeros((size, size)), signals, before)
+
+    def step(theta: np.ndarray, state: Filtering, row: np.ndarray) -> tuple[Filtering, np.ndarray]:
+        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
+        noise = theta[shape.size :]
+        z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
+        drivetrain, effort = there.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
+        ahead, P = _predicted(there.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)})
+        gaps, slopes, lines = _innovated(there.sensors, ahead, state, z, row[1 + n + 2 * m :], row[0], shape)
+        y, H = weight * np.concatenate(gaps), weight[:, None] * np.concatenate(slopes)
+        seen = np.where(weight > 0.0, 1.0, 0.0)
+        found = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
+        signals, before = _remembered(lines, slopes, found.move, shape.early)
+        eta, nu = _moved(ahead, found.move)
+        vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
+        return Filtering(vehicle, found.cov, signals, before), np.concatenate(
+            [found.e, seen * np.log(found.s)]
+        )
+
+    example = [*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))]
+    theta = np.array([*example, *np.ones(len(axes)), *np.zeros(m)])
+    return scan(step, start, np.zeros(q), theta, backend=backend)
+
+
+def _predicted(
+    model: Tree, state: Filtering, effort: Effort, dt_s: Value, v: dict[int, Any]
+) -> tuple[PredictedState, np.ndarray]:
+    """The vehicle one row on, and P̄ (n, n).  (1)"""
+    before = state.vehicle
+
+    def f(x: np.ndarray) -> np.ndarray:
+        if len(x) == 3:
+            return model.advance(before.eta, x, effort, dt_s)[1]
+        eta, nu, _ = model.advance(x[:3], x[3:], effort, dt_s)
+        return np.concatenate([eta, nu])
+
+    size = state.cov.shape[0]
+    x = before.nu if size == 3 else np.concatenate([before.eta, before.nu])
+    eta, nu, _ = model.advance(before.eta, before.nu, effort, dt_s)
+    mean = nu if size == 3 else np.concatenate([eta, nu])
+    G, B = jacobian(f)(x), _kick(model, dt_s)
+    R = sum((v[i] * B[:, i][:, None] * B[:, i][None, :] for i in v), np.zeros((3, 3)))
+    if size == 6:
+        O = np.zeros((3, 3))
+        R = np.concatenate([np.concatenate([O, O], axis=1), np.concatenate([O, R], axis=1)])
+    return PredictedState(model, before, dt_s, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
+
+
+def _innovated(
+    sensors: ByName[Tree],
+    ahead: PredictedState,
+    state: Filtering,
+    z: np.ndarray,
+    early: np.ndarray,
+    dt_s: Value,
+    shape: Shape,
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """Sensor by sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h, behind its low-pass."""
+    gaps, slopes, lines, at, turn = [], [], [], 0, 0
+    for k, sensor in enumerate(sensors):
+        signal, seen = shown(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
+        h = signal.smooth if len(signal.smooth) else sensor.h(ahead.motion(ahead.mean))
+        if shape.early[k]:
+            seen = seen + early[turn] * difference(sensor, state.before[k], seen)
+            turn += 1
+        gaps.append(difference(sensor, z[at : at + sensor.size], seen))
+        slope = jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean)
+        slopes.append(_passed(sensor, dt_s) * slope)
+        lines.append((signal, h))
+        at += sensor.size
+    return gaps, slopes, lines
+
+
+def _passed(sensor: Tree, dt_s: Value) -> Any:
+    """The part of a change at the end of a row, grown in a straight line, that a low-pass lets through by then."""
+    tau_s = low_pass_s(sensor)
+    if isinstance(tau_s, float) and tau_s == 0.0:
+        return 1.0
+    ratio = tau_s / np.maximum(dt_s, SHORTEST_TICK_S)
+    return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
+
+
+def _smooth_gate(number: int, e: Any, s: Any) -> Any:
+    """The weight of an innovation.  (3)"""
+    return 1.0 / (1.0 + (e / GATE) ** 8)
+
+
+def _kick(model: Tree, dt_s: Value) -> np.ndarray:
+    """B = ∂ν/∂noise (3, 3) over a row, per unit of `process_noise_std`."""
+    unit = put(model, "process_noise_std", np.ones(3))
+    u = np.zeros(model.commands)
+    return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
+
+
+def _moved(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """η (3,) and ν (3,) after the correction."""
+    if len(move) == 3:
+        return ahead.eta, ahead.mean + move
+    x = moved(ahead.mean, move)
+    return x[:3], x[3:]
+
+
+def _remembered(lines: list[Any], slopes: list[Any], move: np.ndarray, early: tuple[bool, ...]) -> Any:
+    """The signals and h of this row, corrected too."""
+    signals, before = [], []
+    for (signal, h), slope, needed in zip(lines, slopes, early, strict=True):
+        now = h + slope @ move
+        past = np.concatenate([now[None, :], signal.past[1:]]) if signal.past.shape[0] else signal.past
+        signals.append(signal._replace(past=past, smooth=now if len(signal.smooth) else signal.smooth))
+        before.append(now if needed else np.zeros(0))
+    return tuple(signals), tuple(before)

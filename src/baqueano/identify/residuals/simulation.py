@@ -1,0 +1,379 @@
+"""The residuals of a simulation as one kernel, and the sum over runs of what the kernel says.
+
+    x_k = step(vehicle(θ), x_{k−1}, u_k, dt_k),   x_0 from ν₀                                             (1)
+    r_k = W_k (z_k − h_θ(x_k))                                                                            (2)
+
+W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W),
+and for sensors whose stamps lie between ticks the part of the step by which they do; there
+h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free, h is read from a line of the past (clock_offset.py).
+The model is simulated from its start to the end without ever looking at a measurement: the paper's cost,
+`equ:cost_function`, simulation error.
+
+θ is one vector: what all runs share, what each run has for itself (biases, clocks), then the start of each
+piece of a run (segments.py). A kernel belongs to the structure of a fit and to the numbers that are not free; it
+is kept for the next fit. Pieces are evaluated on all cores: a kernel holds no lock.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import fields, is_dataclass
+from functools import partial
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.data.record import Record
+from baqueano.identify.data.segments import Layout
+from baqueano.identify.data.voltage import VOLTAGE, at_voltage
+from baqueano.identify.parallel import each
+from baqueano.identify.parameters.free import with_numbers
+from baqueano.identify.parameters.theta import Shape, beginning, example, shown_by, vehicle_at_start
+from baqueano.identify.residuals import speed_dependent_noise as by_speed
+from baqueano.identify.residuals.block_arrow import Evaluation, add, places_of
+from baqueano.identify.residuals.block_arrow import begun as begun_arrow
+from baqueano.identify.residuals.huber import telling
+from baqueano.sensors.sampling import Signal, difference
+from baqueano.signals import ByName, sensor_slots
+from baqueano.symbolic import put, scan
+from baqueano.vehicles.delay import read, with_newest
+
+HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
+KEPT = 24  # kernels
+AT_HAND = 3  # answers of a problem: what it says at its end is asked for by all that judge it
+START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: ν of a start before which nothing was measured
+_kernels: "OrderedDict[Any, Any]" = OrderedDict()
+
+
+class Moving(NamedTuple):
+    """What the simulation carries."""
+
+    vehicle: Tree
+    signals: tuple[Signal, ...]  # per sensor, what went before
+    before: tuple[np.ndarray, ...]  # per sensor, h of the row before (m,); (0,) where it is not needed
+    lines: tuple[np.ndarray, ...]  # per sensor, h of many rows before (slots, m); (0, m) where not needed
+    steps_s: np.ndarray  # (slots,) the steps between them
+
+
+class Residuals:
+    """Residuals of several runs as a function of one θ. It does not change: `weighed` is another one.
+
+    A residual of one's own is a subclass with another `difference`.
+    """
+
+    @staticmethod
+    def difference(sensor: Any, z: np.ndarray, h: np.ndarray) -> np.ndarray:
+        """Return the residual (m,) of a reading `z` (m,) of a sensor and the model's `h` (m,), before its weight."""
+        return difference(sensor, z, h)
+
+    def __init__(
+        self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
+    ) -> None:
+        self.shape, self.records = shape, tuple(records)
+        self.names: tuple[str, ...] = blocks.sensors._fields
+        self.sizes = [s.size for s in blocks.sensors]
+        self.scan = kept_kernel(blocks, shape, backend, _traced, self.difference)
+        self._blocks, self._speeds = blocks, None
+        self._rows = each(
+            lambda record: _rows(record, self.names, shape),
+            self.records,
+            rows=sum(len(record.dt_s) for record in self.records),
+        )
+        parts = len(shape.shared), len(shape.by_run), len(shape.start)
+        self.layout = Layout(*parts, tuple(record.run for record in self.records))
+        self._index, self._places = self.layout.indices, places_of(self.layout)
+        self.size = self.layout.size
+        m, n = sum(self.sizes), blocks.model.commands
+        self._weights = slice(1 + n + m, 1 + n + 2 * m)
+        self._has = [rows[:, self._weights].copy() for rows in self._rows]
+        for rows in self._rows:
+            rows.flags.writeable = False
+        self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
+        self._prior = self._of_starts()
+        self.sigma = np.ones(m)
+        self.weights = self._has  # per piece (N, m), 1/σ of each measurement, 0 where there is none
+        self._profile: Sequence[np.ndarray] | None = None
+        self._known: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
+        self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and what was asked for there
+
+    @classmethod
+    def of(cls, parameters: Any, backend: str = "auto") -> Self:
+        """Return the residuals of `parameters` (posed.Parameters) over all their rows."""
+        return cls(parameters.blocks, parameters.shape, parameters.records, backend)
+
+    @property
+    def rows(self) -> list[np.ndarray]:
+        """Per piece what its kernel reads (N, q): dt, u, z, 1/σ, stamps."""
+        return self._rows
+
+    @property
+    def has(self) -> list[np.ndarray]:
+        """Per piece (N, m): 1 where there is a measurement."""
+        return self._has
+
+    def signal(self) -> np.ndarray:
+        """(m,) standard deviation of the measurements of each channel, over all runs."""
+        out = np.zeros(len(self.sigma))
+        for c in range(len(out)):
+            said = [z[has[:, c] > 0.0, c] for z, has in zip(self.z, self._has, strict=True)]
+            out[c] = np.std(np.concatenate(said)) if any(map(len, said)) else 0.0
+        return out
+
+    def weighed(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
+        """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per piece where the noise is not the
+        same all the time."""
+        if sigma is self.sigma and profile is self._profile:
+            return self
+        weights = [
+            has / sigma if shape is None else has / (sigma * shape)
+            for has, shape in zip(self._has, profile or [None] * len(self._has), strict=True)
+        ]
+        out = self.with_columns(self._weights, weights)
+        out.sigma, out._profile, out.weights = sigma, profile, weights
+        return out
+
+    def with_columns(self, at: Any, values: Sequence[np.ndarray]) -> Self:
+        """Return a copy whose rows hold `values` (N, k) per piece in the columns `at`."""
+        out = copy(self)
+        out._rows = self._each(lambda rows, index, x: _filled(rows, at, x), values)
+        out._known, out._slopes = OrderedDict(), (None, [])
+        return out
+
+    def evaluate(self, theta: np.ndarray) -> Evaluation:
+        """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
+        return self._summed(theta, HUBER)
+
+    def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
+        """Huber cost at θ if the rows of each piece were `rows_of` them."""
+
+        def of(rows: np.ndarray, index: np.ndarray) -> float:
+            r = np.abs(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
+            clipped = np.minimum(r, HUBER)
+            return float(np.sum(clipped * (r - 0.5 * clipped)))
+
+        return sum(self._each(of))
+
+    def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
+        """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
+
+        def of(rows: np.ndarray, index: np.ndarray, weight: np.ndarray, factor: np.ndarray) -> np.ndarray:
+            rows = _filled(rows, self._weights, weight * factor)
+            return self.scan.normal_equations(rows, theta[index], None).hessian
+
+        H = np.zeros((self.size, self.size))
+        for part, index in zip(self._each(of, self.weights, factors), self._index, strict=True):
+            H[np.ix_(index, index)] += part
+        return H
+
+    def _summed(self, theta: np.ndarray, huber: float | None) -> Evaluation:
+        if len(self._rows) == 1 and not self._prior.any():
+            return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
+        prior = self._prior if huber is not None else np.zeros(self.size)
+        cost, g = 0.5 * float(prior @ theta**2), prior * theta
+        H = begun_arrow(prior, self._places)
+        parts = self._each(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
+        for (c, g_r, _), index in zip(parts, self._index, strict=True):
+            cost += c
+            g[index] += g_r
+        add(H, self._index, [H_r for _, _, H_r in parts])
+        return Evaluation(cost, g, H)
+
+    def _of_starts(self) -> np.ndarray:
+        """(p,) the weight of 0 in the search for the start velocity of pieces, and of runs that begin without
+        measurements, else 0: the lead may let nothing of it be seen, and a search would wander along it for
+        ever.
+
+        Tyres forget a slip within a tick or two. What is left of it after the lead is what a little speed ahead would
+        leave, so that a wide weight lets both run off together, to slips at which no step is stable.
+        """
+        prior = np.zeros(self.size)
+        cut = len(self.records) > max(self.layout.runs) + 1
+        weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
+        for k, has in enumerate(self._has):
+            if cut or not has[:1].any():
+                prior[self.layout.of_starts(k)] = weight
+        return prior
+
+    def _each(self, what: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
+        """`what` of each piece's rows, index and so on, on all cores where that pays."""
+        rows = sum(map(len, self._rows)) if self.scan.backend == "c" else 0
+        return each(what, self._rows, self._index, *more, rows=rows)
+
+    def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece r (N, m) in standard deviations; 0 where there is no measurement. Not to be written to."""
+
+        def of(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
+            return np.asarray(self.scan.run(rows, theta[index])[1])
+
+        return self._once("residuals", theta, lambda: self._each(of))
+
+    def left(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece z − h (N, m) in the sensors' units; 0 where there is no measurement."""
+        out = zip(self.residuals(theta), self.weights, strict=True)
+        return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in out]
+
+    def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece |ν_x| (N,) of the model."""
+        if self._speeds is None:
+            self._speeds = _speed_kernel(self._blocks, self.shape, self.scan.backend)
+        return [
+            np.abs(np.asarray(self._speeds.run(rows, theta[index])[1]))
+            for rows, index in zip(self._rows, self._index, strict=True)
+        ]
+
+    def spread_and_profile(
+        self, left: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, where the noise grows with speed."""
+        has = telling(left, self.has, self.z)
+        return by_speed.spread_and_profile(left, has, self.speeds(theta), floor)
+
+    def sensitivities(
+        self, theta: np.ndarray, last: bool = False
+    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ. Kept for the next who
+        asks, and not to be written to but by the `last`, who takes them away."""
+        key, (kept, slopes) = theta.tobytes(), self._slopes
+        if kept != key:
+            slopes = self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i))
+        self._slopes = (None, []) if last else (key, slopes)
+        return slopes
+
+    def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
+        """Per piece h (N, m), also where nothing was measured. Not to be written to."""
+
+        plain = self.difference is Residuals.difference
+        kernel = self.scan
+        if not plain:
+            kernel = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced, Residuals.difference)
+
+        def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
+            rows = _filled(rows, self._weights, 1.0)
+            return z - np.asarray(kernel.run(rows, theta[index])[1])
+
+        def work() -> list[np.ndarray]:
+            if plain and all(has.all() for has in self._has):
+                return [z - left for z, left in zip(self.z, self.left(theta), strict=True)]
+            return self._each(of, self.z)
+
+        return self._once("predictions", theta, work)
+
+    def _once(self, what: str, theta: np.ndarray, work: Callable[[], object]) -> Any:
+        """`work()`, kept for whoever asks for the same again."""
+        key = what, theta.tobytes()
+        if key not in self._known:
+            self._known[key] = work()
+            if len(self._known) > AT_HAND:
+                self._known.popitem(last=False)
+        return self._known[key]
+
+
+def _filled(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
+    """Return a copy of `rows` (N, q) with `values` in the columns `at`, that is not to be written to."""
+    out = rows.copy()
+    out[:, at] = values
+    out.flags.writeable = False
+    return out
+
+
+def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
+    """(N, q): dt, u, z of all sensors, W of all sensors, early of those that need it."""
+    said = [record.sensors[name] for name in names]
+    columns = [record.dt_s[:, None], record.u, *(s.z for s in said), *(s.has for s in said)]
+    for s, needed in zip(said, shape.early, strict=True):
+        if needed:
+            columns.append(np.zeros((len(record.dt_s), 1)) if s.early is None else s.early[:, None])
+    if shape.volts:
+        columns.append(record.sensors[VOLTAGE].z)
+    return np.ascontiguousarray(np.concatenate(columns, axis=1))
+
+
+def kept_kernel(
+    blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., Any], *more: Callable[..., Any]
+) -> Any:
+    """Return `traced(blocks, shape, backend, *more)`, kept for the next fit of that structure and those numbers."""
+    folded = blocks
+    for path in (*shape.shared, *shape.own):
+        folded = put(folded, path, 0.0)
+    key = (traced, more, _print(folded), shape, backend)
+    if key not in _kernels:
+        _kernels[key] = traced(blocks, shape, backend, *more)
+        if len(_kernels) > KEPT:
+            _kernels.popitem(last=False)
+    _kernels.move_to_end(key)
+    return _kernels[key]
+
+
+def _traced(blocks: Blocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Any:
+    n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
+    m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
+    free_clock = [name in shape.clocks for name in names]
+
+    at_start = beginning(blocks, shape)
+
+    def start(theta: np.ndarray) -> Moving:
+        vehicle, signals = at_start(theta)
+        kinds = list(zip(sizes, shape.early, free_clock, strict=True))
+        before = tuple(np.zeros(k if e and not c else 0) for k, e, c in kinds)
+        lines = tuple(np.zeros((shape.slots if c else 0, k)) for k, _, c in kinds)
+        return Moving(vehicle, signals, before, lines, np.zeros(shape.slots))
+
+    def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
+        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
+        dt_s, u = row[0], row[1 : 1 + n]
+        z, weight, early = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m], row[1 + n + 2 * m :]
+        vehicle, motion = there.model.step(state.vehicle, u, dt_s, np.zeros(3))
+        felt, signals = shown_by(there.sensors, state.signals, motion, dt_s)
+        steps_s = with_newest(state.steps_s, dt_s)
+        out, before, lines, at, turn = [], [], [], 0, 0
+        for k, sensor in enumerate(there.sensors):
+            h = felt[k]
+            if free_clock[k]:
+                offset_s = theta[len(paths) + shape.clocks.index(names[k])]
+                minus = partial(difference, sensor)
+                h = read(h, state.lines[k], steps_s, early[turn] - offset_s, minus)
+            elif shape.early[k]:
+                h = h + early[turn] * difference(sensor, state.before[k], h)
+            turn += shape.early[k]
+            before.append(felt[k] if len(state.before[k]) else state.before[k])
+            lines.append(with_newest(state.lines[k], felt[k]))
+            span = slice(at, at + sizes[k])
+            out.append(weight[span] * residual(sensor, z[span], h))
+            at += sizes[k]
+        return Moving(vehicle, signals, tuple(before), tuple(lines), steps_s), np.concatenate(out)
+
+    q = 1 + n + 2 * m + sum(shape.early) + shape.volts
+    return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
+
+
+def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
+    """ν_x of the model, from the same rows and θ."""
+    moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
+
+    def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
+        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
+        state, motion = there.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
+        return state, motion.nu[0]
+
+    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.early) + shape.volts
+    return scan(step, moving, np.zeros(q), example(blocks, shape), backend=backend)
+
+
+def chosen_sensors(sensors: ByName[Tree], names: Sequence[str]) -> Any:
+    """The NamedTuple of the named sensor blocks."""
+    return sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
+
+
+def _print(tree: Any) -> Any:
+    """A hashable copy of all numbers in a tree of blocks: two trees with the same print trace alike."""
+    if is_dataclass(tree) and not isinstance(tree, type):
+        return (type(tree), *(_print(getattr(tree, f.name)) for f in fields(tree)))
+    if isinstance(tree, np.ndarray):
+        return (tree.shape, tree.tobytes())
+    if isinstance(tree, tuple | list):
+        return (type(tree), *map(_print, tree))
+    if isinstance(tree, dict):
+        return tuple((k, _print(v)) for k, v in tree.items())
+    return id(tree) if isinstance(tree, Callable) else tree

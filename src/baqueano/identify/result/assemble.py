@@ -1,0 +1,385 @@
+"""A finished search → a `Fit`: from θ of all runs back to named parameters, sentences and a verdict."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, Verdict, note
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.covariance.information import COLOUR, Information, covariance_of, inverse
+from baqueano.identify.covariance.jackknife import jackknife, no_smaller
+from baqueano.identify.data.truth import MOUNT, TRUTH
+from baqueano.identify.diagnostics import afterwards, widened
+from baqueano.identify.estimation.search import Search, Task
+from baqueano.identify.identifiability.advice import missing_command, unobservable, weakly
+from baqueano.identify.identifiability.fixing import one_mean
+from baqueano.identify.identifiability.identifiable import Seen
+from baqueano.identify.parallel import each
+from baqueano.identify.parameters.free import DELAY, Free, value, with_numbers
+from baqueano.identify.parameters.theta import STARTS
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.identify.result.fit_result import ChannelFit, Fit
+from baqueano.identify.result.operating_range import envelope_of
+from baqueano.identify.result.to_vehicle_file import better_known
+from baqueano.identify.result.verdict import Evidence, judge, noted
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+HELD_BACK = 3.0  # standard errors that a parameter would go beyond its bound: less is where chance puts it
+
+
+class FinishedFit(NamedTuple):
+    """All that is known at the end."""
+
+    file: "VehicleFile"
+    blocks: Blocks
+    task: Task
+    wanted: list[Free]  # (p,) all parameters that were asked for
+    frozen: list[int]  # those whose command never moved; they are not in θ
+    found: Search
+    sight: Seen
+    info: Information
+    said: Diagnostic | None = None  # what was done before the search
+    doubts: tuple[Diagnostic, ...] = ()  # about the data
+    ask: bool = True  # what is not in the model
+    floor: bool = False  # whether one that moves explains what a simulation leaves
+    filtered: bool = False  # whether θ is that of the innovations
+    systematic: np.ndarray | None = None  # (p, p) covariance of θ by what was held where it was measured
+
+    @property
+    def told(self) -> list[int]:
+        """Which of `wanted` are in θ; they are its first entries, in order."""
+        return [k for k in range(len(self.wanted)) if k not in self.frozen]
+
+    @property
+    def free(self) -> list[Free]:
+        """Those of `wanted` that are in θ."""
+        return [self.wanted[k] for k in self.told]
+
+    def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
+        """The shared parameters that entry i of θ is like, by `which` of its sight."""
+        return [self.free[j] for j in which.get(i, ()) if j < len(self.told)]
+
+
+class Known(NamedTuple):
+    """A finished search before its verdict: errors, diagnostics, bounds."""
+
+    cov: np.ndarray  # (p, p) of θ
+    off: Mapping[str, float]  # by how much a parameter, by path, may be off for what is missing
+    evidence: Evidence
+    held_back: np.ndarray  # (p,) −1 or 1 where a bound holds a parameter back by more than chance
+    never: tuple[Diagnostic, ...]  # what the vehicle can never show
+
+
+def known_of(end: FinishedFit) -> Known:
+    """Return all that a verdict on a finished search rests on."""
+    cov = _covariance(end)
+    sd = np.sqrt(np.diagonal(cov))
+    unseen, never = _unseen(end)
+    doubts, off = _doubts(end, sd)
+    evidence = _evidence(end, doubts, unseen)
+    far = _placed(end, _held_back(end, sd), 0.0) > HELD_BACK
+    return Known(cov, off, evidence, np.where(far, evidence.bound, 0), never)
+
+
+def only_coloured(known: Known) -> bool:
+    """Return whether colour and size of the residuals are all that speaks against a fit."""
+    doubted = known.evidence._replace(bound=known.held_back)
+    return judge(doubted)[0] == Verdict.WARN and judge(_explained(doubted))[0] == Verdict.USABLE
+
+
+def _explained(evidence: Evidence) -> Evidence:
+    """The evidence without the colour and the size of residuals, which a floor explains."""
+    found = tuple(one for one in evidence.found if one.code != "residual.coloured")
+    return evidence._replace(found=found, believed=None, colour=np.zeros(len(evidence.colour)))
+
+
+def fit_of(end: FinishedFit, known: Known | None = None) -> Fit:
+    """Return the Fit of a finished search, of which all may be `known` already."""
+    known = known_of(end) if known is None else known
+    problem, solution = end.task.problem, end.found.solution
+    evidence = _explained(known.evidence) if end.floor else known.evidence
+    verdict, reasons = judge(evidence._replace(bound=known.held_back))
+    s = len(problem.shape.shared)
+    shared_cov = widened(_spread_out(end, known.cov[:s, :s]), evidence.names, known.off)
+    own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(known.cov)))
+    fit = Fit(
+        names=evidence.names,
+        units=tuple(one.unit for one in end.wanted),
+        start=_start(end),
+        estimate=evidence.estimate,
+        sd=np.sqrt(np.diagonal(shared_cov)),
+        bound=evidence.bound,
+        weak=evidence.weak,
+        cov=shared_cov,
+        own_names=own_names,
+        own=own,
+        own_sd=own_sd,
+        unobservable=evidence.unobservable,
+        never=known.never,
+        verdict=verdict,
+        reasons=reasons,
+        notes=(*_notes(end), *noted(evidence._replace(bound=evidence.bound - known.held_back))),
+        channels=evidence.channels,
+        sigma=_by_sensor(problem, end.found.sigma),
+        coloured=end.info.coloured,
+        converged=solution.converged,
+        cost=solution.at.cost,
+        evaluations=end.found.evaluations,
+        runs=_runs(problem),
+        backend=problem.scan.backend,
+        file=end.file,
+        blocks=_fitted(end),
+        envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, end.file.command.names),
+    )
+    return replace(fit, notes=(*fit.notes, *(one.message for one in better_known(fit))))
+
+
+def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
+    """All diagnostics of the fit, and by how much they say that parameters are off."""
+    if not end.ask or end.found.stopped or _stopped(end, "asking what is not in the model"):
+        return end.doubts, {}
+    found, off = afterwards(end, sd, believed_of(end.blocks))
+    return tuple(found), off
+
+
+def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
+    """Return by how many of its errors each shared entry of θ (s,) would move if no bound held it; inf where nobody
+    asked."""
+    s, solution = end.task.problem.layout.shared, end.found.solution
+    if not end.ask or end.found.stopped:
+        return np.full(s, np.inf)
+    kept, out = np.flatnonzero(end.sight.kept), np.zeros(s)
+    g = solution.at.gradient[kept]
+    if solution.converged and len(kept) and np.isfinite(g).all():
+        moves = np.abs(inverse(end.info.bread[np.ix_(kept, kept)]) @ g) / sd[kept]
+        out[kept[kept < s]] = moves[kept < s]
+    return out
+
+
+def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Diagnostic, ...]) -> Evidence:
+    """What the verdict is judged by."""
+    solution, s = end.found.solution, len(end.task.problem.shape.shared)
+    kept = end.sight.kept[:s]
+    return Evidence(
+        tuple(one.path for one in end.wanted),
+        _placed(end, np.where(kept, solution.theta[:s], np.nan), np.nan),
+        _placed(end, np.where(kept, solution.bound[:s], 0), 0).astype(int),
+        _placed(end, end.sight.weak[:s], False).astype(bool),
+        len(end.frozen),
+        unseen,
+        _channels(end.task.problem, solution.theta, end.found.sigma, end.info.colour),
+        solution.converged,
+        end.info.colour,
+        None if end.task.given is not None else believed_of(end.blocks),
+        doubts,
+        _weakly(end),
+        _moving(end),
+        one_mean(end.task.problem),
+    )
+
+
+def _stopped(end: FinishedFit, text: str) -> bool:
+    """Says what comes; whether whoever is told wants no more than there is."""
+    return end.task.say is not None and end.task.say(text) is True
+
+
+def _covariance(end: FinishedFit) -> np.ndarray:
+    """Of θ (p, p), NaN for what was held."""
+    kept = np.flatnonzero(end.sight.kept)
+    full = np.full((len(end.sight.kept), len(end.sight.kept)), np.nan)
+    if len(kept):
+        cov = covariance_of(end.info, kept)
+        if not end.filtered:  # the innovations of a filter are white
+            problem, theta = end.task.problem, end.found.solution.theta
+            k = int(np.sum(kept < problem.layout.shared))
+            for by_piece in (False, True):
+                blocks = jackknife(problem, theta, kept, end.info.bread, alike=True, by_piece=by_piece)
+                cov = no_smaller(problem, cov, blocks, k, by_piece)
+        full[np.ix_(kept, kept)] = cov if end.systematic is None else cov + end.systematic[np.ix_(kept, kept)]
+    return full
+
+
+def _own(
+    problem: Residuals, theta: np.ndarray, sd: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Names (q,), values and standard errors (runs, q) of what each run has for itself; the starts among them
+    where runs are whole."""
+    layout, shape = problem.layout, problem.shape
+    runs, s = max(layout.runs) + 1, layout.shared
+    by_run = theta[s : layout.starts].reshape(runs, -1)
+    by_run_sd = sd[s : layout.starts].reshape(runs, -1)
+    if len(layout.runs) > runs:
+        return shape.by_run, by_run, by_run_sd
+    names = (*shape.by_run, *(f"start.{STARTS[i]}" for i in shape.start))
+    starts, starts_sd = (x[layout.starts :].reshape(runs, -1) for x in (theta, sd))
+    return names, np.hstack([by_run, starts]), np.hstack([by_run_sd, starts_sd])
+
+
+def _runs(problem: Residuals) -> tuple[str, ...]:
+    """Names of the runs, each once."""
+    return tuple({record.run: record.name for record in problem.records}.values())
+
+
+def _placed(end: FinishedFit, values: np.ndarray, rest: float) -> np.ndarray:
+    """Values of the shared entries of θ in the order of `wanted`, `rest` for the frozen ones."""
+    out = np.full(len(end.wanted), rest, dtype=float)
+    out[end.told] = values
+    return out
+
+
+def _spread_out(end: FinishedFit, cov: np.ndarray) -> np.ndarray:
+    out = np.full((len(end.wanted), len(end.wanted)), np.nan)
+    out[np.ix_(end.told, end.told)] = cov
+    return out
+
+
+def _start(end: FinishedFit) -> np.ndarray:
+    start = np.array([value(end.blocks, one.path) for one in end.wanted])
+    start[end.told] = end.task.first[: len(end.told)]
+    return start
+
+
+def _channels(
+    problem: Residuals, theta: np.ndarray, sigma: np.ndarray, colour: np.ndarray
+) -> tuple[ChannelFit, ...]:
+    """Channel by channel of each run, in the order of the sensors."""
+    labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
+    pieces = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
+
+    def of(run: int, record_name: str) -> list[ChannelFit]:
+        own = [
+            (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :]) for r, h, z, w in pieces if r.run == run
+        ]
+        t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
+        out = []
+        for c, (name, i) in enumerate(labels):
+            there = has[:, c] > 0.0
+            measured = np.where(there, z[:, c], np.nan)
+            part = explained(z[there, c], h[there, c], sigma[c])
+            said = ChannelFit(
+                record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(colour[c])
+            )
+            out.append(said)
+        return out
+
+    names = list(_runs(problem))
+    every = each(of, range(len(names)), names, rows=sum(map(len, problem.z)))
+    return tuple(one for said in every for one in said)
+
+
+def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
+    """1 − var(z − h) / var(z), residuals beyond 4 σ clipped; NaN without measurements."""
+    if len(z) < 2:
+        return float("nan")
+    left = np.clip(z - h, -4.0 * sigma, 4.0 * sigma)
+    total = float(np.var(h + left))
+    return 1.0 - float(np.mean(left**2)) / total if total > 0.0 else 0.0
+
+
+def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
+    """What a better run would show, and what no run of this vehicle can."""
+    unseen, never = [], []
+    columns: dict[int, list[Free]] = {}
+    for one in (end.wanted[k] for k in end.frozen):
+        assert one.column is not None
+        columns.setdefault(one.column, []).append(one)
+    n, drivetrain = len(end.file.command.names), end.blocks.model.drivetrain
+    for j, some in columns.items():
+        cannot = bool(end.file.command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
+        said = missing_command(some, end.file.command.names[j], cannot)
+        (never if cannot else unseen).append(said)
+    for i, one in enumerate(end.free):
+        if not end.sight.kept[i]:
+            ties, near = end.like(end.sight.tied, i), end.like(end.sight.near, i)
+            unseen.append(unobservable(one, ties, float(end.task.first[i]), near))
+    return tuple(unseen), tuple(never)
+
+
+def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:
+    """What has a large error, and why."""
+    weak = [i for i in range(len(end.free)) if end.sight.weak[i]]
+    return tuple(weakly(end.free[i], end.like(end.sight.near, i)) for i in weak)
+
+
+def _moving(end: FinishedFit) -> str:
+    """The parameter that a search that did not converge would still move furthest, in its errors; "" if none."""
+    solution, s = end.found.solution, len(end.task.problem.shape.shared)
+    may = np.flatnonzero(end.sight.kept[:s] & (solution.bound[:s] == 0))
+    A, g = end.info.bread[np.ix_(may, may)], solution.at.gradient[may]
+    if solution.converged or not len(may) or not (np.isfinite(A).all() and np.isfinite(g).all()):
+        return ""
+    inverse = np.linalg.pinv(A, hermitian=True)
+    far = np.abs(inverse @ g) / np.sqrt(np.maximum(np.diagonal(inverse), 1e-300))
+    return end.task.problem.shape.shared[may[np.argmax(far)]]
+
+
+def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
+    problem = end.task.problem
+    records = {record.run: record for record in problem.records}.values()
+    said = [*([end.said] if end.said else []), *_sums(end), *_horizon(problem, end.found.solution.theta)]
+    for r in records:
+        of_run = {"of_run": r.name} if len(records) > 1 else {}
+        said += [replace(one, figures={**one.figures, **of_run}) for one in r.notes]
+    labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
+    colours = list(zip(labels, end.info.colour, strict=True))
+    said += [note("residual.not-white", subject=label) for label, c in colours if c > COLOUR]
+    said += [note("residual.alternates", subject=label) for label, c in colours if c < -COLOUR]
+    return tuple(said)
+
+
+def _sums(end: FinishedFit) -> list[Diagnostic]:
+    """Return a note on parameters of which a run shows the sum only."""
+    names, imus = end.task.problem.shape.shared, end.blocks.sensors._asdict().items()
+    unfiltered = [name for name, block in imus if not getattr(block, "has_low_pass", True)]
+    if DELAY not in names or len(unfiltered) < len(end.blocks.sensors):
+        return []
+    return [note("delay.sum", subject=unfiltered[0])]
+
+
+def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
+    """Over what time and way model and truth were compared."""
+    if TRUTH not in problem.names:
+        return []
+    at, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
+    spans, ways = [], []
+    for record, h, has in zip(problem.records, problem.predictions(theta), problem.has, strict=True):
+        seen = np.flatnonzero(has[:, at] > 0.0)
+        h, span = h[seen[seen >= record.lead], at : at + 2], record.dt_s[record.lead :].sum()
+        spans.append(span)
+        ways.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
+    code = "truth.horizon-of-pieces" if len(spans) > max(problem.layout.runs) + 1 else "truth.horizon"
+    far = note(code, subject=TRUTH, span_s=float(np.median(spans)), way_m=float(np.median(ways)))
+    return [far, *_mount(problem, theta)]
+
+
+def _mount(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
+    """Return a note that names the file for a fitted place of the mark: the map, not the vehicle file."""
+    own = zip(problem.shape.shared, theta, strict=False)
+    found = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
+    return [note("truth.mount", subject=TRUTH, keys=found)] if found else []
+
+
+def believed_of(blocks: Blocks) -> np.ndarray:
+    """(m,) standard deviations of the sensors in the file; 0 where it tells none."""
+    out = []
+    for sensor in blocks.sensors:
+        cov = getattr(sensor, "cov", np.zeros((sensor.size, sensor.size)))
+        out.append(np.sqrt(np.maximum(np.diagonal(cov), 0.0)))
+    return np.concatenate(out)
+
+
+def _by_sensor(problem: Residuals, sigma: np.ndarray) -> dict[str, np.ndarray]:
+    ends = np.cumsum(problem.sizes)[:-1]
+    return dict(zip(problem.names, np.split(sigma, ends), strict=True))
+
+
+def _fitted(end: FinishedFit) -> Blocks:
+    """The blocks with the estimates; biases are the mean over the runs."""
+    problem, theta = end.task.problem, end.found.solution.theta
+    shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
+    own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.own)]
+    return with_numbers(end.blocks, (*shape.shared, *shape.own), [float(x) for x in (*theta[:s], *own)])

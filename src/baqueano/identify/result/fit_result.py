@@ -1,0 +1,230 @@
+"""The answer of a fit: estimates with their error bars, what was not seen, what is left, and a verdict."""
+
+from dataclasses import dataclass, field
+from datetime import date
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.blocks import closest
+from baqueano.diagnostics import Diagnostic, Verdict, fault
+from baqueano.errors import UsageError
+from baqueano.identify.parameters.free import described, entries
+from baqueano.identify.result.channel_units import channel_unit, percent
+from baqueano.identify.result.lines import QUANTILE_95, marks, verdict_lines
+from baqueano.identify.result.verdict import short
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.identify.blocks import Blocks
+    from baqueano.vehicle_file import VehicleFile
+    from baqueano.vehicle_file.envelope import Envelope
+
+LISTED = 8  # runs, above which a table tells them together
+
+
+class ChannelFit(NamedTuple):
+    """One channel of one sensor in one run."""
+
+    run: str
+    sensor: str
+    entry: int
+    t_s: np.ndarray  # (N,)
+    measured: np.ndarray  # (N,) NaN where there is none
+    predicted: np.ndarray  # (N,)
+    sigma: float  # of its noise
+    explained: float  # part of the measurements' variance that the model explains, outliers clipped
+    colour: float  # sum of the autocorrelation of what is left, 0 for white
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Parameters in the order in which they were asked for; NaN where the data show nothing."""
+
+    names: tuple[str, ...]  # (p,) dotted paths of the vehicle file, with entries
+    units: tuple[str, ...]
+    start: np.ndarray  # (p,) where the search began
+    estimate: np.ndarray  # (p,) NaN: not observable, the start was kept
+    sd: np.ndarray  # (p,) standard errors
+    bound: np.ndarray  # (p,) −1 at the low bound, 1 at the high one, 0 inside
+    weak: np.ndarray  # (p,) bool
+    cov: np.ndarray  # (p, p) NaN where not observable
+    own_names: tuple[str, ...]  # (q,) what was estimated along, run by run: biases, start
+    own: np.ndarray  # (runs, q)
+    own_sd: np.ndarray  # (runs, q)
+    unobservable: tuple[Diagnostic, ...]  # what a better run would show
+    never: tuple[Diagnostic, ...]  # what this vehicle can never show
+    verdict: Verdict  # USABLE, WARN or REFUSED
+    reasons: tuple[Diagnostic, ...]
+    notes: tuple[Diagnostic, ...]  # what was done to the data, and what is good to know
+    channels: tuple[ChannelFit, ...] = field(repr=False)
+    sigma: dict[str, np.ndarray]  # sensor → (m,) noise
+    coloured: bool  # whether the residuals are not white, and the errors were widened for it
+    converged: bool
+    cost: float
+    evaluations: int
+    runs: tuple[str, ...]
+    backend: str
+    file: "VehicleFile" = field(repr=False)  # the file that was fitted
+    blocks: "Blocks" = field(repr=False)  # vehicle and sensors with the estimates
+    envelope: "Envelope" = field(repr=False)  # the motion that was seen
+
+    @property
+    def findings(self) -> tuple[Diagnostic, ...]:
+        """All that is to be said: the reasons of the verdict, what was not seen, and notes."""
+        return (*self.reasons, *self.unobservable, *self.never, *self.notes)
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """(p, p)."""
+        return self.cov / np.outer(self.sd, self.sd)
+
+    @property
+    def interval(self) -> np.ndarray:
+        """(p, 2) 95 % intervals."""
+        half = QUANTILE_95 * self.sd
+        return np.stack([self.estimate - half, self.estimate + half], axis=1)
+
+    def value(self, name: str) -> float:
+        """The estimate of one parameter by its path; NaN if it was not observable. UsageError if it was not fitted."""
+        if name not in self.names:
+            raise UsageError(
+                fault("fit.not-fitted", path=name, fitted=self.names, advice=self._in_place_of(name))
+            )
+        return float(self.estimate[self.names.index(name)])
+
+    def _in_place_of(self, name: str) -> str:
+        """What to type for a name that was not fitted: how to free it, if it is a parameter, else the closest name."""
+        try:
+            own = [described(self.blocks, path, {}).path for path in entries(self.blocks, name)]
+        except UsageError:
+            own = []
+        fitted = [path for path in own if path in self.names]
+        return f" Type: --free +{name}" if own and not fitted else closest(name, fitted[:1] or self.names)
+
+    @property
+    def vehicle_file(self) -> "VehicleFile":
+        """The file with the estimates in it, and where they come from. REFUSED fits change nothing."""
+        return self.updated()
+
+    def updated(self, on: date | None = None) -> "VehicleFile":
+        """The file with the estimates, dated `on`, else today."""
+        if self.verdict == Verdict.REFUSED:
+            return self.file
+        from baqueano.identify.result.to_vehicle_file import written
+
+        return written(self, on)
+
+    def rows(self) -> list["TableRow"]:
+        """One flat row per parameter; None where it is not known."""
+        out = []
+        for k, name in enumerate(self.names):
+            known = bool(np.isfinite(self.estimate[k]))
+            out.append(
+                {
+                    "name": name,
+                    "estimate": float(self.estimate[k]) if known else None,
+                    "sd": float(self.sd[k]) if known and np.isfinite(self.sd[k]) else None,
+                    "unit": self.units[k],
+                    "start": float(self.start[k]),
+                    "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if known else None,
+                    "observable": "no" if not known else "weak" if self.weak[k] else "yes",
+                }
+            )
+        return out
+
+    def table(self, reported: bool = False) -> str:
+        """For people; what is said below it is a part of the whole (lines.py). `reported`: the whole is in a report,
+        which need not be asked for."""
+        wide = max(len(short(name)) for name in self.names)
+        lines = [f"{'parameter':{wide}}  {'estimate':>12}   {'± sd':>10}  unit"]
+        for row in self.rows():
+            if row["estimate"] is None:
+                lines.append(
+                    f"{short(row['name']):{wide}}  {'not seen':>12}   {'':>10}  held at {row['start']:.4g}"
+                )
+                continue
+            said = marks(row)
+            sd = f"{row['sd']:.2g}" if row["sd"] is not None else "?"
+            value = rounded(row["estimate"], row["sd"])
+            lines.append(
+                f"{short(row['name']):{wide}}  {value:>12.5g} ± {sd:>10}  {row['unit']}"
+                + (f"  ({said})" if said else "")
+            )
+        lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self, reported)]
+        return "\n".join(lines)
+
+    def run_by_run(self) -> list["TableRow"]:
+        """One flat row per run and number that each has for itself, sd None where the run does not show it."""
+        return [
+            {
+                "run": run,
+                "name": name,
+                "estimate": float(x[k]),
+                "sd": float(sd[k]) if np.isfinite(sd[k]) else None,
+            }
+            for k, name in enumerate(self.own_names)
+            for run, x, sd in zip(self.runs, self.own, self.own_sd, strict=False)
+        ]
+
+    def _asked_run_by_run(self) -> list[str]:
+        """What was asked for run by run; biases and starts go without saying."""
+        said = [row for row in self.run_by_run() if asked_for(row["name"])]
+        if len(self.runs) > LISTED:
+            return self._asked_together(said)
+        out = []
+        for row in said:
+            sd = "not seen" if row["sd"] is None else f"± {row['sd']:.2g}"
+            unit = " s, to be added to its stamps" if row["name"].startswith("clock.") else ""
+            out.append(f"{row['name']} of {row['run']}: {row['estimate']:.5g} {sd}{unit}")
+        return [*out, ""] if out else []
+
+    def _asked_together(self, said: list["TableRow"]) -> list[str]:
+        """One line a number, of all runs."""
+        out = []
+        for name in dict.fromkeys(row["name"] for row in said):
+            x = [row["estimate"] for row in said if row["name"] == name]
+            unit = " s, to be added to its stamps" if name.startswith("clock.") else ""
+            out.append(f"{name} of {len(x)} runs: {np.median(x):.5g}, {min(x):.5g} to {max(x):.5g}{unit}")
+        return [*out, ""] if out else []
+
+    def _channel_lines(self) -> list[str]:
+        out = []
+        if len(self.runs) > LISTED:
+            return self._channels_together()
+        for c in self.channels:
+            if not np.isfinite(c.explained):
+                continue  # it took no part
+            where = f" of {c.run}" if len(self.runs) > 1 else ""
+            part = f"the model explains {percent(c.explained)}"
+            unit = channel_unit(self.file, c.sensor, c.entry)
+            noise = f"{c.sigma:.3g} {unit}".rstrip()
+            out.append(f"{c.sensor}[{c.entry}]{where}: noise {noise}, {part}")
+        return out
+
+    def _channels_together(self) -> list[str]:
+        """One line per channel, of all runs: the middle one, and the one that is explained least."""
+        out, told = [], [c for c in self.channels if np.isfinite(c.explained)]
+        for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in told):
+            same = sorted(
+                (c for c in told if (c.sensor, c.entry) == (sensor, entry)), key=lambda c: c.explained
+            )
+            middle, least = same[len(same) // 2], same[0]
+            noise = f"{middle.sigma:.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
+            out.append(
+                f"{sensor}[{entry}] of {len(same)} runs: noise {noise}, the model explains "
+                f"{percent(middle.explained)} of the middle one, {percent(least.explained)} of {least.run}"
+            )
+        return out
+
+
+def asked_for(name: str) -> bool:
+    """Is this own number of a run one that somebody asked for, and no bias or start?"""
+    return not name.startswith("start.") and "_bias" not in name
+
+
+def rounded(value: float, sd: float | None) -> float:
+    """A value to three digits beyond the first of its standard error: 9e-8 ± 0.05 is 0."""
+    if sd is None or not sd > 0.0:
+        return value
+    return round(value, 3 - int(np.floor(np.log10(sd))))

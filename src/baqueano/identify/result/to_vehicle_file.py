@@ -1,0 +1,120 @@
+"""A fit → the vehicle file: values, where they come from, how sure they are, and their covariance.
+
+A bias b ± s that a run has for itself is not written where the file knows it better, b₀ ± s₀, and is not contradicted:
+
+    s > s₀   and   |b − b₀| ≤ FAR √(s² + s₀²)                                                             (1)
+
+A floor that disturbs the vehicle shows a bias of its gyro to a few hundredths of a rad/s. Where the file is
+contradicted, b is written, with s in the place of s₀.
+"""
+
+from collections.abc import Sequence
+from datetime import date
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.data.truth import MOUNT
+from baqueano.parameter import parameters
+from baqueano.symbolic import get, put
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, Tree
+    from baqueano.identify.result.fit_result import Fit
+    from baqueano.vehicle_file import VehicleFile
+
+FAR = 4.0  # standard deviations, as the gates of the filters have
+
+
+class Prior(NamedTuple):
+    """A bias that the file knows better than the fit."""
+
+    path: str
+    unit: str
+    value: float
+    std: float  # s₀
+    std_path: str  # the field of s₀
+    sd: float  # s
+    contradicted: bool
+
+    @property
+    def message(self) -> Diagnostic:
+        """Return what is written, and why."""
+        told: dict[str, Any] = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
+        code = "bias.contradicts-file" if self.contradicted else "bias.file-knows-better"
+        return note(code, subject=self.path, **told)
+
+
+def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
+    """The file with the estimates of `fit`, entries that were not seen as they were."""
+    from baqueano.vehicle_file import ParameterCov
+
+    on, run = on or date.today(), ", ".join(fit.runs)
+    values: JsonObject = {}
+    provenance: JsonObject = {}
+    blocks, priors = fit.blocks, better_known(fit)
+    for one in priors:
+        if not one.contradicted:
+            blocks = put(blocks, one.path, one.value)
+    for field, sd in _fields(fit, [one.path for one in priors if not one.contradicted]).items():
+        number = get(blocks, field)
+        values[field] = np.asarray(number, float).tolist() if np.ndim(number) else float(number)
+        provenance[field] = {"run": run, "date": on, "sd": sd, "verdict": fit.verdict}
+    for field in dict.fromkeys(one.std_path.partition("[")[0] for one in priors if one.contradicted):
+        known = np.array(get(fit.file, field), dtype=float)
+        for one in (one for one in priors if one.contradicted and one.std_path.startswith(field)):
+            known[_index(one.std_path)] = one.sd
+        values[field] = known.tolist()
+    if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
+        values["model.drivetrain.battery"] = "logged"
+    known = [k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT)]
+    cov = ParameterCov(tuple(fit.names[k] for k in known), fit.cov[np.ix_(known, known)], run, on)
+    return fit.file.with_values(values, provenance, cov, fit.envelope)
+
+
+def better_known(fit: "Fit") -> tuple[Prior, ...]:
+    """Return the biases that the file knows better than the fit.  (1)"""
+    out = []
+    for path, x, sd in zip(
+        fit.own_names, np.mean(fit.own, axis=0), np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True
+    ):
+        sensor, _, field = path.removeprefix("sensors.").partition(".")
+        if not path.startswith("sensors.") or sensor not in fit.file.sensors._fields:
+            continue
+        name = field.partition("[")[0]
+        about = dict(parameters(getattr(fit.file.sensors, sensor))).get(name)
+        if about is None or not about.std or not np.isfinite(sd):
+            continue
+        std_path = f"sensors.{sensor}.{about.std}{field.removeprefix(name)}"
+        prior, std = float(get(fit.file, path)), float(get(fit.file, std_path))
+        if sd > std:
+            unit = about.unit.split(", ")[0]
+            far = abs(x - prior) > FAR * np.hypot(sd, std)
+            out.append(Prior(path, unit, prior, std, std_path, float(sd), bool(far)))
+    return tuple(out)
+
+
+def _index(path: str) -> tuple[int, ...]:
+    """The entry that a path names, () for a whole field."""
+    return tuple(int(i) for i in path.partition("[")[2].rstrip("]").split(",") if i)
+
+
+def _fields(fit: "Fit", kept: Sequence[str]) -> "JsonObject":
+    """Path of a field → standard errors in its shape, NaN for entries that were not told, and for those `kept`."""
+    said = dict(zip(fit.names, fit.sd, strict=True))
+    told = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
+    for name, sd in zip(fit.own_names, np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True):
+        if name.startswith("sensors.") and np.isfinite(sd) and name not in kept:
+            said[name] = sd
+            told.add(name)
+    out: dict[str, Tree] = {}
+    for path in (path for path in told if not path.startswith(MOUNT)):
+        field, bracket, _ = path.partition("[")
+        if not bracket:
+            out[field] = float(said[path])
+            continue
+        if field not in out:
+            out[field] = np.full(np.shape(get(fit.blocks, field)), np.nan)
+        out[field][_index(path)] = said[path]
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in out.items()}

@@ -1,0 +1,192 @@
+"""USABLE, WARN or REFUSED, with reasons: a fit that ended is not yet a fit to drive with.
+
+REFUSED   the search did not converge; the model explains nothing, or is far from a channel that was believed; most
+          of what was asked for is not seen, or with a large error only; a detector (doubts/) found data that cannot
+          be meant.
+WARN      a parameter that its bound holds back, weakly seen or not seen; residuals that are coloured and large, or
+          far above the sensors' noise in the file; many outliers, or outliers to one side; a detector found what
+          may have moved a parameter.
+USABLE    none of these.
+
+What the vehicle can never show does not count. What was mended, and a bound at which chance could put a parameter,
+is said in the notes.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.identify.covariance.information import COLOUR
+from baqueano.identify.estimation.search import LACKING
+from baqueano.identify.result.channel_units import CHANNEL_UNITS
+from baqueano.identify.result.each_run import by_channel, unlike, whole
+
+EXPLAINS = 0.5  # part of the variance that the best channel must be explained
+UNSEEN = 0.5  # part of the parameters that may stay unseen
+ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
+OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
+# cost bears them as long as they fall to both sides alike
+OUTLIER_CHANCE = 0.01  # below it even outliers to one side move a fit by less than its error
+WARNING, ERROR = Severity.WARNING, Severity.ERROR
+LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
+
+
+class Evidence(NamedTuple):
+    """What a verdict rests on."""
+
+    names: tuple[str, ...]  # (p,)
+    estimate: np.ndarray  # (p,)
+    bound: np.ndarray  # (p,)
+    weak: np.ndarray  # (p,)
+    frozen: int  # parameters whose command never moved
+    unobservable: tuple[Diagnostic, ...]
+    channels: Any  # ChannelFit, run by run, the channels in one order
+    converged: bool
+    colour: np.ndarray  # (m,)
+    believed: np.ndarray | None  # (m,) noise in the file, 0: not told; None: σ was given
+    found: tuple[Diagnostic, ...] = ()  # by the detectors
+    weakly: tuple[Diagnostic, ...] = ()  # why those that are weak are
+    moving: str = ""  # where the search did not converge, the parameter that would go on furthest
+    one_mean: np.ndarray | None = (
+        None  # (m,) whether a channel has one mean over all runs; None: each run its own
+    )
+
+
+def judge(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
+    """Return the verdict and its reasons."""
+    reasons = _refused(e) or _doubts(e) or [note("fit.converged")]
+    return Verdict.of(reasons), tuple(reasons)
+
+
+def noted(e: Evidence) -> list[Diagnostic]:
+    """Return what is good to know and no reason to doubt; e.bound are the bounds at which chance could put a
+    parameter."""
+    out = _of(e, Severity.INFO)
+    out += unlike(by_channel(e.channels, e.one_mean), hardly=True)
+    out += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
+    for label, (n, above, below) in zip(_labels(e), _beyond(e), strict=True):
+        far = (above + below) / max(n, 1)
+        if OUTLIER_CHANCE < far <= OUTLIERS and not _lean(above, below):
+            out.append(note("outliers.both-sides", subject=label, percent=100.0 * far, beyond=OUTLIER))
+    return out
+
+
+def _of(e: Evidence, severity: Severity) -> list[Diagnostic]:
+    """Return what the detectors found of this severity."""
+    return [one for one in e.found if one.severity == severity]
+
+
+def _at_bound(e: Evidence, k: int, how: str, severity: Severity) -> Diagnostic:
+    side = "low" if e.bound[k] < 0 else "high"
+    return note(f"bound.{side}-{how}", severity, subject=e.names[k], bound=float(e.estimate[k]))
+
+
+def _refused(e: Evidence) -> list[Diagnostic]:
+    out = _of(e, ERROR)
+    if not e.converged and e.moving:
+        out.append(note("fit.not-converged-moving", ERROR, f"--fix {e.moving}", e.moving, key=e.moving))
+    elif not e.converged:
+        out.append(note("fit.not-converged", ERROR, "--fix KEY"))
+    explained = [c.explained for c in e.channels if np.isfinite(c.explained)]
+    over_all = {label: whole(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
+    best = max([0.0, *explained, *(one.explained for one in over_all.values())])
+    far = {label: np.sqrt(one.left / max(one.moved, 1e-300)) for label, one in over_all.items() if one.unlike}
+    if not best > EXPLAINS:
+        out.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(best, 0.0)))
+    if far and best > EXPLAINS:
+        out += [
+            note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
+            for label, times in far.items()
+        ]
+        out += _of(e, WARNING)  # one of them may be why
+    return out + _unseen(e)
+
+
+def _unseen(e: Evidence) -> list[Diagnostic]:
+    """Return why too few of the parameters are identified."""
+    asked, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
+    unseen = asked - int(np.sum(np.isfinite(e.estimate)))
+    if asked and unseen == asked:
+        return [note("fit.nothing-seen", ERROR, asked=asked)]
+    if unseen > UNSEEN * asked:
+        return [note("fit.most-unseen", ERROR, unseen=unseen, asked=asked)]
+    if unseen + weak > UNSEEN * asked:
+        code = "fit.most-unseen-or-weak" if unseen else "fit.most-weak"
+        return [note(code, ERROR, asked=asked, unseen=unseen, weak=weak)]
+    return []
+
+
+def _doubts(e: Evidence) -> list[Diagnostic]:
+    out = _of(e, WARNING)
+    out += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
+    if e.weak.any():
+        names = ", ".join(short(e.names[k]) for k in np.flatnonzero(e.weak))
+        out.append(note("fit.weak", WARNING, names=names))
+        out += e.weakly
+    out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
+    if e.unobservable:
+        out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
+    told = {one.subject for one in e.found if one.code == "residual.coloured"}
+    for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False):
+        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in told:
+            out.append(note("residual.lacking", WARNING, subject=label))
+    return out + _loud(e)
+
+
+def _loud(e: Evidence) -> list[Diagnostic]:
+    """Return residuals far above the noise of the file, and outliers."""
+    out, labels = [], _labels(e)
+    believed = np.zeros(len(labels)) if e.believed is None else e.believed
+    for label, c, known in zip(labels, e.channels, believed, strict=False):
+        if known > 0.0 and c.sigma > ABOVE_NOISE * known:
+            times = float(c.sigma / known)
+            out.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
+    for label, (n, above, below) in zip(labels, _beyond(e), strict=True):
+        far = (above + below) / max(n, 1)
+        told: dict[str, Any] = {"subject": label, "percent": 100.0 * far, "beyond": OUTLIER}
+        if far > OUTLIERS and n == 1:
+            out.append(_one_far(e, label))
+        elif far > OUTLIERS:
+            out.append(note("outliers.many", WARNING, **told))
+        elif _lean(above, below) and far > OUTLIER_CHANCE:
+            out.append(note("outliers.one-side", WARNING, **told, above=above, below=below))
+    return out
+
+
+def _lean(above: int, below: int) -> bool:
+    """Return whether outliers prefer a side."""
+    return bool(abs(above - below) > LEAN * np.sqrt(above + below))
+
+
+def _one_far(e: Evidence, label: str) -> Diagnostic:
+    """Of the one reading of a channel, as of a tape: both numbers say more than 100 %."""
+    same = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
+    z, h, sigma = next(
+        (float(c.measured[k]), float(c.predicted[k]), c.sigma)
+        for c in same
+        for k in np.flatnonzero(np.isfinite(c.measured - c.predicted))
+    )
+    units = CHANNEL_UNITS.get(same[0].sensor, ())
+    unit = units[same[0].entry] if same[0].entry < len(units) else ""
+    apart = abs(z - h) / sigma
+    return note("residual.one-far", WARNING, subject=label, measured=z, model=h, unit=unit, apart=apart)
+
+
+def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
+    """Per channel over all runs: samples, those above OUTLIER, those below."""
+    m = len(e.colour)
+    counts = np.zeros((m, 3), int)
+    for k, c in enumerate(e.channels):
+        left = (c.measured - c.predicted) / c.sigma
+        counts[k % m] += [np.sum(np.isfinite(left)), np.sum(left > OUTLIER), np.sum(left < -OUTLIER)]
+    return [(int(n), int(above), int(below)) for n, above, below in counts]
+
+
+def _labels(e: Evidence) -> list[str]:
+    return [f"{c.sensor}[{c.entry}]" for c in e.channels[: len(e.colour)]]
+
+
+def short(name: str) -> str:
+    """A path as it is told to people."""
+    return name.removeprefix("model.")

@@ -1,0 +1,156 @@
+"""The answer of `choose`: which terms a model has and why, a sentence and its figures for each."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from baqueano.contracts.optional import has_field
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.result.fit_result import Fit
+from baqueano.identify.selection.terms import Term
+from baqueano.messages import text
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.identify.blocks import Blocks
+    from baqueano.identify.result.fit_result import Fit
+    from baqueano.identify.selection.terms import Term
+    from baqueano.vehicle_file import VehicleFile
+
+NO_EVIDENCE = (
+    "One step ahead every model is good: it starts from the sample before. Such scores are no evidence, and none "
+    "was used."
+)
+
+
+class ChannelLabel(NamedTuple):
+    """What a channel is called when its error is told."""
+
+    name: str  # "speed"
+    unit: str
+
+
+def channels_of(blocks: "Blocks") -> list[ChannelLabel]:
+    """What the entries of all sensors are called, in order."""
+    out = []
+    for name, sensor in blocks.sensors._asdict().items():
+        if has_field(sensor, "gyro_scale"):
+            out += [
+                ChannelLabel("acceleration", "m/s²"),
+                ChannelLabel("lateral acceleration", "m/s²"),
+                ChannelLabel("yaw rate", "rad/s"),
+            ]
+        elif has_field(sensor, "radius_scale"):
+            out += [ChannelLabel("left wheel's speed", "m/s"), ChannelLabel("right wheel's speed", "m/s")]
+        elif sensor.size == 1 and has_field(sensor, "scale"):
+            out.append(ChannelLabel("speed", "m/s"))
+        elif sensor.size == 3 and name == "truth":
+            out += [
+                ChannelLabel("speed", "m/s"),
+                ChannelLabel("sideways speed", "m/s"),
+                ChannelLabel("yaw rate", "rad/s"),
+            ]
+        else:
+            out += [ChannelLabel(f"{name}[{k}]", "") for k in range(sensor.size)]
+    return out
+
+
+class Decision(StrEnum):
+    """What becomes of a term."""
+
+    TAKEN = "taken"
+    LEFT_OUT = "left out"
+    REFUSED = "refused"
+    DROPPED = "dropped"
+
+
+class Judged(NamedTuple):
+    """One term, judged once: against the model of its round, or in the end against the model without it."""
+
+    term: Term
+    verdict: Decision
+    why: Diagnostic | None  # if it was not the figures alone
+    channel: ChannelLabel
+    without: float  # held-out error of that channel
+    with_: float
+    gain: float  # part by which the held-out error of a block falls, mean over blocks
+    gain_sd: float
+    errors: float  # the gain in its standard errors
+    needed: float  # standard errors that the rule asks for
+    estimate: tuple[float, ...]  # on all runs
+    sd: tuple[float, ...]  # by leaving folds out
+    one_step_without: float
+    one_step_with: float
+
+    @property
+    def message(self) -> Diagnostic:
+        """Return the choice and its figures."""
+        told: dict[str, Any] = {"errors": self.errors, "needed": self.needed}
+        part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
+        name = self.term.name
+        if self.verdict == Decision.TAKEN:
+            told |= {"channel": self.channel.name, "unit": self.channel.unit}
+            return note("choose.taken", subject=name, before=self.without, after=self.with_, **told)
+        if self.verdict == Decision.DROPPED:
+            return note("choose.dropped", subject=name, **part, **told)
+        if self.why is not None:
+            code = "choose.refused" if self.verdict == Decision.REFUSED else "choose.left-out-for"
+            return note(code, subject=name, why=self.why)
+        return note("choose.left-out", subject=name, **part, **told)
+
+    def row(self) -> "JsonObject":
+        """Flat."""
+        return {
+            "term": self.term.name, "parameters": ", ".join(self.term.paths), "verdict": self.verdict,
+            "channel": self.channel.name, "unit": self.channel.unit, "error_without": self.without,
+            "error_with": self.with_, "gain": self.gain, "gain_sd": self.gain_sd,
+            "standard_errors": self.errors, "needed": self.needed, "estimate": list(self.estimate),
+            "sd": list(self.sd), "one_step_without": self.one_step_without,
+            "one_step_with": self.one_step_with, "text": text(self.message),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A model with the terms that held-out runs ask for, and the fit of it."""
+
+    judged: tuple[Judged, ...]  # the last word on each term: taken first, in their order
+    fit: "Fit" = field(repr=False)
+    rule: str  # what was held out, and what a term needs
+
+    @property
+    def taken(self) -> tuple[str, ...]:
+        """Names of the terms that the model has."""
+        return tuple(one.term.name for one in self.judged if one.verdict == Decision.TAKEN)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One per term."""
+        return tuple(text(one.message) for one in self.judged)
+
+    @property
+    def verdict(self) -> str:
+        """That of the fit."""
+        return self.fit.verdict
+
+    @property
+    def vehicle_file(self) -> "VehicleFile":
+        """The file with the chosen model."""
+        return self.fit.vehicle_file
+
+    def rows(self) -> list["TableRow"]:
+        """One flat row per term, then one per parameter of the fit."""
+        return [one.row() for one in self.judged] + self.fit.rows()
+
+    def table(self, reported: bool = False) -> str:
+        """For people; `reported` as for the table of the fit."""
+        wide = max((len(one.term.name) for one in self.judged), default=0)
+        lines = [f"{'term':{wide}}  {'':9}  {'held out':>19}  {'one step ahead':>19}"]
+        for one in self.judged:
+            held = f"{one.without:.4g} → {one.with_:.4g}"
+            ahead = f"{one.one_step_without:.4g} → {one.one_step_with:.4g}"
+            label = f"{one.channel.name} [{one.channel.unit}]"
+            lines.append(f"{one.term.name:{wide}}  {one.verdict:9}  {held:>19}  {ahead:>19}  {label}")
+        lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, NO_EVIDENCE, ""]
+        return "\n".join(lines) + "\n" + self.fit.table(reported)

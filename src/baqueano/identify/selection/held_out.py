@@ -1,0 +1,244 @@
+"""Models of one vehicle judged by the simulation error where they were not fitted.
+
+The runs are cut into blocks; fold k holds out every K-th of them, or of the runs. A model is fitted to the rest
+without GAP_S on either side of what is held out, and simulated through all of it from the commands alone:
+
+    L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ that of the model to beat               (1)
+    g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = FLOOR                (2)
+    with is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
+
+Runs that are held out by name are the only fold. Else, where there are FOLDS runs or more, whole runs are held out. The
+biases of a run that nobody was fitted to are found on it, for both models alike, and its start unless it begins at
+rest. Else parts of runs are held out, and their start is taken from the fit to
+all. A block has 5 s, 2 s where that makes fewer than 40: some times the memory of a small vehicle (m/d, a few tenths
+of a second), so that sums over blocks are as good as independent. Of RUNS runs or more, each is one block.
+
+(3) is a t test on paired differences of the logarithm of the error: g is the part by which the error of a block
+falls. Errors themselves will not do: what a term brings differs between blocks by orders of magnitude (a dead
+zone is everything near it and nothing far from it), their mean is that of the largest, and its scatter hides
+what every block says. c keeps blocks out in which both errors are below a third of the noise. A term that is not
+there makes held-out errors larger on average, by the noise that it fits, so that mean g < 0 and the test is safer
+than α.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.covariance.clusters import students
+from baqueano.identify.data.record import Measured, Record
+from baqueano.identify.estimation.least_squares import Solution, minimise
+from baqueano.identify.parallel import each
+from baqueano.identify.parameters.theta import Shape
+from baqueano.identify.residuals.simulation import HUBER, Residuals
+from baqueano.runs.run import Run
+
+FOLDS = 5
+RUNS = 20  # from which on a run is a block: of fewer, Student's t asks too much
+BLOCK_S, SHORT_S, ENOUGH, MOST_BLOCKS = 5.0, 2.0, 40, 60
+LEAST_BLOCKS = 6
+FLOOR = 0.1  # of the variance of the noise
+GAP_S = 1.0  # on either side of a block that is held out
+DONE = 1e-3  # decrement: no parameter moves by more than 3 % of its standard error
+PATIENCE = 25  # evaluations
+
+
+class Score(NamedTuple):
+    """What a model says of data that it was not fitted to."""
+
+    loss: np.ndarray  # (B, m) of (1)
+    samples: np.ndarray  # (B, m) how many
+    ahead: np.ndarray  # (m,) Σ of squared one-step errors, in σ²
+    pairs: np.ndarray  # (m,) their number
+    estimates: np.ndarray  # (K, p) shared parameters of each fold
+    sigma: np.ndarray  # (m,)
+
+    @property
+    def error(self) -> np.ndarray:
+        """(m,) robust root mean square of the simulation error, in the units of the channels."""
+        return self.sigma * np.sqrt(self.loss.sum(axis=0) / np.maximum(self.samples.sum(axis=0), 1.0))
+
+    @property
+    def one_step(self) -> np.ndarray:
+        """(m,) root mean square of the error one sample ahead, in the units of the channels."""
+        return self.sigma * np.sqrt(self.ahead / np.maximum(self.pairs, 1.0))
+
+
+class Paired(NamedTuple):
+    """Two models on the same blocks."""
+
+    gain: float  # part by which the error of a block falls, mean g
+    sd: float  # its standard error
+    errors: float  # mean g in its standard errors; −inf where with runs away, or is worse in all
+    channel: int  # whose share of the fall is largest
+    blocks: int
+
+    def beyond(self, alpha: float) -> float:
+        """t_{1−α}."""
+        return students(1.0 - alpha, max(5, self.blocks - 1))
+
+
+class Fold(NamedTuple):
+    """What is fitted to, and what is held out."""
+
+    train: Residuals
+    held: Residuals
+
+
+class HeldOut:
+    """The folds of the runs of one structure of model."""
+
+    def __init__(
+        self, blocks: Blocks, shape: Shape, records: Sequence[Record], rest: Sequence[bool], unseen: int = 0,
+        backend: str = "auto",
+    ) -> None:  # fmt: skip
+        """Of the runs of `records`, `rest` begin at rest, and the last `unseen` are held out; 0: parts of all are.
+        Bounds of θ, `low` and `high`, are the caller's to set."""
+        self.low, self.high = np.zeros(0), np.zeros(0)
+        seen = len(rest) - unseen
+        self.unseen, self.whole_runs = unseen, bool(unseen) or seen >= FOLDS
+        judging = [record for record in records if not unseen or record.run >= seen]
+        self.block_s, numbers, self.count = _blocks(judging, (unseen or seen) >= RUNS)
+        before = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
+        self.blocks = [*before, *numbers]
+        fitted = [_masked(r, np.full(len(r.dt_s), not unseen or r.run < seen)) for r in records]
+        self.all = Residuals(blocks, shape, fitted, backend)
+        self.shared = np.arange(self.all.size) < len(shape.shared)
+        self.starts = np.arange(self.all.size) >= self.all.layout.starts
+        self.still = np.zeros(self.all.size, bool)  # starts that are known to be 0
+        for k, record in enumerate(records):
+            self.still[self.all.layout.of_starts(k)] = rest[record.run]
+        self.folds = []
+        if unseen:
+            held = [_masked(r, np.full(len(r.dt_s), r.run >= seen)) for r in records]
+            self.folds.append(Fold(self.all, Residuals(blocks, shape, held, backend)))
+            return
+        for k in range(min(FOLDS, self.count)):
+            said = [np.full(len(r.dt_s), r.run) for r in records] if self.whole_runs else self.blocks
+            out = [number % FOLDS == k for number in said]
+            near = (
+                out if self.whole_runs else [_widened(o, r.dt_s) for o, r in zip(out, records, strict=True)]
+            )
+            train = [_masked(r, ~n) for r, n in zip(records, near, strict=True)]
+            held = [_masked(r, o) for r, o in zip(records, out, strict=True)]
+            self.folds.append(
+                Fold(Residuals(blocks, shape, train, backend), Residuals(blocks, shape, held, backend))
+            )
+
+    def fitted(
+        self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
+        most: int = PATIENCE,
+    ) -> Solution:  # fmt: skip
+        """The best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
+        problem = (self.all if problem is None else problem).weighed(sigma)
+        return minimise(
+            problem.evaluate, theta, self.low, self.high, held=~free, tolerance=DONE, most=most, damping=1e-4
+        )
+
+    def score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
+        """A model with the entries `free` (p,) of θ on what is held out, each fold begun at `theta`.  (1)"""
+        alone = len(self.all.records) == 1 and self.all.scan.backend == "c"  # else each run has a core
+        rows = sum(map(len, self.blocks)) if alone else 0
+        parts = each(lambda fold: self._of_fold(fold, theta, free, sigma), self.folds, rows=rows)
+        loss, samples, ahead, pairs = (np.sum([part[i] for part in parts], axis=0) for i in range(4))
+        return Score(loss, samples, ahead, pairs, np.array([part[4] for part in parts]), sigma)
+
+    def _of_fold(
+        self, fold: Fold, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Its part of loss, samples, one-step errors and pairs, and its shared parameters."""
+        loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
+        ahead, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
+        told = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
+        found = self.fitted(theta, told, sigma, fold.train).theta
+        shared = found[self.shared]
+        if self.whole_runs:
+            found = np.where(self.still, 0.0, found)
+            found = self.fitted(found, free & ~self.shared & ~self.still, sigma, fold.held).theta
+        said = zip(fold.held.weighed(sigma).residuals(found), fold.held.has, self.blocks, strict=True)
+        for r, has, block in said:
+            a = np.abs(r)
+            np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
+            np.add.at(samples, block, has)
+            for c, steps in enumerate(np.diff(x[there]) for x, there in zip(r.T, has.T > 0.0, strict=True)):
+                ahead[c] += np.sum(np.clip(steps, -1e6, 1e6) ** 2)
+                pairs[c] += len(steps)
+        return np.where(np.isfinite(loss), loss, np.inf), samples, ahead, pairs, shared
+
+
+def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
+    """UsageError where a run is held out and fitted to."""
+    again = [run.name for run in held_out if run.name in {one.name for one in runs}]
+    if again:
+        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
+
+
+def paired(without: Score, with_: Score) -> Paired:
+    """Whether a model is better than another one, block by block.  (2), (3)"""
+    used = without.samples.sum(axis=1) > 0.0
+    before, after = without.loss[used], with_.loss[used]
+    floor = FLOOR * without.samples[used].sum(axis=1)
+    if not (np.isfinite(before).all() and np.isfinite(after).all()):
+        return Paired(-np.inf, np.inf, -np.inf, 0, len(floor))
+    g = 0.5 * np.log((before.sum(axis=1) + floor) / (after.sum(axis=1) + floor))
+    mean, se = float(g.mean()), float(g.std(ddof=1) / np.sqrt(len(g)))
+    errors = mean / se if se > 1e-12 else 0.0
+    if not after.sum() < before.sum():
+        errors = min(errors, 0.0)
+    channel = int(np.argmax(np.abs((before - after).sum(axis=0))))
+    return Paired(mean, se, errors, channel, len(g))
+
+
+def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
+    """(q,) standard errors of shared parameters by leaving folds out: honest about what is not white; NaN of a single
+    fold."""
+    if len(score.estimates) < 2:
+        return np.full(len(entries), np.nan)
+    x = score.estimates[:, list(entries)]
+    k = len(x)
+    return np.sqrt((k - 1) / k * np.sum((x - x.mean(axis=0)) ** 2, axis=0))
+
+
+def _blocks(records: Sequence[Record], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:
+    """Length of a block, the number of the block of each row, and how many there are."""
+    if whole_runs:
+        first = min(r.run for r in records)
+        return (
+            0.0,
+            [np.full(len(r.dt_s), r.run - first) for r in records],
+            max(r.run for r in records) + 1 - first,
+        )
+    total = sum(float(np.sum(r.dt_s)) for r in records)
+    if total < LEAST_BLOCKS * SHORT_S:
+        raise UsageError(fault("choose.short", total_s=total, needed_s=LEAST_BLOCKS * SHORT_S))
+    block_s = max(min(max(total / ENOUGH, SHORT_S), BLOCK_S), total / MOST_BLOCKS)
+    out, first = [], 0
+    for record in records:
+        ends = np.cumsum(record.dt_s)
+        count = max(1, round(float(ends[-1]) / block_s))
+        out.append(first + np.minimum((ends / ends[-1] * count).astype(int), count - 1))
+        first += count
+    return block_s, out, first
+
+
+def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+    """The rows `out` (N,) and those within GAP_S of them."""
+    ends = np.cumsum(dt_s)
+    edges = np.flatnonzero(np.diff(out.astype(int)) != 0)
+    near = out.copy()
+    for k in edges:
+        near |= np.abs(ends - ends[k]) < GAP_S
+    return near
+
+
+def _masked(record: Record, kept: np.ndarray) -> Record:
+    """The record with the measurements of the rows `kept` (N,) only."""
+    sensors: dict[str, Tree] = {
+        name: Measured(said.z, said.has * kept[:, None], said.early) for name, said in record.sensors.items()
+    }
+    return record._replace(sensors=sensors)

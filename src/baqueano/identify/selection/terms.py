@@ -1,0 +1,259 @@
+"""What a model of a vehicle may have besides the least that it needs, each with its neutral value and starts.
+
+The least model of a kind has forces (or velocities) of the commands and viscous friction; of a car also what
+steers it. Everything else is a term: dry friction, of the body and of each wheel, dead zones, quadratic drag, drag of
+cornering, lag and delay of the motors, cross-talk of the commands, unequal motors, sag and voltage of the battery, a
+centre of mass that is not where the file says. A dead zone stands among them both ways at once too: beside dry
+friction, which resembles it, one way alone shows little. They stand in the
+order in which they are believed where the data cannot tell them apart: first what holds in both directions and
+without a command, then what a command does, one way last. At its neutral value
+a term is not there. Where a search begins is told by the size that a term can have at most:
+
+    friction, drag     a tenth, and 3 tenths, of what would eat up the largest command                     (1)
+    dead zone          a twentieth, and a quarter, of the largest command                                  (2)
+    lag, delay         0.05 s; a delay, whose cost has a kink at every whole tick, every 0.025 s            (3)
+
+or by its field, `start`. (1) is asked of the equations: from the motion that the largest commands make within REACH_S,
+each channel's alone and all of them together, what one unit of the parameter changes in ν̇, against the largest ν̇ on
+the way. What changes nothing there is not a term of these commands. Names, neutral values and starts stand beside the
+fields of the vehicle's class (parameter.py): a class of your own has its terms as ours have.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.blocks import closest
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.identify.blocks import Blocks
+from baqueano.identify.parameters.free import (
+    DELAY,
+    LAG,
+    LONGEST_DELAY_S,
+    OF_WHEELS,
+    always_free,
+    asked,
+    described,
+    entries,
+    frozen_columns,
+    said_of,
+    value,
+)
+from baqueano.parameter import all_parameters
+from baqueano.symbolic import get, put
+from baqueano.vehicles.freedoms import ideal
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, Tree
+    from baqueano.vehicle_file import VehicleFile
+
+BATTERY = "model.drivetrain.battery_effect"
+SCAN_S = 0.025  # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
+REACH_S, TICK_S, SOON_S = 1.0, 0.005, 1e-6  # of (1): how long, in steps of, and at once
+PARTS, UNIT = (0.1, 0.3), 1e-3  # of (1)
+SHORTEST_LAG_S = 1e-5  # that is none at all, and can be computed with
+DEAD_ZONES = ("model.drivetrain.dead_zone_forward", "model.drivetrain.dead_zone_backward")
+
+
+class Term(NamedTuple):
+    """A part of a model that may be there or not."""
+
+    name: str  # in words
+    paths: tuple[str, ...]  # (q,) with entries
+    neutral: tuple[float, ...]  # (q,) values at which it is not there
+    starts: tuple[tuple[float, ...], ...]  # (k, q) where searches begin
+
+
+def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
+    """Paths, with entries, that the least model fits; `free` are the caller's, u (N, n) all commands."""
+    blocks = Blocks(file.vehicle, file.sensors)
+    optional = {path for term in terms_of(blocks, u) for path in term.paths}
+    paths = [p for path in asked(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
+    wanted = [described(blocks, p, {}) for p in paths if p not in optional]
+    frozen = frozen_columns(wanted, u)
+    return [one.path for k, one in enumerate(wanted) if k not in frozen]
+
+
+def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
+    """The file with all terms at their neutral values."""
+    return with_terms(file, terms, {})
+
+
+def with_terms(file: "VehicleFile", terms: Sequence[Term], found: dict[str, float]) -> "VehicleFile":
+    """The file with the values `found` at their paths, all other paths of `terms` neutral."""
+    blocks, fields = room_for(Blocks(file.vehicle, file.sensors), terms), set()
+    for term in terms:
+        for path, none in zip(term.paths, term.neutral, strict=True):
+            blocks = put(blocks, path, found.get(path, none))
+            fields.add(path.partition("[")[0])
+    values = {field: np.asarray(get(blocks, field), float).tolist() for field in sorted(fields)}
+    if LAG in values and LAG not in found:
+        values[LAG] = 0.0
+    changed = {k: v for k, v in values.items() if not _same(v, file.value(k))}
+    return file.with_values(changed) if changed else file
+
+
+def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
+    """The blocks in a form that can carry the terms: a lag, and dead zones of each channel."""
+    drivetrain = getattr(blocks.model, "drivetrain", None)
+    if drivetrain is None:
+        return blocks
+    changes: JsonObject = {}
+    asked = {path.partition("[")[0] for term in terms for path in term.paths}
+    if LAG in asked and drivetrain.lag_s == 0.0:
+        changes["lag_s"] = SHORTEST_LAG_S
+    for field in (*DEAD_ZONES, "model.drivetrain.gain"):
+        name = field.rpartition(".")[2]
+        if field in asked and len(getattr(drivetrain, name)) < drivetrain.channels:
+            changes[name] = np.repeat(getattr(drivetrain, name), drivetrain.channels)
+    return put(blocks, "model.drivetrain", replace(drivetrain, **changes)) if changes else blocks
+
+
+def terms_of(blocks: Blocks, u: np.ndarray, battery: bool = False) -> list[Term]:
+    """All terms of a vehicle whose commands were u (N, n); `battery`: its voltage was logged."""
+    blocks = blocks._replace(model=ideal(blocks.model))
+    motions = _motions(blocks.model, u)
+    own = _of_fields(blocks, motions)
+    return own + _of_drivetrain(blocks.model, motions, battery) + _cross_talk(blocks, u)
+
+
+def asked_for(
+    blocks: Blocks, candidates: Sequence[str | Term] | None, u: np.ndarray, battery: bool
+) -> list[Term]:
+    """The candidates: all terms of the kind, or those of the names, or paths of the vehicle file."""
+    known = terms_of(blocks, u, battery)
+    if candidates is None:
+        return known
+    by_name, out = {term.name: term for term in known}, []
+    for one in candidates:
+        if isinstance(one, Term):
+            out.append(one)
+        elif one in by_name:
+            out.append(by_name[one])
+        elif one.startswith(("model.", "sensors.")):
+            paths = tuple(entries(blocks, one))
+            out.append(
+                Term(one, paths, (0.0,) * len(paths), (tuple(value(blocks, p) or 0.1 for p in paths),))
+            )
+        else:
+            raise UsageError(
+                fault(
+                    "choose.no-term",
+                    found=one,
+                    kind=type(blocks.model).__name__,
+                    closest=closest(one, list(by_name)),
+                    known=by_name,
+                )
+            )
+    return out
+
+
+class _TermMotion(NamedTuple):
+    """Motion of a vehicle at rest under the largest commands of some channels."""
+
+    w: np.ndarray  # (k,) the channels
+    u: np.ndarray  # (n,) the command
+    state: "Tree"  # after REACH_S
+    most: np.ndarray  # (3,) largest |ν̇| on the way
+
+
+def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
+    """Of each channel both ways, where it was used, then of all channels together."""
+    drivetrain = model.drivetrain
+    channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
+    low, high = np.min(channels, axis=0, initial=0.0), np.max(channels, axis=0, initial=0.0)
+    alone = np.eye(len(high))
+    ways = [w for w in (*(alone * high), *(alone * low)) if np.any(w)]
+    ways += [w for w in (high, low) if np.count_nonzero(w) > 1]
+    return [_driven(model, w, drivetrain.unmix(w)) for w in ways]
+
+
+def _driven(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
+    state, most = model.init(), np.zeros(3)
+    with np.errstate(all="ignore"):
+        for _ in range(round(REACH_S / TICK_S)):
+            state, motion = model.step(state, u, TICK_S, np.zeros(3))
+            most = np.fmax(most, np.abs(motion.nu_dot))
+    return _TermMotion(w, u, state, most)
+
+
+def _of_fields(blocks: Blocks, motions: Sequence[_TermMotion]) -> list[Term]:
+    """Return the terms that the fields of the model name.  (1)"""
+    found: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
+    for field, p in all_parameters(blocks.model, "model"):
+        if not p.term or p.role == "gain" or (field.startswith(OF_WHEELS) and not _track(blocks)):
+            continue
+        for path in entries(blocks, field):
+            neutral = value(blocks, path) if p.neutral is None else p.neutral
+            starts = tuple(neutral + x for x in p.start) or _sizes(blocks, path, neutral, motions)
+            if starts:
+                name = said_of(p.term, described(blocks, path, {}).entry)
+                found.setdefault(name, []).append((path, neutral, starts))
+    return [
+        Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)))
+        for name, (paths, neutral, starts) in ((k, zip(*some, strict=True)) for k, some in found.items())
+    ]
+
+
+def _sizes(blocks: Blocks, path: str, neutral: float, motions: Sequence[_TermMotion]) -> tuple[float, ...]:
+    """Return where the search for a parameter begins; () if it changes nothing.  (1)"""
+    most = np.max([m.most for m in motions], axis=0, initial=1e-9)
+    with_, without = (put(blocks, path, neutral + x).model for x in (UNIT, 0.0))
+    slope = 0.0
+    for m in motions:
+        now, then = (x.step(m.state, m.u, SOON_S, np.zeros(3))[1].nu_dot for x in (with_, without))
+        change = np.abs(now - then) / UNIT / most
+        slope = max(slope, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)
+    return tuple(neutral + part / slope for part in PARTS) if slope > 1e-9 else ()
+
+
+def _track(blocks: Blocks) -> float:
+    return float(getattr(getattr(blocks.model, "friction", None), "track_m", 0.0))
+
+
+def _cross_talk(blocks: Blocks, u: np.ndarray) -> list[Term]:
+    """What a command does besides its own axis."""
+    moved, out = np.flatnonzero(np.any(u != 0.0, axis=0)), []
+    for field, p in all_parameters(blocks.model, "model"):
+        if p.term and p.role == "gain":
+            matrix = get(blocks, field)
+            both = [(i, j) for j in moved for i in range(len(matrix)) if i != j]
+            paths = tuple(f"{field}[{i},{j}]" for i, j in both)
+            start = tuple(0.02 * float(matrix[j, j]) for _, j in both)
+            name = said_of(p.term, ())
+            out += [Term(name, paths, (0.0,) * len(paths), (start,))] if paths else []
+    return out
+
+
+def _of_drivetrain(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
+    moved = [m for m in motions if np.any(m.most > 0.0)]  # a servo alone moves nothing
+    alone, out = [m for m in moved if np.count_nonzero(m.w) == 1], []
+    for way, field, sign in zip(("forward", "backward"), DEAD_ZONES, (1.0, -1.0), strict=True):
+        used = [(k, abs(float(m.w[k]))) for m in alone for k in np.flatnonzero(sign * m.w > 0.0)]
+        paths = tuple(f"{field}[{k}]" for k, _ in used)
+        starts = tuple(tuple(part * size for _, size in used) for part in (0.05, 0.25))
+        if paths:
+            out.append(Term(f"dead zone {way}", paths, (0.0,) * len(paths), starts))
+    if len(out) == 2:
+        paths, starts = out[0].paths + out[1].paths, zip(out[0].starts, out[1].starts, strict=True)
+        out.insert(0, Term("dead zone", paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
+    out.append(_one("motor lag", LAG, 0.05)._replace(neutral=(SHORTEST_LAG_S,)))
+    out.append(_one("delay", DELAY, *((k + 0.5) * SCAN_S for k in range(round(LONGEST_DELAY_S / SCAN_S)))))
+    if model.drivetrain.mixing == "two_wheels":
+        gain = Term("unequal motors", ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
+        out += [gain, _one("battery sag", "model.drivetrain.sag", 0.05)]
+    if battery:
+        out.append(_one("battery voltage", BATTERY, 0.5, 1.0))
+    return out
+
+
+def _one(name: str, path: str, *starts: float) -> Term:
+    return Term(name, (path,), (0.0,), tuple((float(start),) for start in starts))
+
+
+def _same(a: Any, b: Any) -> bool:
+    x, y = np.asarray(a, float), np.asarray(b, float)
+    return x.shape == y.shape and bool(np.all(x == y))
