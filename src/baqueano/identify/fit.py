@@ -13,10 +13,11 @@ Each stage is an immutable object, and each of its makers can be replaced: docs/
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import note
 from baqueano.identify import without_encoders
 from baqueano.identify.by_innovations import fit_by_innovations, fit_by_simulation
@@ -82,7 +83,7 @@ def identify(
     if steps is None:
         return concluded(data, parameters, task, found, options)
     stepped = vehicle_file.with_values({PATH: 1.0 / steps})
-    more: dict[str, Any] = {
+    more: JsonObject = {
         "use": use,
         "options": options,
         "residuals": residuals,

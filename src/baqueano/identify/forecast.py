@@ -33,6 +33,7 @@ from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_o
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import scan
+from baqueano.symbolic.scan import Scan
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow, Tree
@@ -139,7 +140,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     return Forecast(tuple(ahead), tuple(one for one in notes if one))
 
 
-def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Any:
+def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
     """Return the kernel of η (3,) in open loop, of rows (dt, u).  (1)"""
     blocks = Blocks(fit.blocks.model, sensor_slots(())())
 

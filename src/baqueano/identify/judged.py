@@ -29,11 +29,11 @@ command that moved in the fit has fewer than LEAST independent pieces in the hel
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.values import TableRow
+from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import students
@@ -229,7 +229,7 @@ def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic
 
 def _about(code: str, severity: Severity, figure: Figure, **figures: float | Diagnostic) -> Diagnostic:
     """Return a finding on one channel of one unseen run."""
-    told: dict[str, Any] = {"run": figure.run, "error": figure.error, "unit": figure.unit} | figures
+    told: JsonObject = {"run": figure.run, "error": figure.error, "unit": figure.unit} | figures
     return note(code, severity, subject=figure.channel, **told)
 
 

@@ -14,10 +14,11 @@ the midst of a turn is off the mark and tells nothing.
 """
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
@@ -162,7 +163,7 @@ def _whole(
             else float(np.copysign(abs(turns), moved))
         )
         most = TOLERANCE * max(abs(moved), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
-        between: dict[str, Any] = {"run": name, "from_s": rests[used[-1]].middle_s, "to_s": rests[k].middle_s}
+        between: JsonObject = {"run": name, "from_s": rests[used[-1]].middle_s, "to_s": rests[k].middle_s}
         if turns is None and abs(moved) > 0.5 and most > 0.5:
             raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=moved, **between))
         if abs(moved - n) < most:

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from baqueano.blocks import closest
 from baqueano.diagnostics import fault
@@ -24,7 +25,7 @@ from baqueano.errors import UsageError
 
 
 def random_steps(
-    limit: Any, duration_s: float, rate_hz: float, seed: int = 0, *, hold_s: float = 1.0
+    limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, hold_s: float = 1.0
 ) -> np.ndarray:
     """Uniform random levels held for `hold_s`, (N, n).  (1)"""
     limit, n_ticks = _checked(limit, duration_s, rate_hz)
@@ -34,7 +35,7 @@ def random_steps(
 
 
 def multisine(
-    limit: Any,
+    limit: ArrayLike,
     duration_s: float,
     rate_hz: float,
     seed: int = 0,
@@ -72,7 +73,9 @@ def multisine(
     return u
 
 
-def prbs(limit: Any, duration_s: float, rate_hz: float, seed: int = 0, *, bit_s: float = 0.2) -> np.ndarray:
+def prbs(
+    limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, bit_s: float = 0.2
+) -> np.ndarray:
     """Full command, forward or backward by chance at every bit, (N, n).  (3)"""
     limit, n_ticks = _checked(limit, duration_s, rate_hz)
     bit = _ticks(bit_s, rate_hz, "bit_s")
@@ -80,7 +83,9 @@ def prbs(limit: Any, duration_s: float, rate_hz: float, seed: int = 0, *, bit_s:
     return np.repeat(signs, bit, axis=0)[:n_ticks] * limit
 
 
-def ramps(limit: Any, duration_s: float, rate_hz: float, seed: int = 0, *, ramp_s: float = 4.0) -> np.ndarray:
+def ramps(
+    limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, ramp_s: float = 4.0
+) -> np.ndarray:
     """Triangles up and down, each of random height and sign, channels shifted in time, (N, n).  (4)"""
     limit, n_ticks = _checked(limit, duration_s, rate_hz)
     ramp = _ticks(ramp_s, rate_hz, "ramp_s")
@@ -105,7 +110,7 @@ KINDS: dict[str, Callable[..., np.ndarray]] = {
 
 def excitation(
     kind: str,
-    limit: Any,
+    limit: ArrayLike,
     duration_s: float,
     rate_hz: float,
     seed: int = 0,
@@ -134,7 +139,7 @@ def excitation(
     return np.concatenate([rest, u, rest])
 
 
-def _checked(limit: Any, duration_s: float, rate_hz: float) -> tuple[np.ndarray, int]:
+def _checked(limit: ArrayLike, duration_s: float, rate_hz: float) -> tuple[np.ndarray, int]:
     """Limits (n,) and the number of ticks."""
     limit = np.atleast_1d(np.array(limit, dtype=float))
     if limit.ndim != 1 or not np.all(np.isfinite(limit)) or np.any(limit < 0.0):

@@ -5,7 +5,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from baqueano.identify.parallel import each
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
+    from baqueano.identify.result.assemble import FinishedFit
     from baqueano.vehicle_file import VehicleFile
 
 __all__ = ["afterwards", "mended", "widened"]
@@ -62,7 +63,9 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
     return replace(run, sensors=channels) if found else run, found
 
 
-def afterwards(end: Any, sd: np.ndarray, told: np.ndarray) -> tuple[list[Diagnostic], dict[str, float]]:
+def afterwards(
+    end: "FinishedFit", sd: np.ndarray, told: np.ndarray
+) -> tuple[list[Diagnostic], dict[str, float]]:
     """Return all that a finished search (assemble.FinishedFit) leaves to doubt, its data too, with the errors `sd` (p,)
     of θ and the noise `told` (m,) by the file; and by how much each parameter, by path, may be off for it."""
     problem, theta, kept = end.task.problem, end.found.solution.theta, end.sight.kept

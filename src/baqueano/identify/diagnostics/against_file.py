@@ -10,12 +10,11 @@ knows better. Noise is held against the file too, as it changes with the unit an
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.blocks import Blocks
 from baqueano.identify.parameters.free import entries, value
@@ -57,7 +56,7 @@ def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[D
     out = []
     for label, known, found in zip(labels, told, sigma, strict=True):
         if known > 0.0 and SILENT < found / known < QUIET:
-            shown: dict[str, Any] = {"sigma": float(found), "times": float(found / known)}
+            shown: JsonObject = {"sigma": float(found), "times": float(found / known)}
             out.append(
                 note("file.quiet", Severity.WARNING, subject=label, guess=_unit(known / found), **shown)
             )

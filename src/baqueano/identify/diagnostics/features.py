@@ -14,7 +14,7 @@ readings alone:
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from baqueano.identify.parameters.theta import Shape, beginning, example, shown_
 from baqueano.identify.residuals.simulation import Residuals, kept_kernel
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
+from baqueano.symbolic.scan import Scan
 
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS = np.array([0.0, 1.0, 0.0])
@@ -163,7 +164,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Kernels:
     return Kernels(_going(blocks, shape, backend), _pushed(blocks, shape, backend))
 
 
-def _going(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def _going(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     n, paths = blocks.model.commands, (*shape.shared, *shape.own)
     begin = beginning(blocks, shape)
 
@@ -179,7 +180,7 @@ def _going(blocks: Blocks, shape: Shape, backend: str) -> Any:
     return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
 
 
-def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     """ε (K,) of all forces, axis by axis, the last of each sideways → what the sensors show, times 1/σ.  (1)"""
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
     channels = driven(blocks.model, np.zeros((1, n))).shape[1]

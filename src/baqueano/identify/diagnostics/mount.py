@@ -13,17 +13,21 @@ A way is named if it leaves a tenth less, which is a gain of n/10: no chance, an
 model that lacks something.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.identify.blocks import Blocks
 from baqueano.identify.data.record import Record, beginning
 from baqueano.identify.diagnostics import against_file, axes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.runs.diagnostics.signal_map import NO_RELATION, relations
+
+if TYPE_CHECKING:
+    from baqueano.identify.result.assemble import FinishedFit
 
 MOST = 3000  # rows of each run
 WORTH = 0.1  # of the logarithm of σ, a reading of the IMU
@@ -50,7 +54,7 @@ WAYS = (
 )  # fmt: skip
 
 
-def told(end: Any, found: list[Diagnostic]) -> list[Diagnostic]:
+def told(end: "FinishedFit", found: list[Diagnostic]) -> list[Diagnostic]:
     """`found` about a finished search (assemble.FinishedFit), and which way an IMU is mounted where that is the
     reason: then it stands before the doubts about axes and signs that say the same, in place of the others."""
     task, blocks = end.task, end.blocks
@@ -73,7 +77,7 @@ def _astray(task: Task, name: str) -> bool:
     return related and bool(np.any((own < NO_RELATION) | (own < any_of)))
 
 
-def _named(end: Any, name: str) -> tuple[Way, Diagnostic] | None:
+def _named(end: "FinishedFit", name: str) -> tuple[Way, Diagnostic] | None:
     """The way that leaves less and does as the file says, and the sentence for it."""
     task, blocks = end.task, end.blocks
     records = [beginning(record, MOST) for record in task.problem.records]
@@ -102,7 +106,7 @@ def _named(end: Any, name: str) -> tuple[Way, Diagnostic] | None:
     return None
 
 
-def _searched(task: Task, blocks: Any, records: list[Record], theta: np.ndarray) -> Search:
+def _searched(task: Task, blocks: Blocks, records: list[Record], theta: np.ndarray) -> Search:
     problem = Residuals(blocks, task.problem.shape, records, task.problem.scan.backend)
     return search(task._replace(problem=problem, say=None), theta, rough=True)
 
@@ -119,7 +123,7 @@ def _left(found: Search, own: slice, n: np.ndarray) -> float:
     return left if np.isfinite(left) and np.isfinite(found.solution.at.cost) else np.inf
 
 
-def _as_in_the_file(task: Task, blocks: Any, end: Search) -> bool:
+def _as_in_the_file(task: Task, blocks: Blocks, end: Search) -> bool:
     names = task.problem.shape.shared
     found = against_file.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
     return not any(one.code in AXES for one in found)

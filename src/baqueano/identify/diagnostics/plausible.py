@@ -7,12 +7,12 @@ A vehicle that turns faster than every small gyro can say is one whose gyro tell
 of the plane that shows 9.8 m/s² all the time is one that points up.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.diagnostics import turning
 from baqueano.runs.diagnostics.plausible import FASTEST_RAD_S
@@ -67,7 +67,7 @@ def _imu(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     far = np.any(size > [HARDEST_M_S2, HARDEST_M_S2, FASTEST_RAD_S])
     most = np.quantile(size, 0.99, axis=0) if far else np.zeros(3)
     if most[2] > FASTEST_RAD_S:
-        rates: dict[str, Any] = {"most_rad_s": float(most[2]), "fastest_rad_s": FASTEST_RAD_S}
+        rates: JsonObject = {"most_rad_s": float(most[2]), "fastest_rad_s": FASTEST_RAD_S}
         found.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
     for i in np.flatnonzero(most[:2] > HARDEST_M_S2):
         said = {"subject": f"{name}[{i}]", "most_m_s2": float(most[i])}

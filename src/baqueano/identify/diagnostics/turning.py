@@ -13,7 +13,7 @@ A gyro that turns as wheels or the model do is cleared, and nothing else accuses
 another unit from an accelerometer in another unit, or from one that points up, and names both.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
+    from baqueano.identify.result.assemble import FinishedFit
     from baqueano.vehicle_file import VehicleFile
 
 CURVE = "gyro.or-accelerometer"  # the code of a doubt that names two suspects
@@ -75,7 +76,7 @@ def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
     return note(CURVE, Severity.ERROR, subject=f"{name}[1]", gyro=found, times=slope)
 
 
-def against_model(end: Any) -> tuple[list[Diagnostic], bool]:
+def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
     search (assemble.FinishedFit), and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
     explains it with the file's own gains. Where the search began tells nothing of it.  (1), (3)"""
@@ -98,7 +99,7 @@ def against_model(end: Any) -> tuple[list[Diagnostic], bool]:
     return [one for one in found if one is not None], cleared
 
 
-def _as_promised(end: Any) -> bool:
+def _as_promised(end: "FinishedFit") -> bool:
     """True if a fit left the gains that turn the vehicle, and what they act on, near those of the file. A fit in which
     none of its free gains is identifiable says nothing about them."""
     free = end.free

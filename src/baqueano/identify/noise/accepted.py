@@ -10,11 +10,11 @@ show the noise of this vehicle. Then it is found again over all runs (filter_noi
 
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.augmented_state import layout
@@ -84,7 +84,7 @@ def accepted(
     names = {one.name for one in off}
     then = [one for one in nis_of(ekf, unseen, backend) if one.name in names or one.disagrees]
     still = [one for one in then if one.disagrees]
-    told_again: dict[str, Any] = {"runs": runs, "nis": _figures(off), "again": _figures(then)}
+    told_again: JsonObject = {"runs": runs, "nis": _figures(off), "again": _figures(then)}
     if not still:
         return ekf, Accepted(note("noise.found-again", **told_again), False)
     sure, careful = (

@@ -16,9 +16,9 @@ whose residuals hold it beside white noise. A model may go beside its heading, a
 does: course_std is at least that angle.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -210,7 +210,7 @@ def _numbers(its: Layout) -> list[tuple[str, int]]:
     return [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
 
 
-def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Any:
+def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:
     """The step of a scan whose parameters are the logarithms of what is free; of the numbers that correct.  (1)"""
     corrects = np.any(layout(ekf).moving > 0.0, axis=1)
 

@@ -9,9 +9,9 @@ of a real vehicle are not white, and χ² bands are too narrow for them. NIS alo
 measurement noise is most of S: (2) decides.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -149,7 +149,7 @@ def _tried(name: str, said: list[np.ndarray], per_block: int) -> NoiseTrial:
     return NoiseTrial(name, nis, nis - QUANTILE_95 * sd, nis + QUANTILE_95 * sd, likelihood)
 
 
-def _innovations(ekf: Ekf) -> Any:
+def _innovations(ekf: Ekf) -> Callable[..., Tree]:
     """The step of a scan with R and Q as parameters: per tick yᵀ S⁻¹ y, log |S| and how many numbers were
     measured (3,)."""
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]

@@ -8,7 +8,7 @@ filter: with its mode, its gate and its rate. The search goes over one logarithm
 and down, then over pairs against each other, and halves its steps when nothing improves: no derivative needed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -100,7 +100,7 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     return Ekf(fit.blocks.model, sensors, np.eye(6), fit.file.rate_hz, use=use)
 
 
-def _likelihood(ekf: Ekf) -> Any:
+def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(q: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:

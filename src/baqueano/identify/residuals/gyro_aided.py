@@ -34,6 +34,7 @@ from baqueano.identify.residuals.wiener_filter import slow_part
 from baqueano.sensors.sampling import Signal, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
+from baqueano.symbolic.scan import Scan
 
 SETTLED = 3.0  # time constants after which a motor has forgotten
 EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row
@@ -130,7 +131,7 @@ def _led(rows: np.ndarray, record: Record, imu: str, blocks: Blocks) -> np.ndarr
     return out
 
 
-def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def _traced(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start, early = beginning(blocks, shape), shape.early[0]
 
@@ -154,7 +155,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Any:
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
-def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     """ν_x of the simulation that is led, and what the gyro says and its slope in that of the commands, (3,), from
     the same rows and θ."""
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)

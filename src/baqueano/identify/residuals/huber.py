@@ -11,13 +11,13 @@ A few measurements, a tape or a mark, show no spread (of FEW it is known to 1/�
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
+from baqueano.signals import ByName
 
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 SMALLEST = 1e-7  # of the largest measurement of a channel
@@ -52,7 +52,7 @@ def telling(
     return [np.where(enough, moved, there) for moved, there in zip(out, has, strict=True)]
 
 
-def smallest_spread(blocks: Any, z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
+def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
     """(m,) below which no σ is believed: 1/√12 of a converter's step, and SMALLEST of the largest value."""
     steps = np.concatenate([_steps(block) for block in blocks])
     largest = np.max(
@@ -61,7 +61,7 @@ def smallest_spread(blocks: Any, z: Sequence[np.ndarray], has: Sequence[np.ndarr
     return np.maximum(steps / np.sqrt(12.0), np.maximum(SMALLEST * largest, 1e-12))
 
 
-def believed(blocks: Any, has: Sequence[np.ndarray]) -> np.ndarray:
+def believed(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
     """(m,) σ of the sensors' own covariance for channels with FEW measurements or less; 0 for the others."""
     count = np.sum([there.sum(axis=0) for there in has], axis=0)
     own = [

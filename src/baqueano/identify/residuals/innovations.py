@@ -27,6 +27,7 @@ from baqueano.identify.parameters.theta import Shape, beginning
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan
+from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort, VehicleState
 from baqueano.vehicles.delay import SHORTEST_TICK_S
 from baqueano.vehicles.state import arrived
@@ -76,7 +77,7 @@ def shows_pose(blocks: Blocks) -> bool:
     return any(bool(np.any(np.abs(slope) > UNSEEN)) for slope in slopes)
 
 
-def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     """A scan over rows (dt, u, z, 1/σ, early) that puts out e (m,) and log s (m,), 0 without a measurement.
 
     θ = (θ of the simulation, v of each axis, ½ log q of each channel).

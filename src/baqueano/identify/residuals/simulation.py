@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import fields, is_dataclass
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from baqueano.identify.residuals.huber import telling
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
 from baqueano.symbolic import put, scan
+from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.delay import read, with_newest
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
@@ -45,6 +46,7 @@ KEPT = 24  # kernels
 AT_HAND = 3  # answers of a problem: what it says at its end is asked for by all that judge it
 START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: ν of a start before which nothing was measured
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
+K = TypeVar("K")
 
 
 class Moving(NamedTuple):
@@ -291,8 +293,8 @@ def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
 
 
 def kept_kernel(
-    blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., Any], *more: Callable[..., Any]
-) -> Any:
+    blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., K], *more: Callable[..., object]
+) -> K:
     """Return `traced(blocks, shape, backend, *more)`, kept for the next fit of that structure and those numbers."""
     folded = blocks
     for path in (*shape.shared, *shape.own):
@@ -306,7 +308,7 @@ def kept_kernel(
     return _kernels[key]
 
 
-def _traced(blocks: Blocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Any:
+def _traced(blocks: Blocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Scan:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
@@ -348,7 +350,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str, residual: Callable[..., 
     return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 
-def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Any:
+def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     """ν_x of the model, from the same rows and θ."""
     moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
 

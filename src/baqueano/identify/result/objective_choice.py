@@ -13,10 +13,11 @@ the noise of each sensor without the floor's part is not far above that in the f
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.estimation.prediction_error import Likely
 from baqueano.identify.result.left_out import LeftOut
@@ -38,7 +39,7 @@ class Preferred(NamedTuple):
 def preferred(likely: Likely, axes: Sequence[int], both: LeftOut | None, times: np.ndarray) -> Preferred:
     """Return which to believe; `times` (m,) is the noise of the sensors without the floor in units of the file's, 0
     where that tells none."""
-    odds: dict[str, Any] = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
+    odds: JsonObject = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
     if likely.chance >= RARE:
         return Preferred("simulation", note("cost.floor-still", **odds), False)
     odds["floor"] = _floor(likely, axes)

@@ -10,7 +10,7 @@ contradicted, b is written, with s in the place of s₀.
 
 from collections.abc import Sequence
 from datetime import date
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class Prior(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return what is written, and why."""
-        told: dict[str, Any] = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
+        told: JsonObject = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
         code = "bias.contradicts-file" if self.contradicted else "bias.file-knows-better"
         return note(code, subject=self.path, **told)
 

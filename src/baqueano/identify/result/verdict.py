@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.covariance.information import COLOUR
 from baqueano.identify.estimation.search import LACKING
@@ -144,7 +145,7 @@ def _loud(e: Evidence) -> list[Diagnostic]:
             out.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
     for label, (n, above, below) in zip(labels, _beyond(e), strict=True):
         far = (above + below) / max(n, 1)
-        told: dict[str, Any] = {"subject": label, "percent": 100.0 * far, "beyond": OUTLIER}
+        told: JsonObject = {"subject": label, "percent": 100.0 * far, "beyond": OUTLIER}
         if far > OUTLIERS and n == 1:
             out.append(_one_far(e, label))
         elif far > OUTLIERS:

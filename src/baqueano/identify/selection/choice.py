@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, note
@@ -86,7 +86,7 @@ class Judged(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return the choice and its figures."""
-        told: dict[str, Any] = {"errors": self.errors, "needed": self.needed}
+        told: JsonObject = {"errors": self.errors, "needed": self.needed}
         part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
         name = self.term.name
         if self.verdict == Decision.TAKEN:

@@ -24,10 +24,11 @@ missed, but for a dead zone's two ways (terms.py).
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import Blocks
@@ -356,7 +357,7 @@ class _Growing:
         sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
         if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
-            fall: dict[str, Any] = {"percent": 100 * found.gain, "percent_sd": 100 * found.sd}
+            fall: JsonObject = {"percent": 100 * found.gain, "percent_sd": 100 * found.sd}
             why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
         return Judged(
             term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
