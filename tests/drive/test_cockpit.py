@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import StopReason, stop
 from baqueano.drive.by_hand.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
-from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, RELEASE, Event
+from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, RELEASE, KeyEvent
 from baqueano.drive.by_hand.terminal_heartbeat import ASK, GONE_S
 from baqueano.vehicles import Drivetrain
 
@@ -29,7 +29,7 @@ class Terminal:
         self.t_s += seconds
 
     def type(self, *keys, kind=PRESS):
-        self.coming += [(self.t_s, Event(kind, key)) for key in keys]
+        self.coming += [(self.t_s, KeyEvent(kind, key)) for key in keys]
 
     def read(self):
         if self.ended:
@@ -42,8 +42,8 @@ class Terminal:
         self.sent += data
         if self.there and self.answers:
             due = self.t_s + self.trip_s
-            self.coming += [(due, Event(KITTY))] * (self.kitty and b"\x1b[?u" in data)
-            self.coming += [(due, Event(ALIVE))] * data.count(ASK)
+            self.coming += [(due, KeyEvent(KITTY))] * (self.kitty and b"\x1b[?u" in data)
+            self.coming += [(due, KeyEvent(ALIVE))] * data.count(ASK)
 
     def change(self, on, off):
         self.changes.append((on, off))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from baqueano.drive.by_hand.key_hold import FIRST_S, GAP_S, LATCHED, NUDGE, RELEASES, REPEATS, STEP, KeyHold
-from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, Event
+from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, KeyEvent
 
 
 def press(held, key, t_s):
-    held.hear(Event(PRESS, key), t_s)
+    held.hear(KeyEvent(PRESS, key), t_s)
 
 
 def hold(held, key, from_s, to_s, delay_s=0.5, gap_s=0.033, jitter=lambda: 0.0):
@@ -29,14 +29,14 @@ def test_a_key_with_releases_counts_from_press_to_release_however_long():
     assert held.wanted(60.0) == (1.0, 0.0)
     press(held, "left", 60.0)
     assert held.wanted(60.0) == (1.0, 1.0)
-    held.hear(Event(RELEASE, "w"), 61.0)
+    held.hear(KeyEvent(RELEASE, "w"), 61.0)
     assert held.wanted(61.0) == (0.0, 1.0)
 
 
 def test_keys_are_let_go_when_the_window_loses_the_keyboard():
     held = KeyHold(RELEASES)
     press(held, "w", 0.0)
-    held.hear(Event(LEFT_WINDOW), 1.0)
+    held.hear(KeyEvent(LEFT_WINDOW), 1.0)
     assert held.wanted(1.0) == (0.0, 0.0)
 
 

@@ -4,15 +4,24 @@ import random
 
 import pytest
 
-from baqueano.drive.by_hand.keys import ALIVE, KITTY, LEFT_WINDOW, PRESS, RELEASE, REPEAT, Decoder, Event
+from baqueano.drive.by_hand.keys import (
+    ALIVE,
+    KITTY,
+    LEFT_WINDOW,
+    PRESS,
+    RELEASE,
+    REPEAT,
+    KeyDecoder,
+    KeyEvent,
+)
 
 
 def events(data):
-    return Decoder().feed(data)
+    return KeyDecoder().feed(data)
 
 
 def pressed(*keys):
-    return [Event(PRESS, key) for key in keys]
+    return [KeyEvent(PRESS, key) for key in keys]
 
 
 def test_letters_and_arrows_of_a_plain_terminal_are_presses():
@@ -22,21 +31,21 @@ def test_letters_and_arrows_of_a_plain_terminal_are_presses():
 @pytest.mark.parametrize(
     ("data", "event"),
     [
-        (b"\x1b[119u", Event(PRESS, "w")),
-        (b"\x1b[119;1:1u", Event(PRESS, "w")),
-        (b"\x1b[119;1:2u", Event(REPEAT, "w")),
-        (b"\x1b[119;1:3u", Event(RELEASE, "w")),
-        (b"\x1b[119:87;2:3u", Event(RELEASE, "w")),
-        (b"\x1b[87;2u", Event(PRESS, "w")),
-        (b"\x1b[1;1:3A", Event(RELEASE, "up")),
-        (b"\x1b[1;129:2D", Event(REPEAT, "left")),
-        (b"\x1b[32u", Event(PRESS, " ")),
-        (b"\x1b[99;5u", Event(PRESS, "ctrl-c")),
-        (b"\x1b[99;5:3u", Event(RELEASE, "ctrl-c")),
-        (b"\x03", Event(PRESS, "ctrl-c")),
-        (b"\x1b[0n", Event(ALIVE)),
-        (b"\x1b[?11u", Event(KITTY)),
-        (b"\x1b[O", Event(LEFT_WINDOW)),
+        (b"\x1b[119u", KeyEvent(PRESS, "w")),
+        (b"\x1b[119;1:1u", KeyEvent(PRESS, "w")),
+        (b"\x1b[119;1:2u", KeyEvent(REPEAT, "w")),
+        (b"\x1b[119;1:3u", KeyEvent(RELEASE, "w")),
+        (b"\x1b[119:87;2:3u", KeyEvent(RELEASE, "w")),
+        (b"\x1b[87;2u", KeyEvent(PRESS, "w")),
+        (b"\x1b[1;1:3A", KeyEvent(RELEASE, "up")),
+        (b"\x1b[1;129:2D", KeyEvent(REPEAT, "left")),
+        (b"\x1b[32u", KeyEvent(PRESS, " ")),
+        (b"\x1b[99;5u", KeyEvent(PRESS, "ctrl-c")),
+        (b"\x1b[99;5:3u", KeyEvent(RELEASE, "ctrl-c")),
+        (b"\x03", KeyEvent(PRESS, "ctrl-c")),
+        (b"\x1b[0n", KeyEvent(ALIVE)),
+        (b"\x1b[?11u", KeyEvent(KITTY)),
+        (b"\x1b[O", KeyEvent(LEFT_WINDOW)),
     ],
 )
 def test_what_each_sequence_means(data, event):
@@ -55,19 +64,19 @@ def test_a_sequence_may_be_cut_anywhere():
     data = b"w\x1b[119;1:3u\x1b[0n\x1bOA\x1b[B "
     whole = events(data)
     for cut in range(len(data)):
-        decoder = Decoder()
+        decoder = KeyDecoder()
         assert decoder.feed(data[:cut]) + decoder.feed(data[cut:]) == whole
 
 
 def test_the_stop_is_heard_behind_a_lone_escape():
-    decoder = Decoder()
+    decoder = KeyDecoder()
     assert decoder.feed(b"\x1b") == []
     assert decoder.feed(b" ") == pressed(" ")
 
 
 def test_no_bytes_break_it_and_the_next_key_after_them_is_heard():
     dice = random.Random(0)
-    decoder = Decoder()
+    decoder = KeyDecoder()
     for _ in range(3000):
         decoder.feed(
             bytes(dice.choice(b"\x1b[O0123456789;:?u nA~\xff\xc3w") for _ in range(dice.randrange(9)))
@@ -77,6 +86,6 @@ def test_no_bytes_break_it_and_the_next_key_after_them_is_heard():
 
 
 def test_a_sequence_without_an_end_is_given_up():
-    decoder = Decoder()
+    decoder = KeyDecoder()
     decoder.feed(b"\x1b[" + b"1" * 100)
     assert decoder.feed(b" ")[-1:] == pressed(" ")

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import StopReason
 from baqueano.drive.by_hand import pad as pads
-from baqueano.drive.by_hand.evdev import LAYOUTS, Device, Event, request
+from baqueano.drive.by_hand.evdev import LAYOUTS, InputDevice, InputEvent, request
 from baqueano.drive.by_hand.pad import REST, Pad, find
 from baqueano.errors import UsageError
 from tests.drive.test_cockpit import Terminal, cockpit
@@ -31,7 +31,7 @@ def plugged(tmp_path, monkeypatch):
 
 
 def opened(folder, name="event0"):
-    return Pad(Device(folder / name))
+    return Pad(InputDevice(folder / name))
 
 
 def test_requests_are_those_of_the_kernels_headers():
@@ -44,9 +44,9 @@ def test_requests_are_those_of_the_kernels_headers():
 def test_events_are_read_by_the_layout_of_the_reading_program(plugged, long_bytes, size):
     assert LAYOUTS[long_bytes].size == size
     kernel = pad(long_bytes=long_bytes)
-    device = Device(plugged(kernel) / "event0", long_bytes)
+    device = InputDevice(plugged(kernel) / "event0", long_bytes)
     kernel.change(AHEAD, (KEY, SOUTH, 1))
-    assert device.read() == [Event(*AHEAD), Event(KEY, SOUTH, 1), Event(0, 0, 0)]
+    assert device.read() == [InputEvent(*AHEAD), InputEvent(KEY, SOUTH, 1), InputEvent(0, 0, 0)]
     assert device.read() == []
 
 
@@ -200,7 +200,7 @@ def test_devices_that_may_not_be_read_are_told_with_what_to_type(plugged, monkey
     def closed(path):
         raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
-    monkeypatch.setattr(pads, "Device", closed)
+    monkeypatch.setattr(pads, "InputDevice", closed)
     with pytest.raises(
         UsageError, match=r"event0, event1 may not be read by this user.*usermod -aG input \$USER"
     ):

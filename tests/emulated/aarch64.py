@@ -12,7 +12,7 @@ import sys
 import zipfile
 from pathlib import Path
 
-from baqueano.robot.setup.install import Machine, bundle
+from baqueano.robot.setup.install import TargetMachine, bundle
 
 ROOT = Path(__file__).parents[2]
 HOME = ROOT / "build" / "aarch64"
@@ -58,7 +58,7 @@ def make() -> None:
         options = ["--arch=arm64", "--variant=extract", f"--include={','.join(DEBIAN)}"]
         subprocess.run([MAKER, *options, "bookworm", str(SYSTEM)], check=True)
     if not PACKAGES.exists():
-        bundle(WHEELS, Machine((3, 11), "aarch64", "pilot"), print)
+        bundle(WHEELS, TargetMachine((3, 11), "aarch64", "pilot"), print)
         for wheel in WHEELS.glob("*.whl"):
             with zipfile.ZipFile(wheel) as packed:
                 packed.extractall(PACKAGES)

@@ -9,7 +9,7 @@ import numpy as np
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, stop
 from baqueano.door.operator import Operator
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
@@ -56,7 +56,7 @@ def during(service: Any, robot: EmulatedRobot, after_s: float, act: Callable[[],
     start: list[int] = []
 
     def healthy() -> None:
-        if service.machine.state in (State.MISSION, State.MANUAL):
+        if service.machine.state in (DoorState.MISSION, DoorState.MANUAL):
             start.append(robot.now_ns)
             if robot.now_ns - start[0] >= after_s * 1e9 and not service.acted:
                 service.acted = True

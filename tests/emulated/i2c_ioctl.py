@@ -109,12 +109,12 @@ def loop(bench: Bench, imu, seconds: float, period_s: float = 0.01) -> list:
 def start(bench: Bench, **settings):
     """The IMU of the bench, running in the bench's time, silent."""
     from baqueano.robot.imu import driver as imu
-    from baqueano.robot.imu.settings import Settings
+    from baqueano.robot.imu.settings import ImuSettings
 
     bench.said = []
     return imu.open(
         bench.path,
-        settings=Settings(**settings),
+        settings=ImuSettings(**settings),
         say=bench.said.append,
         now_ns=bench.clock.now_ns,
         sleep=bench.clock.sleep,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.robot.imu import driver as imu_driver
-from baqueano.robot.imu.settings import Settings
+from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.service.service import body_of
 from baqueano.robot.uno.link import Uno
 from baqueano.sensors.imu import STANDARD_GRAVITY
@@ -75,7 +75,7 @@ class EmulatedRobot:
         Path(path).touch()
         connect(patches or Patches(), {path: self.bus})
         self._force = ((0.0, 0.0, STANDARD_GRAVITY), (0.0, 0.0, 0.0))
-        settings = Settings(accel_range_g=4)
+        settings = ImuSettings(accel_range_g=4)
         self.imu = imu_driver.open(path, settings=settings, say=None, now_ns=self._time, sleep=self.wait)
 
     def close(self) -> None:

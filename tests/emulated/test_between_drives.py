@@ -11,7 +11,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, stop
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.errors import FileError
 from baqueano.messages import text
 from baqueano.robot.service import service as service_module
@@ -51,7 +51,7 @@ def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_troub
     assert (done["why"], troubles) == (None, [None])
     assert not [e.text for e in run.events if "heard no command" in e.text]
     looked(service, robot, 5)
-    assert (service.machine.state, service.machine.why) == (State.READY, None)
+    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 
 
 def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service, robot, tmp_path):
@@ -63,7 +63,7 @@ def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service
     done = [one for one in service.told if one["is"] == "done"][-1]
     assert (done["id"], done["run"], done["code"]) == ("mine", None, 3)
     assert "Type: ls -ld" in text(done["why"])
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
 
 
 def cleared(service, robot, times):
@@ -84,21 +84,21 @@ def test_the_latch_of_the_uno_is_asked_away_until_telemetry_shows_that_it_is(ser
     robot.write = lambda data: None
     cleared(service, robot, 2)
     del robot.write
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, TEACHER)
+    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
     looked(service, robot, 3)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     assert not latched(robot)
 
 
 def test_a_latch_of_before_the_service_can_be_cleared_though_nothing_stopped_it(service, robot):
     robot.uno.stop()
     looked(service, robot, 2)
-    assert service.machine.state is State.DISARMED
+    assert service.machine.state is DoorState.DISARMED
     assert service.machine.why == stop(StopReason.UNO_LATCHED, "baqueano robot clear")
     looked(service, robot, 5)
     assert latched(robot), "only a person takes it away"
     cleared(service, robot, 3)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     assert not latched(robot)
 
 
@@ -106,11 +106,11 @@ def test_a_clear_of_long_ago_takes_no_later_latch_away(service, robot):
     cleared(service, robot, 2)
     robot.uno.stop()
     looked(service, robot, 5)
-    assert service.machine.state is State.DISARMED
+    assert service.machine.state is DoorState.DISARMED
     assert latched(robot)
     service.operator.stop(TEACHER)
     looked(service, robot, 5)
-    assert service.machine.state is State.STOPPED
+    assert service.machine.state is DoorState.STOPPED
     assert latched(robot)
 
 
@@ -126,7 +126,7 @@ def test_an_uno_that_is_reset_in_the_tick_in_which_the_drive_is_ended_is_ready_a
     drive(service, spin(3.0))
     looked(service, robot, 10)
     assert robot.uno.statistics.resets == 1
-    assert (service.machine.state, service.machine.why) == (State.READY, None)
+    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 
 
 def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
@@ -134,11 +134,11 @@ def test_a_stop_while_the_run_is_closed_is_latched(service, robot, closing):
     done, run = drive(service, spin())
     assert (done["why"], done["code"]) == (None, 0), "the drive itself went well"
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, TEACHER)
+    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
     looked(service, robot, 3)
-    assert service.machine.state is State.STOPPED
+    assert service.machine.state is DoorState.STOPPED
     cleared(service, robot, 3)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
 
 
 def test_a_stop_while_a_mission_is_prepared_is_latched_and_nothing_moves(service, robot, preparing):
@@ -146,7 +146,7 @@ def test_a_stop_while_a_mission_is_prepared_is_latched_and_nothing_moves(service
     done, run = drive(service, spin())
     assert done["why"] == TEACHER
     assert not np.any(run.applied)
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, TEACHER)
+    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
 
 
 def test_a_stop_while_a_mission_fails_in_preparation_is_latched(service, robot, preparing):
@@ -157,7 +157,7 @@ def test_a_stop_while_a_mission_fails_in_preparation_is_latched(service, robot, 
     preparing(fails)
     done, _ = drive(service, spin())
     assert text(done["why"]) == "mine.py: broken"
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, TEACHER)
+    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, TEACHER)
 
 
 def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason(service, robot, closing):
@@ -166,7 +166,7 @@ def test_a_stop_after_a_drive_that_something_else_stopped_keeps_the_first_reason
     done, _ = drive(service, spin(3.0))
     assert done["why"].code == StopReason.UNO_RESET
     looked(service, robot, 3)
-    assert (service.machine.state, service.machine.why) == (State.STOPPED, done["why"])
+    assert (service.machine.state, service.machine.why) == (DoorState.STOPPED, done["why"])
 
 
 def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
@@ -216,7 +216,7 @@ def test_what_a_mission_says_of_the_hardware_holds_until_its_end(service, robot)
     assert [(config.least_battery_mv, config.dead_man_ms) for config in seen] == [(7900, 200)]
     looked(service, robot, 60)
     assert robot.board.info().config == own
-    assert (service.machine.state, service.machine.why) == (State.READY, None)
+    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 
 
 def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(service, robot):
@@ -228,7 +228,7 @@ def test_what_a_mission_set_is_taken_back_though_the_line_was_gone_at_its_end(se
     assert robot.now_ns - end_ns == pytest.approx(0.15e9), "no look waits for an answer"
     line.gone = False
     cleared(service, robot, 60)
-    assert (service.machine.state, service.machine.why) == (State.READY, None)
+    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 
 
 def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_again(robot, tmp_path):
@@ -240,7 +240,7 @@ def test_an_uno_that_was_reset_while_it_stood_knows_the_limits_of_its_vehicle_ag
     looked(service, robot, 10)
     assert robot.uno.statistics.resets == 1
     assert robot.board.info().config == own
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
 
 
 def test_nothing_piles_up_while_it_stands(service, robot):
@@ -267,4 +267,4 @@ def test_what_happens_to_the_hardware_while_it_stands_is_told_once(service, robo
     looked(service, robot, 60)
     told = [text(m["said"]) for m in service.told if m["is"] == "event"]
     assert len([text for text in told if "lost its supply" in text]) == 1
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY

@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive import stop_of
 from baqueano.drive.recording import HARDWARE_SOURCE
 from baqueano.messages import text
@@ -78,10 +78,12 @@ def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_r
     assert not held
     assert held.read()["driven_high"] == 0
     assert not robot.imu.silent
-    assert service.machine.state is State.STOPPED, "a stop is latched: somebody has to look at the vehicle"
+    assert service.machine.state is DoorState.STOPPED, (
+        "a stop is latched: somebody has to look at the vehicle"
+    )
     service.operator.clear_asked = True
     looked_on(service, robot, 1.0)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     done, run = drive(service, spin(1.0))
     assert done["why"] is None
 
@@ -93,9 +95,9 @@ def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(ser
     looked_on(service, robot, 2.0)
     service.healthy = lambda: None
     assert [a for a, b in pairwise([*states, None]) if a is not b] == [
-        State.READY,
-        State.DISARMED,
-        State.READY,
+        DoorState.READY,
+        DoorState.DISARMED,
+        DoorState.READY,
     ]
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
     done, _ = drive(service, spin(1.0))
@@ -115,7 +117,7 @@ def test_a_bus_that_cannot_be_freed_is_told_once_tried_again_and_ready_once_it_i
     assert state["why"].figures["cause"].code == "bus.scl-held"
     held.put(bits=[], scl_held=False)
     looked_on(service, robot, 1.5)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
 
 
 def test_without_pinctrl_a_held_bus_is_told_and_waited_for(service, robot, monkeypatch, tmp_path):
@@ -125,7 +127,7 @@ def test_without_pinctrl_a_held_bus_is_told_and_waited_for(service, robot, monke
     assert "sudo apt install raspi-utils" in text(last_state(service)["why"])
     robot.bus.held = False
     looked_on(service, robot, 1.5)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
 
 
 def test_what_was_said_of_one_hold_is_not_said_of_the_next(service, robot, lines):
@@ -159,5 +161,5 @@ def test_a_bus_that_lets_go_by_itself_is_not_said_to_be_held(service, robot, lin
     assert last_state(service)["imu_bus"].code == "bus.scl-held"
     held.put(bits=[], scl_held=False)
     looked_on(service, robot, 1.5)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     assert last_state(service)["imu_bus"] is None

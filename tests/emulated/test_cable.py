@@ -10,7 +10,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.operator import Operator
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.robot.service.service import Service
 from baqueano.robot.uno.serial_port import connected
 from baqueano.runs import read_run
@@ -74,10 +74,10 @@ def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_o
     with connected(str(name)) as uno:
         service = Service(uno, None, file.robot, tmp_path / "runs", Operator(), told.append)
         (tmp_path / "runs").mkdir()
-        looked(service, lambda: service.machine.state is State.READY)
+        looked(service, lambda: service.machine.state is DoorState.READY)
 
         def healthy():
-            if service.machine.state is State.MISSION and not pulled:
+            if service.machine.state is DoorState.MISSION and not pulled:
                 ticks.append(live.moving())
                 if not ticks[-1] and len(ticks) < 25:
                     return
@@ -91,7 +91,7 @@ def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_o
             StopReason.UNO_SILENT,
             StopReason.UNO_DEAD_MAN,
         )  # the other by a stall of this machine
-        assert service.machine.state is State.STOPPED
+        assert service.machine.state is DoorState.STOPPED
         end = time.monotonic() + PATIENCE_S
         while live.moving():
             assert time.monotonic() < end
@@ -99,7 +99,7 @@ def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_o
         assert read_run(tmp_path / "runs" / done["run"]).notes == ()
         put_back(live, name)
         service.operator.clear_asked = True
-        looked(service, lambda: service.machine.state is State.READY)
+        looked(service, lambda: service.machine.state is DoorState.READY)
         assert uno.statistics.resets == 1
         uno.arm()
         end = time.monotonic() + PATIENCE_S

@@ -5,12 +5,12 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.errors import AnswerNo
-from baqueano.robot.imu.settings import Settings
+from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.workshop import calibrate_imu
 from baqueano.robot.workshop.calibrate_imu import Watched, ahead, biases, upward
 from tests.emulated.hand import Hand, OnBus
 
-ON_EDGE = Settings(axes=("-y", "z", "-x"))  # a chip on its edge, the far way round
+ON_EDGE = ImuSettings(axes=("-y", "z", "-x"))  # a chip on its edge, the far way round
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from baqueano.runs.container import writer
@@ -29,7 +29,7 @@ class Stamps:
         service.healthy = self.look
 
     def look(self):
-        if self.service.machine.state is not State.MISSION:
+        if self.service.machine.state is not DoorState.MISSION:
             return
         uno = self.robot.uno
         true_s = self.robot.board.clock_began_s + 1e-6 * uno._before.t_us / self.uno_rate

@@ -9,7 +9,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, stop
 from baqueano.door.sockets import Door
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from baqueano.robot.service.service import HANGING_S, PREPARING_S
@@ -58,13 +58,13 @@ def test_a_stop_that_is_said_while_a_mission_is_prepared_keeps_it_from_moving(
     looked(service, robot, 5)
     what = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"})
     done, run = drive(service, packed(what, vehicle_file.load("small")))
-    assert heard[0]["state"] == State.MISSION
+    assert heard[0]["state"] == DoorState.MISSION
     assert heard[1] == {"is": "heard", "do": "stop"}
     assert done["why"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert run is None or not np.any(run.applied)
     assert not robot.board.moving
     looked(service, robot, 2)
-    assert service.machine.state is State.STOPPED
+    assert service.machine.state is DoorState.STOPPED
     assert service.machine.why == done["why"]
 
 
@@ -76,7 +76,7 @@ def test_what_is_no_mission_is_told_and_ends_nothing(service, text):
     assert run is None
     assert (done["code"], done["why"].code) == (2, "error.UsageError")
     assert waits == [PREPARING_S, HANGING_S]
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     assert drive(service, spin().json())[0]["why"] is None
 
 

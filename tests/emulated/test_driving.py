@@ -6,7 +6,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.operator import Operator
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive.by_hand.cockpit import Cockpit
 from baqueano.drive.by_hand.key_hold import FIRST_S
 from baqueano.drive.mission import Mission, packed
@@ -38,7 +38,7 @@ class Driver:
         self.now()
 
     def each_tick(self):
-        if self.service.machine.state is not State.MANUAL:
+        if self.service.machine.state is not DoorState.MANUAL:
             return
         now_ns = self.robot.now_ns
         self.begun_ns = self.begun_ns or now_ns
@@ -98,7 +98,7 @@ def test_rt13_motors_are_off_half_a_second_after_the_terminal_is_gone(driver, la
     keys = ["d"] * 12 if latched else ["d"]
     done, run = at.drives((0.2, lambda: terminal.type(*keys)), (1.0 + 1e-3 * phase_ms, leave))
     assert done["why"].code == StopReason.TERMINAL_SILENT
-    assert at.service.machine.state is State.STOPPED
+    assert at.service.machine.state is DoorState.STOPPED
     moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the terminal")
@@ -118,7 +118,7 @@ def test_motors_are_off_at_once_when_the_terminal_hangs_up(driver, phase_ms):
 
     done, run = at.drives((0.2, lambda: terminal.type("d")), (1.0 + 1e-3 * phase_ms, hang_up))
     assert done["why"].code == StopReason.TERMINAL_CLOSED
-    assert at.service.machine.state is State.STOPPED
+    assert at.service.machine.state is DoorState.STOPPED
     moving = at.begun_ns + run.t_ns[np.abs(run.applied[:, 2]) > 0.0][-1] - run.t_ns[0]
     after_ms = (moving - gone[0]) * 1e-6
     print(f"off {after_ms:.0f} ms after the hang-up")
@@ -145,7 +145,7 @@ def test_a_key_that_is_released_lets_the_motors_go_and_the_mark_is_in_the_run(dr
         (1.5, lambda: terminal.type("m")), (2.0, lambda: terminal.type("q")),
     )  # fmt: skip
     assert done["why"].code == StopReason.INTERRUPTED
-    assert at.service.machine.state is State.READY
+    assert at.service.machine.state is DoorState.READY
     (mark_ns,) = marks_of(run)
     assert (mark_ns - run.t_ns[0]) * 1e-9 == pytest.approx(1.5, abs=0.06)
     moving = run.t_s[np.abs(run.applied[:, 2]) > 0.0]
@@ -160,7 +160,7 @@ def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
     at = driver(terminal)
     done, _ = at.drives((0.2, lambda: terminal.type("a")), (0.8, lambda: terminal.type(" ")))
     assert done["why"].code == StopReason.DRIVER
-    assert at.service.machine.state is State.STOPPED
+    assert at.service.machine.state is DoorState.STOPPED
     assert not at.robot.board.moving
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from baqueano.messages import text
@@ -65,7 +65,7 @@ def test_a_block_that_would_end_the_program_ends_its_mission_alone(
     for _ in range(3):
         service.idle()
         robot.wait(0.05)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     assert drive(service, spin(0.2))[0]["why"] is None
 
 

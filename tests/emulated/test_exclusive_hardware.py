@@ -13,8 +13,8 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.imu import driver as imu
-from baqueano.robot.imu.settings import Settings
-from baqueano.robot.uno.frames import Settings as Kept
+from baqueano.robot.imu.settings import ImuSettings
+from baqueano.robot.uno.frames import ImuSettings as Kept
 from baqueano.robot.uno.frames import Way
 from baqueano.robot.uno.serial_port import connected
 from baqueano.robot.workshop import doctor
@@ -68,7 +68,7 @@ def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeyp
         opened(hardware, print, motors=False).__enter__()
     with pytest.raises(RobotUnreachable):
         imu.of(hardware, print)
-    settings = Settings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
+    settings = ImuSettings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
     assert asked == [(7, 105, settings)] * 3
 
 
@@ -77,7 +77,7 @@ def test_axes_that_were_found_turn_the_drivers_samples_into_the_vehicles(tmp_pat
     bus = OnBus(tmp_path, monkeypatch)
     bus.chip.motion = lambda t_ns: ((0.0, -1.0, 9.8), (0.0, 0.0, 0.3))
     turned = imu.open(
-        str(tmp_path / "i2c-1"), settings=Settings(axes=("-y", "x", "z")), say=None,
+        str(tmp_path / "i2c-1"), settings=ImuSettings(axes=("-y", "x", "z")), say=None,
         now_ns=lambda: bus.now_ns, sleep=bus.wait,
     )  # fmt: skip
     bus.wait(0.1)

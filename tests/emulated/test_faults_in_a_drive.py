@@ -12,7 +12,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive import route_of, stop_of
 from baqueano.drive.mission import Mission, packed
 from baqueano.drive.recording import CLOCK_SOURCE, HARDWARE_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
@@ -69,12 +69,12 @@ def end(robot, run):
 
 def cleared(service, robot):
     """Somebody has looked at it and says so."""
-    assert service.machine.state is State.STOPPED
+    assert service.machine.state is DoorState.STOPPED
     looked(service, robot, 5)
-    assert service.machine.state is State.STOPPED, "it is latched"
+    assert service.machine.state is DoorState.STOPPED, "it is latched"
     service.operator.clear_asked = True
     looked(service, robot, 20)
-    return service.machine.state is State.READY
+    return service.machine.state is DoorState.READY
 
 
 @pytest.mark.parametrize("reset", [True, False], ids=["as USB does", "as other lines do"])
@@ -342,7 +342,7 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehic
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     done = service.told[-1]
     assert (done["code"], done["why"]) == (0, TEACHER if stopped else None)
-    assert service.machine.state is (State.STOPPED if stopped else State.READY)
+    assert service.machine.state is (DoorState.STOPPED if stopped else DoorState.READY)
     texts = [text(m["said"]) for m in service.told if m["is"] == "event"]
     assert texts[0] == "the disk takes no more of this run (File too large); the drive goes on"
     assert "What was written before is whole" in texts[-1]

@@ -11,11 +11,11 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.operator import Operator
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.messages import text
 from baqueano.robot.imu import driver as imu_driver
-from baqueano.robot.imu.settings import Settings
+from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.service.service import AGAIN_S, FINDING_S, HANGING_S, Service
 from tests.emulated.drives import drive, looked, spin
 
@@ -24,7 +24,7 @@ from tests.emulated.drives import drive, looked, spin
 def found(robot):
     """Opens its IMU as the service does."""
     return partial(
-        imu_driver.open, robot.imu.device.path, settings=Settings(accel_range_g=4), say=None,
+        imu_driver.open, robot.imu.device.path, settings=ImuSettings(accel_range_g=4), say=None,
         now_ns=lambda: robot.now_ns, sleep=robot.wait,
     )  # fmt: skip
 
@@ -44,7 +44,7 @@ def service(robot, found, tmp_path):
 def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_nor_by_hand(service, robot):
     chip = robot.bus.devices.pop(0x68)
     looked(service, robot, 300)
-    assert service.machine.state is State.DISARMED
+    assert service.machine.state is DoorState.DISARMED
     assert service.machine.why.code == StopReason.IMU_ABSENT
     assert text(service.machine.why).startswith("no IMU: No IMU answers at 0x68")
     assert [m["why"] for m in service.told if m["is"] == "state"][-1] == service.machine.why
@@ -59,10 +59,10 @@ def test_rt19_without_its_imu_the_vehicle_says_so_and_drives_neither_a_mission_n
 def test_an_imu_that_answers_later_is_found_while_it_stands_and_drives(service, robot):
     chip = robot.bus.devices.pop(0x68)
     looked(service, robot, 20)
-    assert service.machine.state is State.DISARMED
+    assert service.machine.state is DoorState.DISARMED
     robot.bus.devices[0x68] = chip
     looked(service, robot, round((AGAIN_S + 1.0) * 20))
-    assert (service.machine.state, service.machine.why) == (State.READY, None)
+    assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
     assert service.said[1:] == ["the IMU answers now"]
     assert service.said == [text(m["said"]) for m in service.told if m["is"] == "event"]
     done, run = drive(service, spin())
@@ -83,4 +83,4 @@ def test_a_chip_that_answers_and_gives_nothing_is_waited_for_by_systemd(service,
 def test_a_vehicle_whose_file_has_no_imu_is_ready_without(service, robot):
     service.find_imu = None
     looked(service, robot, 3)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY

@@ -5,17 +5,17 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, packed
 from baqueano.guides import shapes
 from tests.emulated.drives import TEACHER, drive, during, spin
 
 
 def test_a_mission_drives_and_leaves_a_run_with_what_reached_the_motors(service, robot):
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     done, run = drive(service, spin())
     assert done["why"] is None
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
     assert run.applied[-1, 2] == pytest.approx(0.6, abs=0.002)
     assert abs(robot.motion.eta[2]) > 1.0
@@ -28,7 +28,7 @@ def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robo
     during(service, robot, 0.5, lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin(3.0))
     assert done["why"] == TEACHER
-    assert service.machine.state is State.STOPPED
+    assert service.machine.state is DoorState.STOPPED
     assert run.duration_s < 1.7
     again, _ = drive(service, spin())
     assert again["why"] == TEACHER
@@ -37,7 +37,7 @@ def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robo
     for _ in range(3):
         service.idle()
         robot.wait(0.05)
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     assert drive(service, spin())[0]["why"] is None
 
 
@@ -47,7 +47,7 @@ def test_rt13_a_holder_who_falls_silent_stops_it_within_half_a_second(service, r
     service.operator.hold(me)
 
     def healthy():
-        if service.machine.state is State.MISSION:
+        if service.machine.state is DoorState.MISSION:
             heard.append(robot.now_ns)
             if robot.now_ns - heard[0] < 0.5e9:
                 service.operator.heard(me)
@@ -64,7 +64,7 @@ def test_fw7_a_brown_out_of_the_uno_ends_the_drive_and_says_so(service, robot):
     during(service, robot, 0.5, lambda: robot.board.reset(4))
     done, run = drive(service, spin(3.0))
     assert done["why"].code == StopReason.UNO_RESET
-    assert service.machine.state is State.STOPPED
+    assert service.machine.state is DoorState.STOPPED
     assert not robot.board.moving
     assert run.duration_s < 1.8
 
@@ -114,7 +114,7 @@ def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
     begun = []
 
     def healthy():
-        if service.machine.state is State.MANUAL:
+        if service.machine.state is DoorState.MANUAL:
             begun.append(robot.now_ns)
             if robot.now_ns - begun[0] < 0.6e9:
                 service.operator.want(me, [0.0, 0.0, 0.5])
@@ -125,7 +125,7 @@ def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
     service.healthy = healthy
     done, run = drive(service, packed(Mission("teach"), vehicle_file.load("small")), attended=True)
     assert done["why"].code == StopReason.INTERRUPTED
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     moving = run.t_ns[np.abs(run.applied[:, 2]) > 0.01] / 1e9
     assert moving[0] < 0.2
     assert 0.9 < moving[-1] < 1.15

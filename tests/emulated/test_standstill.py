@@ -7,7 +7,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.drive import stop_of
 from tests.emulated.drives import drive, looked, served, spin
 from tests.emulated.robot import EmulatedRobot
@@ -89,9 +89,9 @@ def test_rt2_a_computer_that_stood_still_longer_than_the_dead_man_drives_no_furt
     assert done["why"].figures["dead_man_s"] == 0.3
     assert stop_of(run) == done["why"]
     assert done["why"].figures["still_s"] == pytest.approx(seconds, abs=0.02)
-    assert service.machine.state is State.STOPPED
+    assert service.machine.state is DoorState.STOPPED
     looked(service, robot, 5)
-    assert service.machine.state is State.STOPPED, "it is latched"
+    assert service.machine.state is DoorState.STOPPED, "it is latched"
     service.operator.clear_asked = True
     looked(service, robot, 20)
     done, _ = drive(service, spin(0.5))
@@ -109,7 +109,7 @@ def test_a_standstill_in_the_first_tick_stops_it_before_it_moved(robot, tmp_path
 def test_a_computer_that_stood_still_for_a_moment_drives_on(robot, tmp_path, phase):
     service, _, done, _ = frozen_drive(robot, tmp_path, phase, 0.2)
     assert done["why"] is None
-    assert service.machine.state is State.READY
+    assert service.machine.state is DoorState.READY
     assert robot.board.first_time(lambda out: any(out.pwm)) is not None
 
 

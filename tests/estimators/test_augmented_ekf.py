@@ -12,7 +12,7 @@ from baqueano.geometry import wrap
 from baqueano.sensors import Imu, Odometer, Pose
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.study.driving import together
-from baqueano.study.truth import World, drawn
+from baqueano.study.truth import TruthWorld, drawn
 from baqueano.symbolic import compiled
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
@@ -170,7 +170,7 @@ def test_heading_is_as_wrong_as_claimed_on_robots_of_the_independent_truth():
     u[:, 0], u[:, 2] = 0.5, np.repeat(rng.uniform(0.1, 0.5, ticks // 50), 50)
     file = load("small").with_values({"sensors.imu.gyro_bias": 0.0, "sensors.imu.gyro_scale_std": 0.03})
     block = compiled(replace(file.estimator(), use=("imu[2]",)), "c")
-    world, beliefs, sensors = World(robots, seeds), [block.init() for _ in seeds], sensor_slots(("imu",))
+    world, beliefs, sensors = TruthWorld(robots, seeds), [block.init() for _ in seeds], sensor_slots(("imu",))
     for k, row in enumerate(u):
         z = world.tick(np.tile(row, (len(seeds), 1)), 0.01)
         z[:, 2] = scale * (z[:, 2] - robots.imu.bias[:, 2]) + bias

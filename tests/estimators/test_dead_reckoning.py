@@ -16,7 +16,7 @@ from baqueano.estimators.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots, silent
-from baqueano.study.truth import World, drawn
+from baqueano.study.truth import TruthWorld, drawn
 from baqueano.symbolic import compiled, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
@@ -146,7 +146,7 @@ def test_nees_of_the_pose_lies_in_its_band_on_robots_of_the_independent_truth():
     bias = np.zeros((n, 3))
     bias[:, 2] = 5e-4 * rng.standard_normal(n)
     physics = physics.changed(imu=physics.imu.changed(bias=bias, tilt_rad=np.zeros((n, 2))))
-    world, small = World(physics, range(n)), load("small")
+    world, small = TruthWorld(physics, range(n)), load("small")
     wheels = Wheels(track_m=0.12, noise_std=0.01)
     reckon = DeadReckoning(
         small.vehicle, sensors(imu=Imu(gyro_noise_std=0.004), wheels=wheels), np.diag([5e-7, 2e-7, 6e-6, 1, 1, 1]),

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information, covariance_of
-from baqueano.identify.data.segments import Layout, without_starts
+from baqueano.identify.data.segments import ThetaLayout, without_starts
 from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _solved, minimise
 from baqueano.identify.residuals import simulation as simulated
 from baqueano.identify.residuals.block_arrow import BlockArrow, Evaluation, add, begun, places_of, rows_times
@@ -16,7 +16,7 @@ from baqueano.identify.residuals.block_arrow import BlockArrow, Evaluation, add,
 def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
     """(places, arrow, the same as one matrix, g) of random slopes of every piece."""
     rng = np.random.default_rng(seed)
-    layout = Layout(shared, by_run, by_piece, runs)
+    layout = ThetaLayout(shared, by_run, by_piece, runs)
     places, size = places_of(layout, more), layout.size + more
     prior = rng.uniform(0.0, 1.0, size)
     arrow, whole = begun(prior, places), begun(prior, None)
@@ -75,7 +75,7 @@ def test_a_step_that_would_cross_bounds_is_the_same():
 
 def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
     """The last entry of each piece has no effect, as a start behind a lead has none."""
-    rng, layout = np.random.default_rng(3), Layout(3, 0, 5, (0,) * 12)
+    rng, layout = np.random.default_rng(3), ThetaLayout(3, 0, 5, (0,) * 12)
     slopes = [rng.normal(size=(30, 8)) * [*np.ones(7), 0.0] for _ in layout.runs]
     z = [rng.normal(size=30) for _ in layout.runs]
 
@@ -100,14 +100,14 @@ def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
 
 
 def test_few_pieces_are_solved_at_once():
-    assert places_of(Layout(3, 3, 6, (0,))) is None
-    assert places_of(Layout(3, 3, 3, (0, 0, 0))) is None
-    assert places_of(Layout(3, 3, 0, (0,) * 100)) is None
+    assert places_of(ThetaLayout(3, 3, 6, (0,))) is None
+    assert places_of(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
+    assert places_of(ThetaLayout(3, 3, 0, (0,) * 100)) is None
 
 
 def test_the_errors_of_what_is_shared_are_those_of_the_whole_information():
     _, whole, _ = equations(4, ONE_RUN)
-    layout = Layout(4, 3, 6, ONE_RUN)
+    layout = ThetaLayout(4, 3, 6, ONE_RUN)
     A, B = without_starts(whole, 2.0 * whole, layout)
     few, channels, told = 10_000, np.zeros((1, 1)), np.arange(layout.starts)
     small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), told)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.parameters.setup import Asked, records_of
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -29,7 +29,7 @@ def driven():
 
 def rows_of(file, run, at_rest=False):
     asked, names = Asked((), (), None, False, at_rest), file.sensors
-    return records_of([run], Blocks(file.vehicle, names), {}, asked)[0].sensors["odometer"].has[:, 0]
+    return records_of([run], FittedBlocks(file.vehicle, names), {}, asked)[0].sensors["odometer"].has[:, 0]
 
 
 def test_it_counts_from_where_its_own_commands_arrive(driven):

@@ -18,7 +18,7 @@ from baqueano.identify.design import (
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.belief import Cloud
 from baqueano.identify.design.inside import alternatives
-from baqueano.identify.design.pieces import GENTLE, Piece, Shape, gentler, moved
+from baqueano.identify.design.pieces import GENTLE, MotionPiece, PieceShape, gentler, moved
 from baqueano.identify.design.room import SIDEWAYS_M_S2
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
@@ -137,7 +137,7 @@ def test_more_data_are_never_worth_less(small):
 def test_the_way_back_of_a_piece_leads_to_where_it_began(small):
     out = np.zeros((300, 3))
     out[:, 0] = 0.8
-    u = Piece(out, 0).u(400, small.command.limit)
+    u = MotionPiece(out, 0).u(400, small.command.limit)
     even = small.with_values({f"model.drivetrain.dead_zone_{d}": [0.3, 0.3] for d in ("forward", "backward")})
     even = even.with_values({"model.drivetrain.gain": [1.0, 1.0], "model.process_noise_std": [0.0, 0.0, 0.0]})
     cloud = Cloud(even, believed(even, vehicles=2))
@@ -210,11 +210,11 @@ def test_a_curve_in_which_tyres_slide_is_too_fast(speed_m_s, slides):
 
 
 def test_a_gentler_piece_turns_less_and_drives_as_fast():
-    shape = Shape(20, 4, np.array([1.0, 0.0, 0.5]))
-    piece = Piece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
+    shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
+    piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
     np.testing.assert_allclose(gentler(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE], (16, 1)))
-    alone = Shape(20, 4, np.array([1.0]))
-    np.testing.assert_allclose(gentler(Piece(np.ones((16, 1)), 0), alone).out, GENTLE)
+    alone = PieceShape(20, 4, np.array([1.0]))
+    np.testing.assert_allclose(gentler(MotionPiece(np.ones((16, 1)), 0), alone).out, GENTLE)
 
 
 def test_a_start_in_the_wall_is_refused():

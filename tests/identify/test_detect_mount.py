@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.diagnostics import against_file
 from baqueano.simulate import simulate
 
@@ -59,7 +59,7 @@ def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
     names = ["model.actuator_matrix[1,2]", "model.actuator_matrix[2,2]"]
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
-    blocks, sd = Blocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
+    blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
     found = against_file.gains(blocks, names, np.array([sideways, turning]), sd)
     assert [one.code for one in found] == ["file.lever-arm"]
     assert found[0].fix == "--free +sensors.imu.lever_arm_m"

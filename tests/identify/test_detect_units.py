@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.diagnostics import against_file
 
 
@@ -88,7 +88,7 @@ def test_swapped_axes_follow_each_others_predictions(turned, small):
 
 def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_the_largest(case):
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
-    blocks = Blocks(case.vehicle, case.sensors)
+    blocks = FittedBlocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
     found = against_file.checked(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
@@ -111,7 +111,7 @@ def test_an_inverted_gyro_is_told_by_the_sign_of_the_gain_and_by_the_acceleromet
 
 
 def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
-    blocks, nothing = Blocks(case.vehicle, case.sensors), np.zeros(0)
+    blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
     found = against_file.checked(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
@@ -131,7 +131,7 @@ def test_a_file_that_was_guessed_to_half_or_double_is_no_reason(driven, case):
 def test_a_gain_that_is_half_or_double_that_of_the_file_is_no_reason_and_another_unit_is(case, times, codes):
     was = case.value("model.actuator_matrix[2,2]")
     found = against_file.gains(
-        Blocks(case.vehicle, case.sensors),
+        FittedBlocks(case.vehicle, case.sensors),
         ["model.actuator_matrix[2,2]"],
         np.array([times * was]),
         np.array([0.01]),

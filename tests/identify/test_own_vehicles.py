@@ -13,7 +13,7 @@ from baqueano.blocks import check
 from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.design import designed, room_of
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.selection.selection import choose
@@ -133,7 +133,9 @@ def test_terms_are_chosen_by_the_names_of_its_metadata(files, name, term, others
 def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
     zones = {f"model.drivetrain.dead_zone_{way}": [2.0] for way in ("forward", "backward")}
     file = files["servo_axis"].with_values(zones)
-    names = [term.name for term in terms_of(Blocks(file.vehicle, file.sensors), np.array([[1.0], [-1.0]]))]
+    names = [
+        term.name for term in terms_of(FittedBlocks(file.vehicle, file.sensors), np.array([[1.0], [-1.0]]))
+    ]
     assert names[:2] == ["dry friction of the rail", "dead zone"]
 
 

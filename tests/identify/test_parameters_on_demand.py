@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.estimation import search
 from baqueano.identify.parameters.free import chosen, with_room
 from baqueano.messages import texts
@@ -135,7 +135,7 @@ def test_dry_friction_of_a_car_is_found_for_each_way_that_it_rolls(seed):
 
 def test_no_friction_is_found_that_no_file_may_have(small):
     """A vehicle on rubber tyres stops sideways within less of a tick than steps of it can tell."""
-    blocks = Blocks(small.vehicle, small.sensors)
+    blocks = FittedBlocks(small.vehicle, small.sensors)
     paths = ["model.friction.linear", "model.friction.coulomb[1]", "model.friction.quadratic[1]"]
     _, free = with_room(
         blocks, chosen(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)), lambda delay_s: 25

@@ -8,7 +8,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import record_of
-from baqueano.identify.data.segments import Layout, cut, slopes_without_start, without_starts
+from baqueano.identify.data.segments import ThetaLayout, cut, slopes_without_start, without_starts
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from tests.codes import of_code
@@ -52,7 +52,7 @@ def test_a_piece_longer_than_the_run_is_the_run(case, driven):
 
 def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
     rng = np.random.default_rng(0)
-    layout = Layout(3, 2, 2, (0, 0, 1))
+    layout = ThetaLayout(3, 2, 2, (0, 0, 1))
     J = np.zeros((60, layout.size))
     for k, index in enumerate(layout.indices):
         J[20 * k : 20 * (k + 1), index] = rng.normal(size=(20, len(index)))
@@ -65,7 +65,7 @@ def test_taking_the_starts_out_is_the_inverse_of_the_whole_information():
 
 def test_slopes_without_the_start_of_their_piece_have_the_information_without_starts():
     rng = np.random.default_rng(1)
-    layout = Layout(3, 2, 2, (0, 0, 1))
+    layout = ThetaLayout(3, 2, 2, (0, 0, 1))
     A, reduced = np.zeros((layout.size, layout.size)), np.zeros((layout.starts, layout.starts))
     for index in layout.indices:
         d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)

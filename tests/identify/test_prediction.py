@@ -9,11 +9,11 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.data.record import record_of
 from baqueano.identify.design.signals import random_steps
 from baqueano.identify.estimation import prediction_error as prediction
-from baqueano.identify.estimation.prediction_error import Noise, Prediction, most_likely, tail
+from baqueano.identify.estimation.prediction_error import FloorNoise, Prediction, most_likely, tail
 from baqueano.identify.parameters.theta import Shape
 from baqueano.identify.residuals import innovations as prediction_kernel
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
@@ -66,7 +66,7 @@ def cart_run(file, seed, ticks=60):
 
 def of_cart(file, *runs, start=(0,)):
     """A Prediction of the cart whose kernel is traced anew, so that no kept one hides what was patched."""
-    blocks = Blocks(file.vehicle, file.sensors)
+    blocks = FittedBlocks(file.vehicle, file.sensors)
     shape = Shape(FREE, (), start, (False,))
     records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
     problem = Residuals(blocks, shape, records)
@@ -226,7 +226,7 @@ def test_on_a_still_floor_the_likelihood_ratio_is_small(cart):
 def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white():
     camera = '[sensors.camera]\nkind = "pose"\nrate_hz = 4.0\nnoise_std = [0.01, 0.01, 0.01]'
     file = parse(CART[: CART.index("[sensors")] + camera, "camera.toml")
-    blocks = Blocks(file.vehicle, file.sensors)
+    blocks = FittedBlocks(file.vehicle, file.sensors)
     run = simulate(file, random_steps(file.command.limit, 60.0, 20.0, 3), 3)
     early = (record_of(run, file.sensors._asdict()).sensors["camera"].early is not None,)
     problem = Residuals(
@@ -234,7 +234,7 @@ def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white
     )
     problem = problem.weighed(np.full(3, 0.01))
     found = Prediction(problem, blocks)
-    moving = Noise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
+    moving = FloorNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
     e = found.innovations(found.x(np.array([DRAG, 1.0, 0.0]), moving))[0]
     there = problem.has[0] > 0.0
     assert np.std(e[there[:, 0], 0]) == pytest.approx(1.0, abs=0.15)

@@ -7,7 +7,7 @@ from baqueano.errors import UsageError
 from baqueano.identify import FitOptions
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.estimation.least_squares import Evaluation, Solution
-from baqueano.identify.estimation.prediction_error import Likely, Noise
+from baqueano.identify.estimation.prediction_error import FloorNoise, Likely
 from baqueano.identify.result.left_out import LeftOut
 from baqueano.identify.result.objective_choice import preferred
 from tests.codes import of_code
@@ -19,7 +19,7 @@ def likely(ratio, coloured=False, floor=(0.04, 0.0)):
     none = np.zeros((1, 1))
     info = Information(none, none, none, coloured, np.zeros(1), 100)
     solution = Solution(np.zeros(1), Evaluation(0.0, none[0], none), True, 0.0, 1, np.zeros(1))
-    noise = Noise(np.array(floor), np.zeros(1))
+    noise = FloorNoise(np.array(floor), np.zeros(1))
     return Likely(solution, np.zeros(1), noise, np.array([0.008, np.nan]), info, ratio, 1)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.parameter import all_parameters
 from baqueano.report.tables import csv_text, latex_text, save_table, symbol, told
 from baqueano.sensors import Imu
@@ -17,7 +17,7 @@ from baqueano.vehicles import Kinematic
 
 IMU = sensor_slots(("imu",))(Imu())
 VEHICLES = {"planar": load("small").vehicle, "kinematic": Kinematic(np.eye(3)), "car": load("car").vehicle}
-KNOWN = {kind: Blocks(vehicle, IMU) for kind, vehicle in VEHICLES.items()}
+KNOWN = {kind: FittedBlocks(vehicle, IMU) for kind, vehicle in VEHICLES.items()}
 
 ROWS = [
     {"name": "model.friction.linear[0]", "estimate": 7.0012, "sd": 0.0098, "unit": "N s/m", "weak": False},

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from baqueano.errors import FileError
 from baqueano.runs import import_run
-from baqueano.runs.tables.table import Table
+from baqueano.runs.tables.table import LogTable
 from tests.refusals import refused
 
 
@@ -105,7 +105,7 @@ def test_lg9_what_is_ambiguous_or_wrong_in_a_csv_is_refused_with_the_line_to_wri
 
 def numbers_of(cells):
     """What a column of these cells is read as, or the refusal of its first bad cell."""
-    table = Table("log.csv", {"v": cells}, np.arange(2, 2 + len(cells)))
+    table = LogTable("log.csv", {"v": cells}, np.arange(2, 2 + len(cells)))
     try:
         return table.numbers("v").tolist()
     except FileError as refusal:
@@ -140,7 +140,7 @@ def test_what_python_might_take_for_a_number_is_refused(cell):
     ],
 )
 def test_whole_numbers_are_read_exactly_or_not_at_all(cells, read):
-    found = Table("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
+    found = LogTable("log.csv", {"t": cells}, np.arange(len(cells))).integers("t")
     assert (None if found is None else found.tolist()) == read
 
 
@@ -221,7 +221,7 @@ def test_a_row_of_units_below_the_names_is_left_out_by_the_line_that_is_told(lab
     (line,) = re.findall(r"leave the row out with (where = .*)\.$", str(caught.value))
     told.write_text(text.replace("where = { }", line), encoding="utf-8")
     assert import_run(told).run.applied.tobytes() == plain.applied.tobytes()
-    quoted = Table("log.csv", {name: ["m/s", "1"]}, np.arange(2))
+    quoted = LogTable("log.csv", {name: ["m/s", "1"]}, np.arange(2))
     with pytest.raises(FileError) as caught:
         quoted.numbers(name)
     key = name if name == "speed" else f'"{name}"'

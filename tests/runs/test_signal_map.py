@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.runs.diagnostics.signal_map import NOTHING, Channel, ratios, relation, signal_map
+from baqueano.runs.diagnostics.signal_map import NOTHING, MappedChannel, ratios, relation, signal_map
 
 UNITS = ratios("acceleration", "m/s^2")
 
@@ -24,7 +24,7 @@ def test_a_signed_permutation_and_a_unit_are_found(swapped, sign, ratio):
     z = (h[:, ::-1] if swapped else h) * sign * ratio + 0.1 * ratio * np.random.default_rng(2).normal(
         size=(300, 2)
     )
-    found = signal_map(z, h, [Channel(0.4, 2.5, UNITS)] * 2)
+    found = signal_map(z, h, [MappedChannel(0.4, 2.5, UNITS)] * 2)
     for i, one in enumerate(found):
         assert one.of == (1 - i if swapped else i)
         assert np.sign(one.relation.slope) == sign

@@ -1,7 +1,7 @@
 """`baqueano study driving` on one robot: the controller is judged by physics that it did not write."""
 
 from baqueano.study import driving
-from baqueano.study.driving import Drive, Driving
+from baqueano.study.driving import Driving, EvenDrive
 
 
 def test_an_identified_robot_drives_evenly_on_physics_that_is_not_the_models(monkeypatch):
@@ -15,7 +15,7 @@ def test_an_identified_robot_drives_evenly_on_physics_that_is_not_the_models(mon
 
 
 def test_a_lap_that_breaks_a_limit_is_named_with_its_figure():
-    good = Drive("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
+    good = EvenDrive("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
     late = good._replace(seed=1, across_m=0.02, sign_changes=2.0)
     found = Driving((good, late), 2, ())
     assert found.verdict == "WARN"

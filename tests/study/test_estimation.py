@@ -19,11 +19,11 @@ from baqueano.study.estimation.errors import (
     SPEED,
     WHOLE,
     Beside,
-    Path,
+    EstimatedPath,
     beside,
     joined,
 )
-from baqueano.study.estimation.judging import Judged
+from baqueano.study.estimation.judging import JudgedEstimate
 from baqueano.study.estimation.references import integrated, open_loop
 from baqueano.study.estimation.result import Estimated
 from baqueano.study.estimation.subjects import BOTH, IMU, SETUPS, with_sensors
@@ -83,7 +83,12 @@ def test_a_path_with_half_the_error_has_half_the_ratio():
     eta = run.truth.eta.copy()
     off = 0.01 * run.t_s[:, None] * [1.0, 0.0, 0.0]
     speed = np.full(len(run.t_ns), V)
-    found = beside(run.t_ns, Path(eta + 0.5 * off, speed + 0.05), Path(eta + off, speed + 0.1), run.truth)
+    found = beside(
+        run.t_ns,
+        EstimatedPath(eta + 0.5 * off, speed + 0.05),
+        EstimatedPath(eta + off, speed + 0.1),
+        run.truth,
+    )
     assert list(found) == list(QUANTITIES)
     assert found[SPEED].ratio[0] == pytest.approx(0.5, abs=0.01)
     for name in QUANTITIES[1:]:
@@ -115,7 +120,7 @@ def made(ratio):
     """Ten blocks in which the estimate is `ratio` times as far off as the reference."""
     blocks = np.random.default_rng(1).uniform(0.9, 1.1, 10)
     one = Beside(ratio**2 * blocks, blocks, np.ones(10))
-    return Judged(
+    return JudgedEstimate(
         f"here, {BOTH}", BOTH, "ekf", dict.fromkeys(QUANTITIES, one), UNKNOWN, NOT_REPORTED, "USABLE", ""
     )
 
@@ -172,7 +177,7 @@ def vehicles():
     """A robot on a slope and one with a slow motor, 10 s each."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulated, "SECONDS", 10.0)
-        return simulated._subjects(simulated.Job("robot", (2, 3), (), "auto"))
+        return simulated._subjects(simulated.EstimationJob("robot", (2, 3), (), "auto"))
 
 
 def test_a_simulated_vehicle_is_fitted_without_its_truth_and_judged_on_another_run(vehicles):
@@ -190,7 +195,9 @@ def test_a_simulated_vehicle_is_fitted_without_its_truth_and_judged_on_another_r
 def test_the_share_that_is_not_worse_counts_what_was_fitted():
     good, bad = made(0.6), made(1.2)
     refused = made(3.0)._replace(fit="REFUSED")
-    outcomes = [simulated.Outcome(k, "slope", (one,), "") for k, one in enumerate((good, bad, refused))]
+    outcomes = [
+        simulated.SimulatedOutcome(k, "slope", (one,), "") for k, one in enumerate((good, bad, refused))
+    ]
     rows = {row["quantity"]: row for row in simulated.rows(outcomes) if "all" in row["recording"]}
     assert rows["speed, not worse"]["value"] == 0.5
     assert rows["speed, not worse"]["ok"] is False
@@ -199,7 +206,7 @@ def test_the_share_that_is_not_worse_counts_what_was_fitted():
 
 
 def test_each_vehicle_has_rows_for_machines_and_none_in_the_table():
-    outcomes = [simulated.Outcome(0, "slope", (made(0.6), made(1.2)), "")]
+    outcomes = [simulated.SimulatedOutcome(0, "slope", (made(0.6), made(1.2)), "")]
     rows = simulated.each_vehicle(outcomes)
     assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]
     found = Estimated((), tuple(simulated.rows(outcomes)), tuple(rows))

@@ -14,7 +14,7 @@ from baqueano.study.experiments.result import Drawn, Experiments, rows_of
 from baqueano.study.first_drives import DEAD_ZONE, STRONGEST, WEAKEST, FirstDrives, gains, unknown
 from baqueano.study.first_drives import Row as First
 from baqueano.study.identification.bound import numbers
-from baqueano.study.truth import World, drawn_cars
+from baqueano.study.truth import TruthWorld, drawn_cars
 from baqueano.study.truth import drawn as robots_drawn
 from baqueano.vehicle_file import load
 
@@ -118,7 +118,7 @@ def test_a_number_that_no_motion_shows_is_as_uncertain_as_before():
 @pytest.mark.parametrize("vehicle", [robots_drawn(1, 3), drawn_cars(1, 3)], ids=["robot", "car"])
 def test_a_world_of_the_loop_is_the_world_of_the_truth_with_each_command_from_the_next_tick_on(vehicle):
     vehicle = vehicle.changed(floor=0.0 * vehicle.floor)
-    looped, plain = LoopWorld(vehicle, 5, 100.0), World(vehicle, [5])
+    looped, plain = LoopWorld(vehicle, 5, 100.0), TruthWorld(vehicle, [5])
     rng, u = np.random.default_rng(0), np.zeros(vehicle.commands)
     for k in range(100):
         (tick,) = looped.read((k + 1) * 10_000_000)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.study.faults import FAULTS, Faults, faults, judged
-from baqueano.study.faults.judged import SOUND, Job, Outcome
+from baqueano.study.faults.judged import SOUND, FaultJob, FaultOutcome
 from baqueano.study.wrong import wrong
 
 SOME = (
@@ -51,7 +51,7 @@ def test_the_table_names_each_fault_and_ends_with_the_verdict(study):
 
 
 def made(fault, verdict, off):
-    return Outcome(Job(fault, "small", 0, "auto"), verdict, off, np.nan, np.nan, ())
+    return FaultOutcome(FaultJob(fault, "small", 0, "auto"), verdict, off, np.nan, np.nan, ())
 
 
 def test_one_wrong_fit_that_is_called_usable_fails_the_study():

@@ -25,8 +25,8 @@ from baqueano.study.counterpart.cars import SPEED
 from baqueano.study.identification import Identification, identification, result, trials
 from baqueano.study.identification.bound import beside, bound_of, steps
 from baqueano.study.identification.page import page_of_identification
-from baqueano.study.identification.trials import CASES, Outcome
-from baqueano.study.truth import World, drawn_cars
+from baqueano.study.identification.trials import CASES, TrialOutcome
+from baqueano.study.truth import TruthWorld, drawn_cars
 from baqueano.study.workers import spread_over
 
 NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
@@ -37,7 +37,9 @@ def made(case="clean", verdict="USABLE", reasons=(), sd=1.0, off=0.0, seed=0, me
     truth, rng = np.array([3.0, 0.05]), np.random.default_rng(seed)
     estimate = truth + 0.01 * (off + rng.normal(size=2))
     bound = np.full(2, 0.01 if case in ("clean", "rough") else np.nan)
-    return Outcome(case, seed, NAMES, truth, estimate, np.full(2, 0.01 * sd), bound, verdict, reasons, met)
+    return TrialOutcome(
+        case, seed, NAMES, truth, estimate, np.full(2, 0.01 * sd), bound, verdict, reasons, met
+    )
 
 
 def study_of(count=200, **options):
@@ -81,7 +83,7 @@ def test_the_file_of_a_robot_holds_its_true_values():
 def test_the_true_speed_of_a_car_is_the_one_that_it_reaches():
     car = drawn_cars(1, 0)
     car = car.changed(servo_offset_rad=np.zeros(1))
-    world = World(car, [0])
+    world = TruthWorld(car, [0])
     for _ in range(100):
         world.tick(np.array([[0.35, 0.0]]), 0.02)
     assert world.truth.nu[0, 0] == pytest.approx(car_values(car)[SPEED][0], rel=0.05)
@@ -218,10 +220,10 @@ def test_ctrl_c_leaves_the_table_of_the_seeds_that_are_done(tmp_path):
     code = (
         "import sys, time\nimport numpy as np\nfrom baqueano.cli import main\n"
         "from baqueano.study.identification import result\nfrom baqueano.study import workers\n"
-        "from baqueano.study.identification.trials import Outcome\none, none = np.ones(1), (np.nan * np.ones(1))\n"
+        "from baqueano.study.identification.trials import TrialOutcome\none, none = np.ones(1), (np.nan * np.ones(1))\n"
         "def slow(job):\n    if job.seeds[0]:\n        print('one', file=sys.stderr, flush=True)\n"
         "        time.sleep(30)\n"
-        "    return [Outcome('clean', s, ('a',), one, one, one, none, 'USABLE', (), True) for s in job.seeds]\n"
+        "    return [TrialOutcome('clean', s, ('a',), one, one, one, none, 'USABLE', (), True) for s in job.seeds]\n"
         "result.work, workers.processors = slow, lambda: 1\n"
         "main(['study', 'identification', '--seeds', '400', '--json'])\n"
     )

@@ -7,7 +7,7 @@ from baqueano.study import driving, marks
 from baqueano.study.corridor.vehicles import vehicles
 from baqueano.study.marks.drives import STEP_S, Laps
 from baqueano.study.marks.result import Marks, laps_of
-from baqueano.study.truth import Faults, Floor, World, drawn
+from baqueano.study.truth import Floor, TagFaults, TruthWorld, drawn
 from baqueano.symbolic import function
 
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
@@ -19,7 +19,7 @@ def read(floor, way):
     return {k: z for k, z in enumerate(told) if not np.isnan(z[0])}
 
 
-def floor(seed=0, faults=Faults(), noise=0.0):  # noqa: B008 a tuple
+def floor(seed=0, faults=TagFaults(), noise=0.0):  # noqa: B008 a tuple
     return Floor(TWO, 0.1, noise, [seed], np.array([[0.0, 0.05]]), faults)
 
 
@@ -36,7 +36,7 @@ def test_a_tag_is_told_once_where_the_vehicle_is_nearest_and_not_beside_its_radi
 
 
 def test_faults_come_as_often_as_they_should():
-    ways = [read(floor(seed, Faults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)]
+    ways = [read(floor(seed, TagFaults(0.2, 0.1, 0.05)), line(0.05)) for seed in range(400)]
     counts = np.bincount([len(way) for way in ways], minlength=3)
     assert counts[0] / 400 == pytest.approx(0.2, abs=0.06)
     assert counts[2] / 400 == pytest.approx(0.08, abs=0.05)
@@ -48,7 +48,8 @@ def test_compiled_steps_of_the_truth_that_are_longer_drive_the_same_way():
     robots = drawn(1, 4)
     robots = robots.changed(floor=0.0 * robots.floor)
     worlds = [
-        World(robots, [1], step_s=step_s, fast=fast) for step_s, fast in ((1e-3, slow), (STEP_S, function))
+        TruthWorld(robots, [1], step_s=step_s, fast=fast)
+        for step_s, fast in ((1e-3, slow), (STEP_S, function))
     ]
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -61,7 +62,7 @@ def test_compiled_steps_of_the_truth_that_are_longer_drive_the_same_way():
 
 def test_a_compiled_truth_is_the_truth():
     robots, u = vehicles(range(3)), np.array([[0.6, 0.0, 0.1], [0.5, 0.0, -0.3], [-0.7, 0.0, 0.0]])
-    plain, compiled = (World(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
+    plain, compiled = (TruthWorld(robots, [1, 2, 3], fast=fast) for fast in (slow, function))
     for _ in range(100):
         z = plain.tick(u, 0.01), compiled.tick(u, 0.01)
         assert z[0] == pytest.approx(z[1], abs=1e-12)

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from baqueano.study import truth
-from baqueano.study.truth import Transmission, World, drawn, drawn_cars
+from baqueano.study.truth import Transmission, TruthWorld, drawn, drawn_cars
 
 
 def quiet(vehicles, **changed):
@@ -26,7 +26,7 @@ def cars(n=1, **changed):
 
 def driven(vehicles, u, seconds):
     n = len(vehicles.mass_kg)
-    world = World(vehicles, range(n))
+    world = TruthWorld(vehicles, range(n))
     for _ in range(round(100 * seconds)):
         z = world.tick(np.tile(u, (n, 1)), 0.01)
     return world, z
@@ -110,7 +110,7 @@ def between(vehicles, **values):
 
 def test_a_wheel_that_slips_pushes_no_more_than_its_grip_and_runs_ahead():
     q = between(robots(2), grip_n=np.array([0.3, np.inf]))
-    world = World(q, range(2))
+    world = TruthWorld(q, range(2))
     felt = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
     most = np.max(felt, axis=0)
     assert most[0] <= 2.0 * 0.3 / 0.61 + 1e-9 < most[1]
@@ -136,7 +136,7 @@ def test_play_is_crossed_at_the_speed_of_a_motor_without_load():
     )  # fmt: skip
     e = 0.5 * q.viscous[0, 0]
     at = brentq(lambda t: F / e * (t - 0.02 * (1.0 - np.exp(-t / 0.02))) - 0.5 * play, 1e-3, 1.0)
-    world = World(q, [0])
+    world = TruthWorld(q, [0])
     while world.truth.nu[0, 0] == 0.0:
         world.tick(np.array([[0.6, 0.0, 0.0]]), 0.001)
     assert world.t_s == pytest.approx(at, abs=0.0021)
@@ -144,7 +144,7 @@ def test_play_is_crossed_at_the_speed_of_a_motor_without_load():
 
 def test_in_its_play_a_robot_rolls_on_without_its_motor():
     q = between(robots(), play_m=np.full(1, 1.0)).changed(dry=np.zeros((1, 3)), quadratic=np.zeros((1, 3)))
-    world = World(q, [0])
+    world = TruthWorld(q, [0])
     world._x[0, 3] = 0.4
     world.tick(np.array([[0.0, 0.0, 0.0]]), 0.2)
     assert world.truth.nu[0, 0] == pytest.approx(
@@ -189,7 +189,7 @@ def smooth_robots():
 def test_its_step_is_fine_enough_however_the_delay_falls(made, us):
     """Against an adaptive integrator that is begun anew wherever a command is felt, ticks of 10 and of 7.3 ms."""
     vehicles = made()
-    world, x, sent = World(vehicles, [0]), np.zeros(vehicles.states), []
+    world, x, sent = TruthWorld(vehicles, [0]), np.zeros(vehicles.states), []
     for dt_s, u in zip([0.0073, 0.01] * 15, np.repeat(us, 10, axis=0), strict=True):
         sent.append((world.t_s + float(vehicles.delay_s[0]), u))
         world.tick(u[None], dt_s)
@@ -202,7 +202,7 @@ def test_its_step_is_fine_enough_however_the_delay_falls(made, us):
 
 def test_who_stands_beside_it_changes_nothing():
     two = drawn(2, 5)
-    both, alone = World(two, [7, 8]), World(two.some([1]), [8])
+    both, alone = TruthWorld(two, [7, 8]), TruthWorld(two.some([1]), [8])
     for k in range(20):
         u = np.array([[0.5, 0.0, 0.2], [0.8, 0.0, -0.4]]) * (k % 3)
         np.testing.assert_array_equal(both.tick(u, 0.01)[1:], alone.tick(u[1:], 0.01))

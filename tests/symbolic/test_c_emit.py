@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 from baqueano.symbolic.c_code import compile
 from baqueano.symbolic.c_code.c import make_kernel
 from baqueano.symbolic.derivatives.tangents import tangents
-from baqueano.symbolic.graph.emit import LEAVES, Branch, arguments, cost, plan, schedule, with_reciprocals
+from baqueano.symbolic.graph.emit import (
+    LEAVES,
+    EmittedBranch,
+    arguments,
+    cost,
+    plan,
+    schedule,
+    with_reciprocals,
+)
 from baqueano.symbolic.graph.node import Graph, Node
 from baqueano.symbolic.graph.program import Program
 
@@ -25,7 +33,7 @@ def check(statements, known: set, roots=()) -> set:
     """Every argument is there when it is read, and no term is computed twice. Returns what is known then."""
     known = set(known)
     for s in statements:
-        if isinstance(s, Branch):
+        if isinstance(s, EmittedBranch):
             assert is_leaf(s.condition) or s.condition in known
             for arm, body in ((1, s.then), (2, s.otherwise)):
                 inside = check(body, known)
@@ -40,10 +48,10 @@ def check(statements, known: set, roots=()) -> set:
     return known
 
 
-def branches(statements) -> list[Branch]:
+def branches(statements) -> list[EmittedBranch]:
     found = []
     for s in statements:
-        if isinstance(s, Branch):
+        if isinstance(s, EmittedBranch):
             found += [s, *branches(s.then), *branches(s.otherwise)]
     return found
 

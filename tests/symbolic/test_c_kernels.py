@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from baqueano.symbolic.c_code import c, compile
-from baqueano.symbolic.c_code.c import Kernel, make_kernel
+from baqueano.symbolic.c_code.c import CKernel, make_kernel
 from baqueano.symbolic.graph.node import Graph
 from baqueano.symbolic.graph.program import Program
 
@@ -26,7 +26,7 @@ class Case:
         self.theta = draw.normal(size=len(program.theta))
         self.start = draw.normal(size=len(program.start))
         self.inputs = draw.normal(size=(n, len(program.inputs)))
-        self.kernel: Kernel = make_kernel(program)
+        self.kernel: CKernel = make_kernel(program)
 
     def given(self) -> tuple:
         return self.n, self.theta, self.start, self.inputs

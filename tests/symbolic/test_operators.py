@@ -222,7 +222,7 @@ def test_random_expressions_by_forward_rows_are_casadis(seed):
     from .random_programs import in_casadi, in_numpy, random_program
 
     program = random_program(seed, p=3, operations=30)._replace(carry=(), next_carry=(), initial=(), start=())
-    from baqueano.symbolic.python_code.python import Kernel
+    from baqueano.symbolic.python_code.python import PythonKernel
 
     draw = np.random.default_rng(seed)
     theta, inputs = draw.normal(size=3), draw.normal(size=(1, 3))
@@ -230,7 +230,7 @@ def test_random_expressions_by_forward_rows_are_casadis(seed):
     outputs = program.graph.substitute(program.outputs, {s: program.graph.const(0.3) for s in used})
     program = program._replace(outputs=tuple(outputs))
     y, slopes = np.empty((1, len(outputs))), np.empty((1, len(outputs), 3))
-    Kernel(program).sensitivities(1, theta, np.zeros(0), inputs, y, slopes)
+    PythonKernel(program).sensitivities(1, theta, np.zeros(0), inputs, y, slopes)
     expected, derived = in_casadi(program, theta, np.zeros(0), inputs)
     np.testing.assert_allclose(y, in_numpy(program, theta, np.zeros(0), inputs)[0], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(y, expected, rtol=1e-11, atol=1e-11)

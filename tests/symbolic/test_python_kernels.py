@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from baqueano.symbolic.arrays.scalar import apply
 from baqueano.symbolic.graph.node import Graph
 from baqueano.symbolic.graph.program import Program
-from baqueano.symbolic.python_code.python import Kernel, make_kernel
+from baqueano.symbolic.python_code.python import PythonKernel, make_kernel
 
 from .random_programs import in_casadi, in_numpy, random_program
 
@@ -22,7 +22,7 @@ class Case:
         self.theta = draw.normal(size=len(program.theta))
         self.start = draw.normal(size=len(program.start))
         self.inputs = draw.normal(size=(n, len(program.inputs)))
-        self.kernel: Kernel = make_kernel(program)
+        self.kernel: PythonKernel = make_kernel(program)
 
     def given(self) -> tuple:
         return self.n, self.theta, self.start, self.inputs

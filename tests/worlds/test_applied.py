@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from baqueano.worlds.applied import ON_THE_WAY_NS, Applied, Motors, Way
+from baqueano.worlds.applied import ON_THE_WAY_NS, Applied, AppliedMotors, AppliedWay
 
 MS = 1_000_000
-UNEQUAL = Motors(20.0, (Way(0.3, 0.7), Way(0.32, 0.68), Way(0.25, 0.75), Way(0.27, 0.7)))
+UNEQUAL = AppliedMotors(
+    20.0, (AppliedWay(0.3, 0.7), AppliedWay(0.32, 0.68), AppliedWay(0.25, 0.75), AppliedWay(0.27, 0.7))
+)
 
 
 class Firmware:

@@ -9,7 +9,7 @@ from baqueano.signals import Command, sensor_slots
 from baqueano.vehicles import Friction, Planar
 from baqueano.worlds import Replayed, Simulated, world_init, world_step
 from baqueano.worlds.noise import PROCESS, sensor_stream, unit_normals
-from baqueano.worlds.simulated import Noise, no_noise
+from baqueano.worlds.simulated import DrawnNoise, no_noise
 
 VEHICLE = Planar(
     mass_kg=0.61,
@@ -36,7 +36,7 @@ def test_the_world_is_the_pure_step_with_the_noise_of_its_names():
     process, imu = unit_normals(3, PROCESS, 600, 3), unit_normals(3, sensor_stream("imu"), 600, 6)
     state = world_init(VEHICLE, SENSORS)
     for k, tick in enumerate(ticks):
-        state, truth, slots = world_step(VEHICLE, SENSORS, state, U, 0.01, Noise(process[k], (imu[k],)))
+        state, truth, slots = world_step(VEHICLE, SENSORS, state, U, 0.01, DrawnNoise(process[k], (imu[k],)))
         assert tick.t_ns == (k + 1) * 10_000_000
         assert np.array_equal(tick.u, U)
         assert np.array_equal(tick.sensors.imu.z, slots.imu.z)

@@ -3,7 +3,7 @@
 compare(runs).table()      # ATE, RPE, across the path, NEES, NIS with their χ² bands
 """
 
-from baqueano.compare.comparison import Comparison, Judged, compare
+from baqueano.compare.comparison import Comparison, JudgedPath, compare
 from baqueano.compare.consistency import Band
 
-__all__ = ["Band", "Comparison", "Judged", "compare"]
+__all__ = ["Band", "Comparison", "JudgedPath", "compare"]

@@ -44,7 +44,7 @@ UNKNOWN = Path(float("nan"), float("nan"), float("nan"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class JudgedPath:
     """What is known of one run."""
 
     name: str
@@ -108,7 +108,7 @@ ADVICE = {
 class Comparison:
     """One or more runs, judged alike."""
 
-    runs: tuple[Judged, ...]
+    runs: tuple[JudgedPath, ...]
     alignment: str  # of the estimate to the truth
     over_s: float  # of the relative error
 
@@ -249,13 +249,13 @@ def compare(
     )
 
 
-def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> Judged:
+def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> JudgedPath:
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
     if run.estimate is not None and run.truth is not None and len(run.truth.t_ns) > 1:
         figures = _against_truth(run, alignment, over_s)
-    return Judged(
+    return JudgedPath(
         name, run.duration_s, **figures,
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
         across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
@@ -336,7 +336,7 @@ def _across_run(run: "Run", first: "Run") -> Path:
     return _path(errors.cross_track(a_ns[both], a.eta[both, :2], b_ns, b.eta[:, :2]))
 
 
-def _refused(judged: Judged, name: str) -> str:
+def _refused(judged: JudgedPath, name: str) -> str:
     """ "540 of 1501" of a number; "-" where the estimator does not count."""
     found = [one for one in judged.refusals if one.name == name]
     return f"{found[0].refused} of {found[0].arrived}" if found else "-"

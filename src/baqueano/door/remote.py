@@ -25,7 +25,7 @@ from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
 from baqueano.door.ssh import there
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.door.wire import decoded, encoded
 from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
 from baqueano.messages import text
@@ -339,7 +339,7 @@ def stop(host: str, why: Diagnostic) -> "JsonObject":
 
 
 def _stopped(remote: Remote) -> bool:
-    return remote.state.get("state") == State.STOPPED
+    return remote.state.get("state") == DoorState.STOPPED
 
 
 def _greet(remote: Remote, first: "JsonObject") -> None:

@@ -15,7 +15,7 @@ from baqueano.errors import SafetyStop
 from baqueano.messages import text
 
 
-class State(StrEnum):
+class DoorState(StrEnum):
     """Names as people read them."""
 
     DISARMED = "DISARMED"
@@ -26,14 +26,14 @@ class State(StrEnum):
 
 
 NEXT = {
-    (State.DISARMED, "ready"): State.READY,
-    (State.READY, "not ready"): State.DISARMED,
-    (State.READY, "mission"): State.MISSION,
-    (State.READY, "manual"): State.MANUAL,
-    (State.MISSION, "done"): State.READY,
-    (State.MANUAL, "done"): State.READY,
-    (State.STOPPED, "clear"): State.DISARMED,
-    **{(state, "stop"): State.STOPPED for state in State},
+    (DoorState.DISARMED, "ready"): DoorState.READY,
+    (DoorState.READY, "not ready"): DoorState.DISARMED,
+    (DoorState.READY, "mission"): DoorState.MISSION,
+    (DoorState.READY, "manual"): DoorState.MANUAL,
+    (DoorState.MISSION, "done"): DoorState.READY,
+    (DoorState.MANUAL, "done"): DoorState.READY,
+    (DoorState.STOPPED, "clear"): DoorState.DISARMED,
+    **{(state, "stop"): DoorState.STOPPED for state in DoorState},
 }
 
 
@@ -41,7 +41,7 @@ class Machine:
     """The state, and why the vehicle does not drive; `why` is None where nothing is in the way."""
 
     def __init__(self) -> None:
-        self.state = State.DISARMED
+        self.state = DoorState.DISARMED
         self.why: Diagnostic | None = stop(StopReason.NOT_CHECKED)
 
     def go(self, event: str, why: Diagnostic | None = None) -> None:
@@ -50,7 +50,7 @@ class Machine:
         if target is None:
             because = f": {text(self.why)}" if self.why is not None else ""
             raise SafetyStop(f"the vehicle is {self.state}{because}. {self.advice}", self.why)
-        if self.state is not State.STOPPED or event != "stop":
+        if self.state is not DoorState.STOPPED or event != "stop":
             self.why = why
         self.state = target
 
@@ -58,6 +58,6 @@ class Machine:
     def advice(self) -> str:
         """What a person can do about it."""
         return {
-            State.DISARMED: "Mend that; it is checked again by itself.",
-            State.STOPPED: "Look at the vehicle, then type: baqueano robot clear",
+            DoorState.DISARMED: "Mend that; it is checked again by itself.",
+            DoorState.STOPPED: "Look at the vehicle, then type: baqueano robot clear",
         }.get(self.state, "Wait until it is done, or stop it: baqueano robot stop")

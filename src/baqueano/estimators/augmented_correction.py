@@ -17,7 +17,7 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.augmented_state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved
-from baqueano.estimators.place_gate import TURN_STD, Numbers, PlaceDoubt, growth, judged
+from baqueano.estimators.place_gate import TURN_STD, PlaceDoubt, PlaceNumbers, growth, judged
 from baqueano.estimators.sensor_numbers import age_s
 from baqueano.geometry import map_from_body
 from baqueano.parameter import INF
@@ -78,7 +78,7 @@ def corrected(
         ways += list(mistakes(sensor, z).T[at])
     y, H, has = (np.concatenate(one) for one in (gaps, slopes, arrived))
     Q, seen = block_diagonal(noise), H * has[:, None]
-    numbers = Numbers(y * has, seen @ x.cov @ seen.T + Q, has, ways)
+    numbers = PlaceNumbers(y * has, seen @ x.cov @ seen.T + Q, has, ways)
     of_place = judged(its.places, numbers, place_doubt, dt_s, estimator.gate_sigma)
     if its.places:
         D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubted)

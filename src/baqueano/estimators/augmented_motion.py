@@ -32,7 +32,7 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.augmented_state import BEND, BIASES, SCALES, layout
 from baqueano.estimators.covariance import block_diagonal
 from baqueano.estimators.kalman import Gaussian, predict
-from baqueano.estimators.pauses import Row, bounded, unmoved_cov
+from baqueano.estimators.pauses import FilterRow, bounded, unmoved_cov
 from baqueano.estimators.sensor_numbers import slips
 from baqueano.geometry import map_from_body, wrap
 from baqueano.vehicles.effort import Effort
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 
-def ahead(estimator: "AugmentedEkf", x: Gaussian, effort: Effort, row: Row) -> Gaussian:
+def ahead(estimator: "AugmentedEkf", x: Gaussian, effort: Effort, row: FilterRow) -> Gaussian:
     """Return the state (n,), (n, n) one row later.  (2)-(4)"""
     n = len(x.mean)
     walks = [
@@ -88,7 +88,7 @@ def beside_wheels(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.nd
     return np.diag(np.array([variance * speed**2 + (period_s * gain) ** 2 / 3.0, 0.0, 0.0]))
 
 
-def kicks(estimator: "AugmentedEkf", psi: Value, row: Row, kept: Value) -> np.ndarray:
+def kicks(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) -> np.ndarray:
     """Return the covariance (8, 8) of what the walk of ν, that of d and the way of both add to (η, ν, d) in a row.
 
     Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not; of what d gives to ν

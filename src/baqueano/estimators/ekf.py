@@ -51,7 +51,7 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved, predict
-from baqueano.estimators.pauses import Row, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.pauses import FilterRow, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, parameter
@@ -159,7 +159,7 @@ class Ekf:
     def _dynamic(self) -> bool:
         return is_dynamic(self.vehicle)
 
-    def _predict(self, belief: Belief, effort: Effort, row: Row) -> tuple[np.ndarray, np.ndarray]:
+    def _predict(self, belief: Belief, effort: Effort, row: FilterRow) -> tuple[np.ndarray, np.ndarray]:
         """Mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
         g = self._move_paper if self.mode == "paper" and self._dynamic else self._move
         before = Gaussian(belief.mean, belief.cov)

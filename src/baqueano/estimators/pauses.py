@@ -79,7 +79,7 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     return Tick(*columns), at
 
 
-class Row(NamedTuple):
+class FilterRow(NamedTuple):
     """The start of a row: its length and its command."""
 
     new: Value  # whether it is newer than the last one; one that is not changes nothing
@@ -88,15 +88,15 @@ class Row(NamedTuple):
     u: np.ndarray  # (n,) the command; 0 where it is not finite
 
 
-def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> Row:
+def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
     """Return how the row that ends with this tick begins."""
     new = tick.t_ns > since_ns
     dt_s = np.where(new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
-    return Row(new, dt_s, np.minimum(dt_s, longest_s(rate_hz)), u)
+    return FilterRow(new, dt_s, np.minimum(dt_s, longest_s(rate_hz)), u)
 
 
-def unmoved_cov(row: Row, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
+def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return by how much the pose (3, 3) is less certain for what a row lasts beyond the longest one, in which a state
     (η, ν, …) is not predicted."""
     way = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])

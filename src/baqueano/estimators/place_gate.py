@@ -32,7 +32,7 @@ SMALL = 1e-12  # m², of the way from a tag to itself
 TURN_STD = np.pi / np.sqrt(3.0)  # rad, of a heading that nobody knows
 
 
-class Numbers(NamedTuple):
+class PlaceNumbers(NamedTuple):
     """The numbers of a tick against the prediction."""
 
     y: np.ndarray  # (m,) innovations; 0 for what did not arrive
@@ -71,7 +71,7 @@ def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
 
 
 def judged(
-    groups: tuple[tuple[int, ...], ...], numbers: Numbers, doubt: PlaceDoubt, dt_s: Value, sigma: float
+    groups: tuple[tuple[int, ...], ...], numbers: PlaceNumbers, doubt: PlaceDoubt, dt_s: Value, sigma: float
 ) -> GateDecision:
     """Return the weights; `groups` are the numbers of each sensor that shows the pose.  (1)-(4)"""
     if not groups:

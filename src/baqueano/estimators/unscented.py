@@ -22,7 +22,7 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved
-from baqueano.estimators.pauses import Row, chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.pauses import FilterRow, chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
 from baqueano.geometry import map_from_body, wrap
@@ -105,7 +105,7 @@ class Unscented:
         told = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *told)
 
-    def _predict(self, belief: UnscentedBelief, effort: Effort, row: Row) -> Gaussian:
+    def _predict(self, belief: UnscentedBelief, effort: Effort, row: FilterRow) -> Gaussian:
         """The state one row later.  (1, 2)"""
 
         def g(x: np.ndarray) -> np.ndarray:

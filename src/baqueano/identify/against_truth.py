@@ -145,7 +145,7 @@ def scale_std_path(file: "VehicleFile", path: str) -> str | None:
     return f"{owner}.{known.std}" if known.std and not known.walk else None
 
 
-class Signal(NamedTuple):
+class TruthSignal(NamedTuple):
     """A channel and its integral, linear between samples."""
 
     t_s: np.ndarray  # (M,)
@@ -219,7 +219,7 @@ def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     return Calibration(run.name, tuple(known), left)
 
 
-def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, Signal] | None:
+def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, TruthSignal] | None:
     """Return the first sensor with such a field that the run has, and its channel; samples that repeat the one before
     in all entries of an IMU are a driver's, not the chip's."""
     for name, block in file.sensors._asdict().items():
@@ -232,7 +232,7 @@ def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple
             good[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)
         t_s, z = seconds(channel.t_ns[good], run.t_ns[0]), channel.z[good, entry]
         sums = np.concatenate([[0.0], np.cumsum(0.5 * (z[1:] + z[:-1]) * np.diff(t_s))])
-        return name, Signal(t_s, z, sums)
+        return name, TruthSignal(t_s, z, sums)
     return None
 
 
@@ -259,7 +259,7 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
     return seconds(run.truth.t_ns[good], run.t_ns[0]), eta
 
 
-def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: Signal) -> Windows:
+def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSignal) -> Windows:
     """All windows in which neither the truth nor the sensor is silent for long, whatever the offset."""
     t_s, eta = frames
     begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)
@@ -294,14 +294,14 @@ def _silences(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
     return [(t_s[k] - wider_s, t_s[k + 1] + wider_s) for k in long]
 
 
-def _turned(w: Windows, gyro: Signal, offset_s: float) -> Equations:
+def _turned(w: Windows, gyro: TruthSignal, offset_s: float) -> Equations:
     """(1): y (N,), slopes (N, 2) of (a, −c), and what they change by per second of offset (N, 2)."""
     t = w.t_s + offset_s
     slopes = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
     return w.of(w.eta[:, 2]), slopes, np.stack([w.of(gyro.at(t)), np.zeros(len(w.a))], axis=1)
 
 
-def _moved(w: Windows, odometer: Signal, offset_s: float) -> Equations:
+def _moved(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
     """(2): y (2N,), slopes (2N, 4) of (k_x, k_y, l_x, l_y), and what they change by per second of offset."""
     c, s = np.cos(w.eta[:, 2]), np.sin(w.eta[:, 2])
 

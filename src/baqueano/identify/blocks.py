@@ -6,7 +6,7 @@ from baqueano.contracts.values import Tree
 from baqueano.signals import ByName
 
 
-class Blocks(NamedTuple):
+class FittedBlocks(NamedTuple):
     """The part of a vehicle that a fit sees, by the tables of its file."""
 
     model: Tree

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.data.hand_measurements import with_tape
 from baqueano.identify.data.rest import with_gyro_at_rest
 from baqueano.identify.data.truth import TRUTH, with_truth
@@ -26,7 +26,7 @@ class Dataset:
     """Runs, cleaned, and the part of the vehicle that explains them."""
 
     file: "VehicleFile"  # with the zero of a gyro as the runs show it at rest, where only that shows it
-    blocks: Blocks  # the model, and the sensors that are used
+    blocks: FittedBlocks  # the model, and the sensors that are used
     runs: tuple[Run, ...]
     channels: dict[str, list[int]]  # of sensors that are not used whole
     findings: tuple[Diagnostic, ...]
@@ -86,7 +86,7 @@ def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
 
 def sensors_of(
     file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
-) -> tuple[Blocks, list[Run], dict[str, list[int]]]:
+) -> tuple[FittedBlocks, list[Run], dict[str, list[int]]]:
     """The vehicle and the sensors to be believed, the truth among them if it is asked for; and which channels
     of those of which not all are."""
     if not runs:
@@ -106,7 +106,7 @@ def sensors_of(
         size = getattr(sensors, name).size
         if name in only and max(only[name]) >= size:
             raise UsageError(fault("use.no-channel", sensor=name, entry=max(only[name]), last=size - 1))
-    return Blocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
+    return FittedBlocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
 
 
 def _nothing_in_common(known: Sequence[str], runs: list[Run]) -> UsageError:

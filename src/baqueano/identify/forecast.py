@@ -22,7 +22,7 @@ from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.data.record import record_of
 from baqueano.identify.parameters.free import value, with_numbers
 from baqueano.identify.result.fit_result import Fit
@@ -142,7 +142,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
 
 def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
     """Return the kernel of η (3,) in open loop, of rows (dt, u).  (1)"""
-    blocks = Blocks(fit.blocks.model, sensor_slots(())())
+    blocks = FittedBlocks(fit.blocks.model, sensor_slots(())())
 
     def start(theta: np.ndarray) -> Any:
         return with_numbers(blocks, paths, theta).model.init()

@@ -22,7 +22,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.identify.against_truth import GAP_S, Calibration, Known, Signal, channel_of
+from baqueano.identify.against_truth import GAP_S, Calibration, Known, TruthSignal, channel_of
 from baqueano.identify.covariance.clusters import students
 from baqueano.identify.covariance.information import QUANTILE_95
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
@@ -89,7 +89,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     )  # fmt: skip
 
 
-def _whole_record(name: str, gyro: Signal, limit: np.ndarray | None) -> None:
+def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> None:
     """UsageError where a part of a turn is not in the record."""
     gap = np.diff(gyro.t_s)
     if gap.max() > GAP_S:
@@ -115,7 +115,7 @@ def turned_by_hand(run: Run) -> bool:
     return unseen and not np.any(np.nan_to_num(run.applied))
 
 
-def _rests(gyro: Signal) -> list[Rest]:
+def _rests(gyro: TruthSignal) -> list[Rest]:
     """Return where it stood: pieces as quiet as the quietest, joined."""
     t_s, z = gyro.t_s, gyro.z
     piece = ((t_s - t_s[0]) // PIECE_S).astype(int)
@@ -140,7 +140,7 @@ def _rests(gyro: Signal) -> list[Rest]:
     return out
 
 
-def _angles(gyro: Signal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
+def _angles(gyro: TruthSignal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
     """Return G (K,) of (1) from middle to middle of the rests, the first 0, and q (K − 1,) of (2)."""
     at, b = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
     T = np.diff(at)

@@ -29,7 +29,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.covariance.information import Information, information
 from baqueano.identify.covariance.jackknife import jackknife, with_blocks
 from baqueano.identify.covariance.scale_uncertainty import scales_of, with_systematic, zero_of
@@ -198,7 +198,7 @@ def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
     raise UsageError(fault("led.which-imu", vehicle=file.name, known=known))
 
 
-def _wanted(blocks: Blocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
+def _wanted(blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
     """Return what is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
     held = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)

@@ -25,7 +25,7 @@ from baqueano.estimators.augmented_correction import WITHIN, expected
 from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.pauses import chosen, row_of
-from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, State, stuck
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, stuck
 from baqueano.monitor.numbers import Numbers, numbers_of
 from baqueano.monitor.witness import log_odds
 from baqueano.sensors.sampling import difference
@@ -53,16 +53,16 @@ class Agreement:
         """Return the numbers of all sensors."""
         return numbers_of(self.model)
 
-    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> State:
+    def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
         """No doubt."""
         zero = np.zeros(len(self.numbers.names))
         rows = Memory(*[zero] * len(Memory._fields))
         rows = rows._replace(bias_var=(BEFORE_REST * self.numbers.bias_std) ** 2)
-        return State(self.model.init(eta, nu), np.stack(rows))
+        return MonitorState(self.model.init(eta, nu), np.stack(rows))
 
     def step(
-        self, state: State, tick: Tick, y: np.ndarray | None, S: np.ndarray | None
-    ) -> tuple[State, np.ndarray]:
+        self, state: MonitorState, tick: Tick, y: np.ndarray | None, S: np.ndarray | None
+    ) -> tuple[MonitorState, np.ndarray]:
         """Return the doubt (m,) [s] after a tick to which the estimator had the innovation y with covariance S."""
         its, before, was = self.numbers, state.model, Memory(*state.memory)
         row = row_of(before.t_ns, tick, self.model.rate_hz)
@@ -114,7 +114,7 @@ class Agreement:
             kept * was.ss + shown_s * s * s, kept * was.sz + shown_s * s * (s + r),
             kept * was.zz + shown_s * (s + r) * (s + r),
         )  # fmt: skip
-        state = chosen(row.new, State(model, np.stack(after)), state)
+        state = chosen(row.new, MonitorState(model, np.stack(after)), state)
         return state, state.memory[0]
 
     def _expected(

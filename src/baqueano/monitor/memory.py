@@ -31,7 +31,7 @@ class Memory(NamedTuple):
     zz: np.ndarray
 
 
-class State(NamedTuple):
+class MonitorState(NamedTuple):
     """Between ticks."""
 
     model: AugmentedBelief  # by the commands alone

@@ -24,7 +24,7 @@ from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
-from baqueano.simulate.system import Input, State, System, advance, begin, flat, quiet, varied
+from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, quiet, varied
 from baqueano.supervisor import REASONS, numbered
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
@@ -108,21 +108,21 @@ def closed_loop(
     output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
 ) -> Scan:
-    """The kernel of (1): a `scan` over Input, State → Heard, or → output(Heard).
+    """The kernel of (1): a `scan` over Input, SystemState → Heard, or → output(Heard).
 
     With `paths` into the system it takes the numbers there as θ.
     """
     dt_s = 1.0 / rate_hz
     example = Input(1, quiet(system.sensors) if noise else None)
 
-    def step_of(system: System, state: State, x: Input) -> tuple[State, Tree]:
+    def step_of(system: System, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
         state, heard = advance(system, dt_s, state, x)
         return state, heard if output is None else output(heard)
 
     if not paths:
         return scan(lambda state, x: step_of(system, state, x), begin(system), example, backend=backend)
 
-    def step(theta: Tree, state: State, x: Input) -> tuple[State, Tree]:
+    def step(theta: Tree, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
         return step_of(varied(system, paths, theta), state, x)
 
     return scan(step, begin(system), example, flat(system, paths), backend=backend)

@@ -25,7 +25,7 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.noise import PROCESS, unit_normals
-from baqueano.worlds.simulated import Noise, WorldState
+from baqueano.worlds.simulated import DrawnNoise, WorldState
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -35,7 +35,7 @@ class OpenLoopState(NamedTuple):
     """What one tick takes from outside."""
 
     u: np.ndarray  # (n,) the command
-    noise: Noise | None  # unit normals; None: no noise at all
+    noise: DrawnNoise | None  # unit normals; None: no noise at all
 
 
 class Said(NamedTuple):
@@ -112,11 +112,11 @@ def open_loop(
     return scan(step, world_init(model, sensors), example, backend=backend)
 
 
-def draw(sensors: SensorBlocks, seed: int, ticks: int) -> Noise:
+def draw(sensors: SensorBlocks, seed: int, ticks: int) -> DrawnNoise:
     """Unit normals for `ticks` ticks, leading axis (ticks,): a stream for the vehicle, one per sensor."""
     said = zip(sensors._fields, sensors, strict=True)
     each = tuple(unit_normals(seed, f"sensor.{name}", ticks, sensor.noise_size) for name, sensor in said)
-    return Noise(unit_normals(seed, PROCESS, ticks, 3), each)
+    return DrawnNoise(unit_normals(seed, PROCESS, ticks, 3), each)
 
 
 def times(ticks: int, rate_hz: float) -> np.ndarray:

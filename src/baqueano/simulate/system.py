@@ -18,7 +18,7 @@ from baqueano.signals import Motion, Tick
 from baqueano.symbolic import get, put
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
-from baqueano.worlds.simulated import Noise, WorldState
+from baqueano.worlds.simulated import DrawnNoise, WorldState
 
 
 class System(NamedTuple):
@@ -41,10 +41,10 @@ class Input(NamedTuple):
     """What one tick of a loop takes from outside."""
 
     t_ns: Value  # the end of the tick, int; (N,) for a whole run
-    noise: Noise | None  # unit normals; None: no noise at all
+    noise: DrawnNoise | None  # unit normals; None: no noise at all
 
 
-class State(NamedTuple):
+class SystemState(NamedTuple):
     """What a simulated loop carries from tick to tick."""
 
     world: WorldState
@@ -59,23 +59,23 @@ class Heard(NamedTuple):
     truth: Motion
 
 
-def quiet(sensors: SensorBlocks) -> Noise:
+def quiet(sensors: SensorBlocks) -> DrawnNoise:
     """Zeros in place of unit normals; constants, so that all noise folds away."""
-    return Noise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
+    return DrawnNoise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
 
-def begin(system: System, eta0: np.ndarray | None = None) -> State:
+def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
     """Everything at rest at the pose `eta0` (3,), known to the estimator."""
     world = world_init(system.model, system.sensors, eta0)
-    return State(world, loop.init(system.blocks, eta0), np.zeros(system.model.commands))
+    return SystemState(world, loop.init(system.blocks, eta0), np.zeros(system.model.commands))
 
 
-def advance(system: System, dt_s: float, state: State, x: Input) -> tuple[State, Heard]:
+def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, Heard]:
     """One tick of the world under the command in force, then one of the loop: pure."""
     noise = quiet(system.sensors) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
-    return State(world, states, record.command.u), Heard(record, truth)
+    return SystemState(world, states, record.command.u), Heard(record, truth)
 
 
 def sizes(system: System, paths: Sequence[str]) -> list[int]:

@@ -38,7 +38,7 @@ from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
 from baqueano.simulate.open_loop import times
 from baqueano.study.demo import GUESS
-from baqueano.study.truth import Robots, World, drawn
+from baqueano.study.truth import Robots, TruthWorld, drawn
 from baqueano.study.workers import spread_over
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
@@ -76,7 +76,7 @@ CASES = {
 }
 
 
-class Drive(NamedTuple):
+class EvenDrive(NamedTuple):
     """One lap of one robot."""
 
     case: str
@@ -115,11 +115,11 @@ SHARE = 0.95  # of the laps must keep a limit; the table shows the worst lap too
 class Driving:
     """All laps."""
 
-    drives: tuple[Drive, ...]
+    drives: tuple[EvenDrive, ...]
     driven: int  # robots, fewer than were asked for if it was interrupted
     refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
 
-    def of(self, case: str, shape: str, speed: float) -> list[Drive]:
+    def of(self, case: str, shape: str, speed: float) -> list[EvenDrive]:
         """Return the laps of one row."""
         return [d for d in self.drives if d[:3] == (case, shape, speed)]
 
@@ -179,7 +179,7 @@ class Driving:
 FIGURES = ("speed_error", "unevenness", "at_limit", "sign_changes", "across_m", "stopped")
 
 
-def _figures(laps: list[Drive]) -> dict[str, float]:
+def _figures(laps: list[EvenDrive]) -> dict[str, float]:
     out = {}
     for figure in FIGURES:
         x = np.array([float(getattr(lap, figure)) for lap in laps])
@@ -211,14 +211,14 @@ def batch(
     cases: tuple[str, ...],
     speeds: tuple[float, ...],
     controller: str | None = None,
-) -> tuple[int, list[Drive], list[int]]:
+) -> tuple[int, list[EvenDrive], list[int]]:
     """Return how many robots these are, their laps, and those whose fit was refused."""
     robots = together([drawn(1, seed) for seed in seeds])
     fits = [identify(run, guess(), FREE) for run in experiments(robots, seeds)]
     kept = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in kept]
     robots, names = robots.some(kept), [seeds[k] for k in kept]
-    drives: list[Drive] = []
+    drives: list[EvenDrive] = []
     loops = {
         perfect: [Loop(file, perfect, backend, controller) for file in files]
         for perfect in {CASES[c].perfect for c in cases}
@@ -229,7 +229,7 @@ def batch(
             for speed in [v for v in its if v in speeds]:
                 laps = follow(loops[perfect], changed(robots), route_at(speed), [s + 1 for s in names])
                 drives += [
-                    Drive(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
+                    EvenDrive(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
                 ]
     return len(seeds), drives, [seed for seed in seeds if seed not in names]
 
@@ -243,7 +243,7 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
     """Return a run of random steps of each robot, the same steps for all."""
     file = guess()
     u = excitation("random_steps", file.command.limit, EXPERIMENT_S, file.rate_hz, 0, rest_s=2.0)
-    t_ns, world = times(len(u), file.rate_hz), World(robots, seeds, fast=function)
+    t_ns, world = times(len(u), file.rate_hz), TruthWorld(robots, seeds, fast=function)
     z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / file.rate_hz) for row in u], axis=1)
     metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
     return [
@@ -295,7 +295,7 @@ def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) 
     for t in t_ns:
         state, reference = guide.step(state, _at_rest(int(t)))
         references.append(reference)
-    world, u = World(robots, seeds, np.tile(route.eta[0], (n, 1))), np.zeros((n, 3))
+    world, u = TruthWorld(robots, seeds, np.tile(route.eta[0], (n, 1))), np.zeros((n, 3))
     states = [one.start(route.eta[0]) for one in loops]
     truth, sent = np.zeros((len(t_ns), n, 4)), np.zeros((len(t_ns), n, 3))
     for k, t in enumerate(t_ns):
@@ -314,7 +314,8 @@ def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) 
 def _lap(
     t_ns: np.ndarray, truth: np.ndarray, u: np.ndarray, eta: np.ndarray, asked: np.ndarray, limits: Any, supervisor: Any
 ) -> tuple[float, ...]:  # fmt: skip
-    """Return the figures of a Drive: true poses and speeds (N, 4), commands (N, 3), asked poses (N, 3), speeds (N,)."""
+    """Return the figures of an EvenDrive: true poses and speeds (N, 4), commands (N, 3), asked poses (N, 3),
+    speeds (N,)."""
     kept = pace(t_ns, truth[:, 3], asked)
     changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
     stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(asked)

@@ -22,7 +22,7 @@ from baqueano.compare import compare
 from baqueano.diagnostics import Verdict
 from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.identify.data.record import Record, record_of
+from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import MAPS, check_present
@@ -257,7 +257,7 @@ def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> Predicted
     return Predicted(record.t_s, measured, model)
 
 
-def _first(record: Record, sensor: str, entry: int) -> float:
+def _first(record: FitRecord, sensor: str, entry: int) -> float:
     """The first measurement of a channel."""
     said = record.sensors[sensor]
     return float(said.z[np.argmax(said.has[:, entry] > 0.0), entry])

@@ -56,7 +56,7 @@ class GyroCalibration(NamedTuple):
     tolerance: float
 
 
-class Known(NamedTuple):
+class KnownGains(NamedTuple):
     """What a fit says of the drive."""
 
     value: np.ndarray  # (5,) in the order of NAMES
@@ -121,7 +121,7 @@ def held_out(fit: Fit, known: Fit, run: "Run", label: str, backend: str) -> list
     ]
 
 
-def drive_of(fit: Fit, file: VehicleFile) -> Known:
+def drive_of(fit: Fit, file: VehicleFile) -> KnownGains:
     """Gain, frictions and the steady speed on the straight, with their errors."""
     at = [fit.names.index(name) for name in DRIVE]
     gain, viscous, dry = (fit.value(name) for name in DRIVE[:3])
@@ -130,7 +130,7 @@ def drive_of(fit: Fit, file: VehicleFile) -> Known:
     slope = np.array([effort, -speed, -1.0, 0.0]) / viscous
     cov = np.nan_to_num(fit.cov[np.ix_(at, at)])
     value, sd = np.append(fit.estimate[at], speed), np.append(fit.sd[at], np.sqrt(slope @ cov @ slope))
-    return Known(value, sd)
+    return KnownGains(value, sd)
 
 
 def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:

@@ -30,7 +30,7 @@ from baqueano.simulate.system import Input, System, begin
 from baqueano.symbolic import put
 from baqueano.tune.cost import Weights, shown, tick_cost
 from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
-from baqueano.tune.tuned import Drive, Gain, Tuned
+from baqueano.tune.tuned import Gain, Tuned, TunedDrive
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -172,13 +172,13 @@ class Rehearsal:
             total, slope = total + c, slope + g[: len(gains)]
         return total / len(self.vehicles), slope / len(self.vehicles)
 
-    def drive(self, gains: np.ndarray) -> Drive:
+    def drive(self, gains: np.ndarray) -> TunedDrive:
         """How the vehicles drive with these gains."""
         each = [
             self._shown.run(self._inputs, self._with(gains, v), carry=self._start)[1] for v in self.vehicles
         ]
         d, psi, full = (np.concatenate(x) for x in zip(*each, strict=True))
-        return Drive(rms(d), float(np.max(d)), rms(psi), float(np.mean(full)))
+        return TunedDrive(rms(d), float(np.max(d)), rms(psi), float(np.mean(full)))
 
     @staticmethod
     def _with(gains: np.ndarray, vehicle: np.ndarray) -> np.ndarray:

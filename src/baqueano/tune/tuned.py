@@ -34,7 +34,7 @@ class Gain(NamedTuple):
     cost_more: float  # with 1.25 of it
 
 
-class Drive(NamedTuple):
+class TunedDrive(NamedTuple):
     """How the vehicle drives with these gains."""
 
     distance_rms_m: float
@@ -53,7 +53,7 @@ class Tuned:
     cost_before: float  # with the file's gains; NaN if it had none
     cost_standing: float  # with no control at all
     weights: "Weights"
-    drive: Drive
+    drive: TunedDrive
     descents: tuple["Descent", ...]  # the least cost first
     history: np.ndarray  # (e, 2): number of the descent, cost of the evaluation
     loop: str  # "perfect pose" or "estimator in the loop"

@@ -19,18 +19,20 @@ STEP_NS, MOST_STEPS = 1_000_000, 50  # the firmware looks at its wheels so often
 ON_THE_WAY_NS = 1_000_000  # from a command of the loop to the wheels: by USB it is 1 to 2 ms
 
 
-class Way(NamedTuple):
+class AppliedWay(NamedTuple):
     """One wheel in one direction: duty = dead_zone + slope · |request|."""
 
     dead_zone: float = 0.0
     slope: float = 1.0
 
 
-class Motors(NamedTuple):
+class AppliedMotors(NamedTuple):
     """What the firmware makes of a request."""
 
     slew_per_s: float = 1000.0
-    ways: tuple[Way, ...] = (Way(),) * 4  # left forwards, left backwards, right forwards, right backwards
+    ways: tuple[AppliedWay, ...] = (
+        AppliedWay(),
+    ) * 4  # left forwards, left backwards, right forwards, right backwards
 
     def duty(self, wheel: int, request: float) -> float:
         """The duty at the pins for a request that the wheel follows.  (2)"""
@@ -56,13 +58,13 @@ class Motors(NamedTuple):
         return request + min(max(goal - request, -most), most)
 
 
-AS_SENT = Motors()
+AS_SENT = AppliedMotors()
 
 
 class Applied:
     """Of two wheels. All times are those of the host [ns]."""
 
-    def __init__(self, motors: Motors = AS_SENT) -> None:
+    def __init__(self, motors: AppliedMotors = AS_SENT) -> None:
         self._motors = motors
         self._commands: deque[tuple[int, tuple[float, float]]] = deque(maxlen=1000)
         self._told_ns, self._integral = -1, np.zeros(2)  # U of (1)

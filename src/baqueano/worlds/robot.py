@@ -24,7 +24,7 @@ from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import UsageError
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
-from baqueano.worlds.applied import AS_SENT, Applied, Motors
+from baqueano.worlds.applied import AS_SENT, Applied, AppliedMotors
 from baqueano.worlds.silent_encoders import SilentEncoders
 
 TILT_TICKS = 50  # over which a tilt is the mean: half a second
@@ -106,7 +106,7 @@ class Body:
     mixing: str = "two_wheels"
     wheel_radius_m: float | None = None
     counts_per_turn: float | None = None
-    motors: Motors = AS_SENT  # what the firmware makes of a duty that is sent
+    motors: AppliedMotors = AS_SENT  # what the firmware makes of a duty that is sent
 
     def __post_init__(self) -> None:
         if self.mixing != "two_wheels":

@@ -29,7 +29,7 @@ class WorldState(NamedTuple):
     sensors: tuple[Tree, ...]  # one state per sensor, in their order
 
 
-class Noise(NamedTuple):
+class DrawnNoise(NamedTuple):
     """Unit normals for one tick."""
 
     vehicle: np.ndarray  # (3,)
@@ -47,7 +47,7 @@ def world_step(
     state: WorldState,
     u: np.ndarray,
     dt_s: float,
-    noise: Noise,
+    noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
     """One tick under the command `u` (n,): state, truth, and what the sensors say at its end.  (1)"""
     body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
@@ -56,9 +56,9 @@ def world_step(
     return WorldState(body, tuple(x for x, _ in said)), motion._replace(tick=None), slots
 
 
-def no_noise(sensors: SensorBlocks) -> Noise:
+def no_noise(sensors: SensorBlocks) -> DrawnNoise:
     """Zeros where unit normals are expected."""
-    return Noise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
+    return DrawnNoise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
 
 class _Stepped(NamedTuple):
@@ -68,7 +68,7 @@ class _Stepped(NamedTuple):
     sensors: SensorBlocks
 
     def step(
-        self, state: WorldState, u: np.ndarray, dt_s: float, noise: Noise
+        self, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise
     ) -> tuple[WorldState, Motion, Tree]:
         return world_step(self.vehicle, self.sensors, state, u, dt_s, noise)
 
@@ -128,9 +128,9 @@ class Simulated(World):
         self._truths.clear()
         return truths
 
-    def _noise(self) -> Noise:
+    def _noise(self) -> DrawnNoise:
         row = self._tick % BATCH
         if row == 0:
             pairs = zip(self._streams, self._sizes, strict=True)
             self._drawn = [generator.standard_normal((BATCH, size)) for generator, size in pairs]
-        return Noise(self._drawn[0][row], tuple(drawn[row] for drawn in self._drawn[1:]))
+        return DrawnNoise(self._drawn[0][row], tuple(drawn[row] for drawn in self._drawn[1:]))

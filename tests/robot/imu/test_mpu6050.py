@@ -11,7 +11,7 @@ pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
 
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.imu import driver as imu
-from baqueano.robot.imu.settings import Settings
+from baqueano.robot.imu.settings import ImuSettings
 from tests.emulated.i2c_ioctl import Bench, loop, start
 from tests.emulated.mpu import REST, STANDARD_GRAVITY
 
@@ -167,7 +167,7 @@ def test_close_puts_the_chip_to_sleep(bench):
 )
 def test_settings_that_no_chip_has_are_refused(wrong, said):
     with pytest.raises(UsageError, match="IMU") as error:
-        Settings(**wrong)
+        ImuSettings(**wrong)
     assert said in str(error.value)
 
 

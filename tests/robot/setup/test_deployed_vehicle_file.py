@@ -10,9 +10,9 @@ from baqueano import vehicle_file
 from baqueano.cli import main
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.setup import install, steps
-from baqueano.robot.setup.install import Machine, remove, setup
+from baqueano.robot.setup.install import TargetMachine, remove, setup
 
-PI = Machine((3, 11), "aarch64", "ana")
+PI = TargetMachine((3, 11), "aarch64", "ana")
 SMALL = vehicle_file.load("small")
 FOUND = {"robot.imu_axes": ["-y", "x", "z"], "sensors.imu.gyro_bias": 0.0123}
 

@@ -9,10 +9,10 @@ import pytest
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.setup import install, steps
-from baqueano.robot.setup.install import Machine, bundle, machine_at, remove, setup
+from baqueano.robot.setup.install import TargetMachine, bundle, machine_at, remove, setup
 from baqueano.robot.setup.steps import Pi, boot_block
 
-PI = Machine((3, 11), "aarch64", "ana")
+PI = TargetMachine((3, 11), "aarch64", "ana")
 
 
 def tree(root):

@@ -44,7 +44,7 @@ def test_what_stands_behind_the_dashes_is_the_host(host, words):
     [
         lambda: exclusive_hardware.there("r1", "robot", "doctor"),
         lambda: install.machine_at("r1"),
-        lambda: install.remove("r1", install.Machine((3, 11), "aarch64", "pi")),
+        lambda: install.remove("r1", install.TargetMachine((3, 11), "aarch64", "pi")),
         lambda: deployed_vehicle_file.renewed("r1", None),
     ],
 )

@@ -350,10 +350,10 @@ def _over_time(
 
 def _written(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
     if table is not None:
-        from baqueano.identify.blocks import Blocks
+        from baqueano.identify.blocks import FittedBlocks
         from baqueano.report.tables import save_table
 
-        blocks = Blocks(file.vehicle, file.sensors)
+        blocks = FittedBlocks(file.vehicle, file.sensors)
         talk(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
 
 

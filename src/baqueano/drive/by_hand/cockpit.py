@@ -28,9 +28,9 @@ from baqueano.drive.by_hand import pad as pads
 from baqueano.drive.by_hand import screen
 from baqueano.drive.by_hand.dead_zone import short_of_motion
 from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
-from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, Event
+from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, KeyEvent
 from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
-from baqueano.drive.by_hand.tty import Line, terminal
+from baqueano.drive.by_hand.tty import TerminalLine, terminal
 from baqueano.drive.health import shown
 from baqueano.drive.observers import Observer
 from baqueano.loop import Record
@@ -63,7 +63,7 @@ class Cockpit(Observer):
     def __init__(
         self,
         limit: np.ndarray,
-        line: Line | None = None,
+        line: TerminalLine | None = None,
         *,
         name: str = "",
         names: tuple[str, ...] = ("u_x", "u_y", "u_psi"),
@@ -239,13 +239,13 @@ class Cockpit(Observer):
         if self._pad is not None:
             for button in self._pad.read():
                 self._hear(
-                    Event(PRESS, "m" if button in pads.MARK else " " if button in pads.STOP else ""), now_s
+                    KeyEvent(PRESS, "m" if button in pads.MARK else " " if button in pads.STOP else ""), now_s
                 )
             if self._pad.gone:
                 self.stop(stop(StopReason.PAD_UNPLUGGED))
             self.status.pad = self._pad.said
 
-    def _hear(self, event: Event, now_s: float) -> None:
+    def _hear(self, event: KeyEvent, now_s: float) -> None:
         if event.kind == ALIVE:
             self._life.answered(now_s)
         self._held.hear(event, now_s)

@@ -23,7 +23,7 @@ AXIS = struct.Struct("=6i")
 MOST_EVENTS = 64  # of one read
 
 
-class Event(NamedTuple):
+class InputEvent(NamedTuple):
     """One change."""
 
     kind: int
@@ -45,7 +45,7 @@ def request(number: int, size: int) -> int:
     return 2 << 30 | size << 16 | ord("E") << 8 | number
 
 
-class Device:
+class InputDevice:
     """The device at `path`. OSError where it cannot be opened, or is none of these."""
 
     def __init__(self, path: Path, long_bytes: int = struct.calcsize("@l")) -> None:
@@ -69,9 +69,9 @@ class Device:
         """The keys that are held now."""
         return _numbers(self._asked(0x18, KEYS // 8))
 
-    def read(self) -> list[Event]:
+    def read(self) -> list[InputEvent]:
         """What happened since the last time."""
-        events: list[Event] = []
+        events: list[InputEvent] = []
         while True:
             try:
                 data = os.read(self._fd, MOST_EVENTS * self._event.size)
@@ -79,7 +79,7 @@ class Device:
                 return events
             if not data:
                 raise OSError("the device has ended")
-            events += [Event(*fields[2:]) for fields in self._event.iter_unpack(data)]
+            events += [InputEvent(*fields[2:]) for fields in self._event.iter_unpack(data)]
 
     def close(self) -> None:
         """Closes the file."""

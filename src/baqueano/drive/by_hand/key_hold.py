@@ -17,7 +17,7 @@ In (2) a terminal repeats the newest key alone, so keys that were held when it b
 from collections import deque
 from statistics import median
 
-from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, REPEAT, Event
+from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, REPEAT, KeyEvent
 
 RELEASES, REPEATS, LATCHED = "releases", "repeats", "latched"
 WAYS = {  # key → ahead, to the left
@@ -71,7 +71,7 @@ class KeyHold:
         self._keys.clear()
         self._newest, self._repeats, self._set = "", 0, (0.0, 0.0)
 
-    def hear(self, event: Event, now_s: float) -> None:
+    def hear(self, event: KeyEvent, now_s: float) -> None:
         """One event at this time [s]."""
         if event.kind == LEFT_WINDOW or (event.kind == PRESS and event.key in ZERO):
             self.let_go()

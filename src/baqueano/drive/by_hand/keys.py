@@ -26,20 +26,20 @@ _WHOLE = re.compile(r"\x1b(?:\[([<-?]?)([0-9;:]*)[ -/]*([@-~])|O([A-D]))")
 _BEGUN = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")
 
 
-class Event(NamedTuple):
+class KeyEvent(NamedTuple):
     """One thing that a terminal said."""
 
     kind: str  # PRESS, REPEAT, RELEASE of a key; ALIVE, KITTY, LEFT_WINDOW
     key: str = ""  # "w", "up", " ", "ctrl-c"
 
 
-class Decoder:
+class KeyDecoder:
     """Bytes as they come, in pieces cut anywhere, to events."""
 
     def __init__(self) -> None:
         self._rest = ""
 
-    def feed(self, data: bytes) -> list[Event]:
+    def feed(self, data: bytes) -> list[KeyEvent]:
         """The events that these bytes complete. A sequence nobody knows is left out."""
         text, self._rest = self._rest + data.decode("utf-8", errors="ignore"), ""
         events, at = [], 0
@@ -56,30 +56,30 @@ class Decoder:
         return events
 
 
-def _event(private: str, numbers: str, final: str, application: str) -> list[Event]:
+def _event(private: str, numbers: str, final: str, application: str) -> list[KeyEvent]:
     if application:
-        return [Event(PRESS, ARROWS[application])]
+        return [KeyEvent(PRESS, ARROWS[application])]
     if private == "?":
-        return [Event(KITTY)] if final == "u" else []
+        return [KeyEvent(KITTY)] if final == "u" else []
     if final == "n":
-        return [Event(ALIVE)] if numbers == "0" else []
+        return [KeyEvent(ALIVE)] if numbers == "0" else []
     if final == "O" and not numbers:
-        return [Event(LEFT_WINDOW)]
+        return [KeyEvent(LEFT_WINDOW)]
     code, _, rest = numbers.partition(";")
     modifiers, _, kind = rest.partition(";")[0].partition(":")
     if private or kind not in KINDS:
         return []
     if final in ARROWS:
-        return [Event(KINDS[kind], ARROWS[final])]
+        return [KeyEvent(KINDS[kind], ARROWS[final])]
     letter = code.partition(":")[0]
     if final != "u" or not letter or int(letter) > 0x10FFFF:
         return []
     key = chr(int(letter)).lower()
     held = int(modifiers or 1) - 1
-    return [Event(KINDS[kind], INTERRUPT if held & CTRL and key == "c" else key)]
+    return [KeyEvent(KINDS[kind], INTERRUPT if held & CTRL and key == "c" else key)]
 
 
-def _typed(letter: str) -> list[Event]:
+def _typed(letter: str) -> list[KeyEvent]:
     if letter == "\x03":
-        return [Event(PRESS, INTERRUPT)]
-    return [Event(PRESS, letter.lower())] if letter.isprintable() else []
+        return [KeyEvent(PRESS, INTERRUPT)]
+    return [KeyEvent(PRESS, letter.lower())] if letter.isprintable() else []

@@ -16,7 +16,7 @@ import re
 import sys
 from pathlib import Path
 
-from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, Device, Event, X, Y
+from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, InputDevice, InputEvent, X, Y
 from baqueano.errors import UsageError
 
 FOLDER = Path("/dev/input")
@@ -30,7 +30,7 @@ GROUP = "sudo usermod -aG input $USER, then log in again"
 class Pad:
     """The pad that `device` is."""
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: InputDevice) -> None:
         self._device, self.name, self.gone = device, device.name, False
         self._axes: dict[int, Axis] = {}
         self._down: set[int] = set()
@@ -79,7 +79,7 @@ class Pad:
         at_rest = not any(map(self._part, (X, Y))) and not self._down & HOLD
         self._let_go = self._let_go or (at_rest and not self._lost)
 
-    def _happened(self, event: Event) -> list[int]:
+    def _happened(self, event: InputEvent) -> list[int]:
         """One event; the button that it pressed."""
         kind, code, value = event
         if kind == SYN and code == DROPPED:
@@ -122,7 +122,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
     pads, looked, closed = [], [], []
     for path in sorted(folder.glob("event*"), key=lambda p: int(re.sub(r"\D", "", p.name) or 0)):
         try:
-            device = Device(path)
+            device = InputDevice(path)
         except PermissionError:
             closed.append(path.name)
             continue
@@ -144,7 +144,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
     raise UsageError(_none(folder, looked, closed))
 
 
-def lacking(device: Device) -> str:
+def lacking(device: InputDevice) -> str:
     """What `device` lacks to be a pad, in words; "" where it is one."""
     if not {X, Y} <= device.axes:
         return "no stick"
@@ -167,7 +167,7 @@ def _none(folder: Path, looked: list[str], closed: list[str]) -> str:
 
 def _named(path: Path) -> Pad:
     try:
-        device = Device(path)
+        device = InputDevice(path)
     except PermissionError as error:
         raise UsageError(f"--pad {path}: may not be read by this user. Type: {GROUP}") from error
     except OSError as error:

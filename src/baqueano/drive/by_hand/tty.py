@@ -10,19 +10,19 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
-from baqueano.drive.by_hand.keys import PRESS, Decoder, Event
+from baqueano.drive.by_hand.keys import PRESS, KeyDecoder, KeyEvent
 from baqueano.errors import UsageError
 
 CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"
 PENDING = 4096  # bytes that may wait: half a second of frames
 
 
-class Line(Protocol):
+class TerminalLine(Protocol):
     """What a Cockpit drives by."""
 
     answers: bool  # whether one can ask it anything
 
-    def read(self) -> list[Event] | None:
+    def read(self) -> list[KeyEvent] | None:
         """What came since the last time; None when it has ended."""
         ...
 
@@ -53,7 +53,7 @@ class Tty:
         import tty
 
         self._fd = os.open(os.ttyname(fd), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        self._decoder, self._waits, self._undo = Decoder(), b"", b""
+        self._decoder, self._waits, self._undo = KeyDecoder(), b"", b""
         self._before = termios.tcgetattr(self._fd)
         tty.setcbreak(self._fd)
         mode = termios.tcgetattr(self._fd)
@@ -61,8 +61,8 @@ class Tty:
         termios.tcsetattr(self._fd, termios.TCSANOW, mode)
         self.change(CURSOR_OFF, CURSOR_ON)
 
-    def read(self) -> list[Event] | None:
-        """See Line."""
+    def read(self) -> list[KeyEvent] | None:
+        """See TerminalLine."""
         self.write(b"")
         data = b""
         try:
@@ -75,7 +75,7 @@ class Tty:
         return None if not data else self._decoder.feed(data)
 
     def write(self, data: bytes) -> None:
-        """See Line."""
+        """See TerminalLine."""
         if len(self._waits) + len(data) <= PENDING:
             self._waits += data
         if self._waits:
@@ -83,12 +83,12 @@ class Tty:
                 self._waits = self._waits[os.write(self._fd, self._waits) :]
 
     def change(self, on: bytes, off: bytes) -> None:
-        """See Line."""
+        """See TerminalLine."""
         self._undo = off + self._undo
         self.write(on)
 
     def size(self) -> tuple[int, int]:
-        """See Line."""
+        """See TerminalLine."""
         with suppress(OSError):
             columns, lines = os.get_terminal_size(self._fd)
             if columns and lines:
@@ -96,7 +96,7 @@ class Tty:
         return 80, 24
 
     def close(self) -> None:
-        """See Line."""
+        """See TerminalLine."""
         import termios
 
         self._waits = b""  # of a frame that was not taken: the rest would be read as text
@@ -113,8 +113,8 @@ class WindowsConsole:
 
     answers = False
 
-    def read(self) -> list[Event] | None:
-        """See Line."""
+    def read(self) -> list[KeyEvent] | None:
+        """See TerminalLine."""
         import msvcrt
 
         keys = []
@@ -122,28 +122,28 @@ class WindowsConsole:
             key = msvcrt.getwch()  # pyright: ignore
             if key in ("\0", "\xe0"):
                 arrow = {"H": "up", "P": "down", "K": "left", "M": "right"}.get(msvcrt.getwch())  # pyright: ignore
-                keys += [Event(PRESS, arrow)] if arrow else []
+                keys += [KeyEvent(PRESS, arrow)] if arrow else []
             else:
-                keys += Decoder().feed(key.encode())
+                keys += KeyDecoder().feed(key.encode())
         return keys
 
     def write(self, data: bytes) -> None:
-        """See Line."""
+        """See TerminalLine."""
         sys.stdout.write(data.decode())
         sys.stdout.flush()
 
     def change(self, on: bytes, off: bytes) -> None:
-        """See Line."""
+        """See TerminalLine."""
 
     def size(self) -> tuple[int, int]:
-        """See Line."""
+        """See TerminalLine."""
         return 80, 24
 
     def close(self) -> None:
-        """See Line."""
+        """See TerminalLine."""
 
 
-def terminal() -> Line:
+def terminal() -> TerminalLine:
     """The terminal of this program. UsageError where there is none."""
     try:
         import msvcrt  # noqa: F401

@@ -37,7 +37,7 @@ from itertools import pairwise
 import numpy as np
 
 from baqueano.identify.covariance.information import FAR, Information
-from baqueano.identify.data.record import Record
+from baqueano.identify.data.record import FitRecord
 from baqueano.identify.data.segments import slopes_without_start
 from baqueano.identify.parallel import gram
 from baqueano.identify.residuals.simulation import HUBER, Residuals
@@ -96,7 +96,7 @@ def block_of(problem: Residuals) -> float:
     return max(BLOCK_S, _driven_s(problem) / MOST)
 
 
-def edges_of(record: Record, block_s: float, n: int) -> list[int]:
+def edges_of(record: FitRecord, block_s: float, n: int) -> list[int]:
     """Return the rows at which the blocks of a piece of `n` rows begin, and its end."""
     ends = np.cumsum(record.dt_s[record.lead :])
     first = record.lead + np.flatnonzero(np.diff(ends // block_s, prepend=-1.0))

@@ -30,7 +30,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, Motion, seconds, sensor_slots
 from baqueano.symbolic import scan
@@ -113,7 +113,9 @@ KINDS: dict[str, type] = {"tape": Tape, "back_on_mark": BackOnMark, "turned": Tu
 EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
 
 
-def with_tape(runs: Sequence[Run], blocks: Blocks, measured: Sequence[str]) -> tuple[list[Run], Blocks]:
+def with_tape(
+    runs: Sequence[Run], blocks: FittedBlocks, measured: Sequence[str]
+) -> tuple[list[Run], FittedBlocks]:
     """The runs with what was measured by hand among their sensors, one for each measurement, and the blocks with
     these beside the others."""
     out, sensors = list(runs), blocks.sensors._asdict()

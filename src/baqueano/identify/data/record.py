@@ -38,7 +38,7 @@ class Measured(NamedTuple):
     # of a sensor whose clock is free: its age at the row's end [s]
 
 
-class Record(NamedTuple):
+class FitRecord(NamedTuple):
     """A run, row by row."""
 
     name: str
@@ -56,7 +56,7 @@ def record_of(
     sensors: dict[str, Tree],
     only: Mapping[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
-) -> Record:
+) -> FitRecord:
     """The rows of `run` for the sensor blocks by name; of the sensors in `only`, those channels alone; those in
     `clocks` stand CLOCK_S late."""
     if len(run.t_ns) < 2:
@@ -82,7 +82,7 @@ def record_of(
         dt_s = np.repeat(dt_s / pieces, pieces)
         u = np.repeat(u, pieces, axis=0)
         t_s = np.cumsum(dt_s) - dt_s[0]
-    return Record(run.name, t_s, dt_s, u, said, tuple(notes))
+    return FitRecord(run.name, t_s, dt_s, u, said, tuple(notes))
 
 
 def rows_in(dt_s: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
     return slots
 
 
-def beginning(record: Record, rows: int) -> Record:
+def beginning(record: FitRecord, rows: int) -> FitRecord:
     """The first rows of it."""
     sensors = {
         name: Measured(z[:rows], has[:rows], None if early is None else early[:rows])

@@ -24,12 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.data.record import Measured, Record
+from baqueano.identify.data.record import FitRecord, Measured
 
 LEAST = 1e-9  # of the largest eigenvalue of a start's information: below it that direction is not seen
 
 
-class Layout(NamedTuple):
+class ThetaLayout(NamedTuple):
     """Where the entries of a piece stand in θ."""
 
     shared: int
@@ -68,7 +68,7 @@ class Layout(NamedTuple):
         return slice(self.starts + k * self.by_piece, self.starts + (k + 1) * self.by_piece)
 
 
-def cut(record: Record, segment_s: float, lead_s: float) -> list[Record]:
+def cut(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
     """Pieces of about `segment_s`, each after the first with a lead of `lead_s`, and of one row at least, without
     measurements: what was measured between two ticks lies between what both rows show."""
     ends = np.cumsum(record.dt_s)
@@ -82,7 +82,7 @@ def cut(record: Record, segment_s: float, lead_s: float) -> list[Record]:
     return out
 
 
-def _piece(record: Record, begin: int, first: int, last: int) -> Record:
+def _piece(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
     sensors = {}
     for name, (z, has, early) in record.sensors.items():
         has = has[begin:last].copy()
@@ -92,7 +92,7 @@ def _piece(record: Record, begin: int, first: int, last: int) -> Record:
     return record._replace(t_s=t_s, dt_s=dt_s, u=u, sensors=sensors, lead=first - begin)
 
 
-def without_starts(bread: np.ndarray, meat: np.ndarray, layout: Layout) -> tuple[np.ndarray, np.ndarray]:
+def without_starts(bread: np.ndarray, meat: np.ndarray, layout: ThetaLayout) -> tuple[np.ndarray, np.ndarray]:
     """A and B (r, r) of shared and run's entries, the starts taken out.  (1)"""
     return without(bread, meat, layout.starts, [layout.of_starts(k) for k in range(len(layout.runs))])
 

@@ -13,8 +13,8 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
-from baqueano.identify.data.record import Measured, Record
+from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FitRecord, Measured
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import put
@@ -24,7 +24,7 @@ VOLTAGE = "voltage of the battery"  # its place in a record: no name of a sensor
 LIKELY = (0.5, 2.0)  # of the nominal voltage
 
 
-def with_voltage(records: Sequence[Record], runs: Sequence[Run], blocks: Blocks) -> list[Record]:
+def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks) -> list[FitRecord]:
     """The records with the voltage of their run, where the drivetrain asks for it."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if getattr(drivetrain, "battery", "steady") != "logged":
@@ -39,7 +39,7 @@ def with_voltage(records: Sequence[Record], runs: Sequence[Run], blocks: Blocks)
     return out
 
 
-def at_voltage(blocks: Blocks, row: np.ndarray, volts: bool) -> Blocks:
+def at_voltage(blocks: FittedBlocks, row: np.ndarray, volts: bool) -> FittedBlocks:
     """The blocks with the voltage at the end of the row, if there is one."""
     return put(blocks, "model.drivetrain.battery_v", row[-1]) if volts else blocks
 
@@ -48,7 +48,7 @@ def _told(run: Run) -> bool:
     return CHANNEL in run.sensors and bool(np.isfinite(run.sensors[CHANNEL].z[:, 0]).any())
 
 
-def _volts(record: Record, run: Run, drivetrain: Tree) -> np.ndarray:
+def _volts(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
     """(N,) at the rows of the record."""
     if not _told(run):
         return np.full(len(record.dt_s), float(drivetrain.battery_v))

@@ -5,17 +5,17 @@ plan = designed(file, room, 60.0)         # the best commands for this vehicle
 safe = contained(u, file, room)           # any other signal, kept inside by the same rule
 """
 
-from baqueano.identify.design.belief import Belief, believed
+from baqueano.identify.design.belief import PlannedBelief, believed
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.inside import Contained, contained
 from baqueano.identify.design.plan import Plan, designed
 from baqueano.identify.design.room import Room, body_radius, room_of
 
 __all__ = [
-    "Belief",
     "Contained",
     "Informant",
     "Plan",
+    "PlannedBelief",
     "Room",
     "believed",
     "body_radius",

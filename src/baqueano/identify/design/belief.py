@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import default_free, value
 from baqueano.simulate.many import bounds, lanes_kernel
@@ -42,24 +42,26 @@ WINDOWS = 16  # spans of it that are kept as kernels take them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class PlannedBelief:
     """The nominal vehicle first, then the others."""
 
     paths: tuple[str, ...]  # (p,) the numbers that are not sure, each with its entry
     theta: np.ndarray  # (L, p)
 
-    def some(self, vehicles: int) -> "Belief":
+    def some(self, vehicles: int) -> "PlannedBelief":
         """The nominal vehicle and so many of the others, in pairs if they are."""
         half = (len(self.theta) - 1) // 2
         few = min(vehicles // 2, half)
-        return Belief(self.paths, self.theta[[0, *range(1, 1 + few), *range(1 + half, 1 + half + few)]])
+        return PlannedBelief(
+            self.paths, self.theta[[0, *range(1, 1 + few), *range(1 + half, 1 + half + few)]]
+        )
 
 
 def believed(
     vehicle_file: "VehicleFile", relative_std: float = RELATIVE_STD, vehicles: int = VEHICLES, seed: int = 0
-) -> Belief:
+) -> PlannedBelief:
     """The vehicles that the file makes possible.  (1), (2)"""
-    blocks, fit = Blocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
+    blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
     fitted = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
     told = [] if fit is None else [fit.names[k] for k in fitted]
     guessed = [p for p in default_free(blocks) if p not in told and value(blocks, p) != 0.0]
@@ -73,7 +75,7 @@ def believed(
     if fit is not None and told:
         k, cov = len(told), fit.cov[np.ix_(fitted, fitted)]
         theta[:, :k] = _drawn(unit[:, :k], mean[:k], cov, low[:k], high[:k])
-    return Belief(paths, np.clip(theta, low, high))
+    return PlannedBelief(paths, np.clip(theta, low, high))
 
 
 def _drawn(
@@ -104,7 +106,7 @@ class Cloud:
     """L vehicles under the same command, from tick to tick."""
 
     def __init__(
-        self, vehicle_file: "VehicleFile", belief: Belief, seed: int = 0, backend: str = "auto"
+        self, vehicle_file: "VehicleFile", belief: PlannedBelief, seed: int = 0, backend: str = "auto"
     ) -> None:
         self.belief, self.seed, self.rate_hz = belief, seed, vehicle_file.rate_hz
         system = System(vehicle_file.vehicle, vehicle_file.sensors)
@@ -148,7 +150,7 @@ class Cloud:
                 break
             theta = self.belief.theta.copy()
             theta[wild] = 0.5 * (theta[0] + theta[wild])
-            self.belief = Belief(self.belief.paths, theta)
+            self.belief = PlannedBelief(self.belief.paths, theta)
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:
         """(L, T, 3) unit normals, those of the nominal vehicle zero; a tick has its own, however many follow."""

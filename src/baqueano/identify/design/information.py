@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.parameters.free import (
     Free,
     default_free,
@@ -54,7 +54,7 @@ class Unknowns(NamedTuple):
 
 def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     """What a fit of this vehicle has to find."""
-    blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
+    blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     wanted = [described(blocks, p, {}) for p in default_free(blocks)]
     frozen = frozen_columns(wanted, np.asarray(vehicle_file.command.limit)[None])
     free = [one.path for k, one in enumerate(wanted) if k not in frozen]
@@ -78,7 +78,7 @@ class Informant:
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         self.of = unknowns(vehicle_file)
-        blocks, of = Blocks(vehicle_file.vehicle, vehicle_file.sensors), self.of
+        blocks, of = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), self.of
         dt_s, n = 1.0 / vehicle_file.rate_hz, vehicle_file.vehicle.commands
         var = np.concatenate([np.diag(s.cov) for s in blocks.sensors])
         weight = 1.0 / np.sqrt(np.where(var > 0.0, var, 1.0))
@@ -127,7 +127,7 @@ def mean_error(relative_sd: np.ndarray) -> float:
     return float(np.exp(np.mean(np.log(relative_sd))))
 
 
-def _size(blocks: Blocks, path: str, wanted: Sequence[Free]) -> float:
+def _size(blocks: FittedBlocks, path: str, wanted: Sequence[Free]) -> float:
     """The largest entry of the row of a matrix, or of the frictions of an axis, as if it went at 1 m/s or 1 rad/s; of
     the whole field, where these are 0; 1 where it is."""
     one = described(blocks, path, {})

@@ -25,7 +25,7 @@ BACK = 4  # ways back; the last is none
 GENTLE = 1.0 / 3.0  # of a curve
 
 
-class Piece(NamedTuple):
+class MotionPiece(NamedTuple):
     """The way out, and how it comes back."""
 
     out: np.ndarray  # (T, n) in parts of the limit, over the whole length of a piece without its coast
@@ -44,7 +44,7 @@ class Piece(NamedTuple):
         return u * limit
 
 
-class Shape(NamedTuple):
+class PieceShape(NamedTuple):
     """What all pieces have in common."""
 
     ticks: int
@@ -52,7 +52,7 @@ class Shape(NamedTuple):
     limit: np.ndarray  # (n,)
 
     @classmethod
-    def of(cls, piece_s: float, coast_s: float, limit: np.ndarray, rate_hz: float) -> "Shape":
+    def of(cls, piece_s: float, coast_s: float, limit: np.ndarray, rate_hz: float) -> "PieceShape":
         """Pieces of so many seconds, with so much of them, but at most 0.4, without command."""
         ticks = max(4, round(piece_s * rate_hz))
         return cls(ticks, min(2 * ticks // 5, round(coast_s * rate_hz)), np.asarray(limit, dtype=float))
@@ -63,10 +63,10 @@ class Shape(NamedTuple):
         return np.flatnonzero(self.limit > 0.0)
 
 
-def drawn(shape: Shape, count: int, rng: np.random.Generator) -> list[Piece]:
+def drawn(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
     """`count` pieces by chance, the first of which is to stand still."""
     length = shape.ticks - shape.coast
-    pieces = [Piece(np.zeros((length, len(shape.limit))), BACK - 1)]
+    pieces = [MotionPiece(np.zeros((length, len(shape.limit))), BACK - 1)]
     while len(pieces) < count:
         out, back = np.zeros((length, len(shape.limit))), int(rng.integers(BACK))
         used = length if back == BACK - 1 else length // 2
@@ -74,11 +74,13 @@ def drawn(shape: Shape, count: int, rng: np.random.Generator) -> list[Piece]:
             out[:used, j] = _levels(rng, used)
         if rng.random() < 0.25:  # one channel alone
             out[:, rng.permutation(shape.moving)[1:]] = 0.0
-        pieces.append(Piece(out, back))
+        pieces.append(MotionPiece(out, back))
     return pieces
 
 
-def children(parents: Sequence[Piece], shape: Shape, count: int, rng: np.random.Generator) -> list[Piece]:
+def children(
+    parents: Sequence[MotionPiece], shape: PieceShape, count: int, rng: np.random.Generator
+) -> list[MotionPiece]:
     """`count` pieces that differ from a parent in one or two things."""
     out = []
     for _ in range(count):
@@ -89,13 +91,13 @@ def children(parents: Sequence[Piece], shape: Shape, count: int, rng: np.random.
     return out
 
 
-def gentler(piece: Piece, shape: Shape) -> Piece:
+def gentler(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
     """The piece with all channels but the first at a third, for a vehicle that would slide in its curves; of a vehicle
     with one channel, that."""
     others = shape.moving[1:] if len(shape.moving) > 1 else shape.moving
     out = piece.out.copy()
     out[:, others] *= GENTLE
-    return Piece(out, piece.back)
+    return MotionPiece(out, piece.back)
 
 
 def moved(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
@@ -106,7 +108,9 @@ def moved(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
     return np.stack([*xy, pose[..., 2] + path[..., 2]], axis=-1)
 
 
-def _changed(piece: Piece, other: Piece, shape: Shape, rng: np.random.Generator) -> Piece:
+def _changed(
+    piece: MotionPiece, other: MotionPiece, shape: PieceShape, rng: np.random.Generator
+) -> MotionPiece:
     out, how, j = piece.out.copy(), int(rng.integers(8)), int(rng.choice(shape.moving))
     used = len(out) if piece.back == BACK - 1 else len(out) // 2
     a, b = np.sort(rng.integers(0, used + 1, 2))
@@ -120,8 +124,8 @@ def _changed(piece: Piece, other: Piece, shape: Shape, rng: np.random.Generator)
     elif how == 6:
         out[:, j] = other.out[:, j] * rng.choice([-1.0, 1.0])
     else:
-        return Piece(out, int(rng.integers(BACK)))
-    return Piece(out, piece.back)
+        return MotionPiece(out, int(rng.integers(BACK)))
+    return MotionPiece(out, piece.back)
 
 
 def _levels(rng: np.random.Generator, ticks: int) -> np.ndarray:

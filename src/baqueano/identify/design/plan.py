@@ -19,12 +19,12 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.design.belief import Belief, Cloud, believed
+from baqueano.identify.design.belief import Cloud, PlannedBelief, believed
 from baqueano.identify.design.compose import Composer
 from baqueano.identify.design.driven import driven
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.inside import COAST_S, SAMPLE_S, VEHICLES, contained
-from baqueano.identify.design.pieces import Piece, Shape, children, drawn, gentler
+from baqueano.identify.design.pieces import MotionPiece, PieceShape, children, drawn, gentler
 from baqueano.identify.parallel import each
 from baqueano.worlds.noise import stream
 
@@ -118,7 +118,7 @@ class PlanSearch:
         self,
         vehicle_file: "VehicleFile",
         room: "Room",
-        belief: Belief,
+        belief: PlannedBelief,
         places: int,
         seed: int,
         backend: str,
@@ -134,8 +134,8 @@ class PlanSearch:
         self.judges = Cloud(vehicle_file, others, seed + 1, backend)
         self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
         self.composer = Composer(room, places, self.informant.of.interest)
-        self.pieces: list[Piece] = []
-        self.shape = Shape(0, 0, np.zeros(0))  # until `fill` knows how the vehicle rolls
+        self.pieces: list[MotionPiece] = []
+        self.shape = PieceShape(0, 0, np.zeros(0))  # until `fill` knows how the vehicle rolls
         self.to_rest = np.zeros(
             (0, 0)
         )  # commands, of as long again as a piece coasts: then 1 % of the way is left
@@ -143,7 +143,7 @@ class PlanSearch:
     def fill(self, piece_s: float, limit: np.ndarray, say: Callable[[str], object]) -> None:
         """Makes the library, of pieces of so many seconds, and composes them; until `say` returns True."""
         coast_s = self._coast_s(limit)
-        self.shape = Shape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
+        self.shape = PieceShape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
         self.to_rest = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
         self._grow(drawn(self.shape, FIRST, self.rng))
         self.composer.search()
@@ -190,7 +190,7 @@ class PlanSearch:
         rolled = np.hypot(*(eta[0, second:, :2] - eta[0, second - 1, :2]).T)
         return float(np.argmax(rolled >= COVERED * rolled[-1]) + 1) / second
 
-    def _grow(self, pieces: list[Piece]) -> None:
+    def _grow(self, pieces: list[MotionPiece]) -> None:
         """Takes the pieces that keep to the limits of speed into the library; of those that do not, a gentler one."""
         found = self._of_each(self._weighed, pieces)
         hasty = [k for k, one in enumerate(found) if not one[0]]
@@ -200,7 +200,7 @@ class PlanSearch:
         self.pieces += [[*pieces, *calm][k] for k in fits]
         self.composer.grow(np.array([found[k][2] for k in fits]), np.array([found[k][1] for k in fits]))
 
-    def _of_each(self, what: Callable[[int, np.ndarray], object], pieces: list[Piece]) -> list[Any]:
+    def _of_each(self, what: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
         """`what` of a tick and the commands (T, n) of each piece, on all cores; pieces take TURNS at the noise."""
         us = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
         at = [k % TURNS * self.shape.ticks for k in range(len(us))]

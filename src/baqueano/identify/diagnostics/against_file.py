@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.parameters.free import entries, value
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get
@@ -33,7 +33,7 @@ AXES, TURNING = ("forward", "sideways", "turning"), 2
 
 
 def checked(
-    file: Blocks,
+    file: FittedBlocks,
     names: Sequence[str],
     estimate: np.ndarray,
     sd: np.ndarray,
@@ -46,7 +46,7 @@ def checked(
     return gains(file, names, estimate, sd) + _noise(told, sigma, labels)
 
 
-def gains(file: Blocks, names: Sequence[str], estimate: np.ndarray, sd: np.ndarray) -> list[Diagnostic]:
+def gains(file: FittedBlocks, names: Sequence[str], estimate: np.ndarray, sd: np.ndarray) -> list[Diagnostic]:
     """What commands do, against what they do by the `file`."""
     numbers = {n: (float(e), float(s)) for n, e, s in zip(names, estimate, sd, strict=True) if np.isfinite(e)}
     return _gains(file, numbers) + _matrix(file, numbers)
@@ -63,7 +63,7 @@ def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[D
     return out
 
 
-def _gains(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
+def _gains(file: FittedBlocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
     out = []
     for path, p in all_parameters(file.model, "model"):
         matrix = np.ndim(get(file, path)) == 2
@@ -95,7 +95,7 @@ def _unit(off: float) -> Diagnostic | str:
     return ""
 
 
-def _matrix(file: Blocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
+def _matrix(file: FittedBlocks, numbers: dict[str, tuple[float, float]]) -> list[Diagnostic]:
     """Column by column: the entry that is largest in the file has to stay so.  (1)"""
     model = file.model
     path = next(

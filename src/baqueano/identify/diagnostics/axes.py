@@ -11,7 +11,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.residuals.huber import MAD
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.runs.diagnostics.signal_map import Channel, signal_map
+from baqueano.runs.diagnostics.signal_map import MappedChannel, signal_map
 
 MOST = 2000  # samples that are looked at, evenly
 FAR = 4.0
@@ -22,7 +22,7 @@ def checked(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Swapped and inverted channels."""
     out = []
     for name, size in zip(problem.names, problem.sizes, strict=True):
-        found = signal_map(*of_sensor(problem, theta, name), [Channel()] * size)
+        found = signal_map(*of_sensor(problem, theta, name), [MappedChannel()] * size)
         for i, one in enumerate(found):
             rho, channel = one.relation.correlation, f"{name}[{i}]"
             if one.code == "inverted":

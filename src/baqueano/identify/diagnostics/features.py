@@ -21,8 +21,8 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.blocks import Blocks
-from baqueano.identify.data.record import Record
+from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FitRecord
 from baqueano.identify.data.voltage import VOLTAGE, at_voltage
 from baqueano.identify.diagnostics.forces import COMMANDED, Force, commanded, driven, forces, moved
 from baqueano.identify.parallel import ahead, each
@@ -89,7 +89,7 @@ class Believed(NamedTuple):
         return np.concatenate([m.nu_dot for m in self.motions])
 
 
-def believed(blocks: Blocks, problem: Residuals, theta: np.ndarray) -> Believed | None:
+def believed(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> Believed | None:
     """None for a model that cannot be pushed."""
     if not has_field(blocks.model, "process_noise_std"):
         return None
@@ -103,13 +103,13 @@ def believed(blocks: Blocks, problem: Residuals, theta: np.ndarray) -> Believed 
     return Believed(kernels, starts, motions)
 
 
-def probes(blocks: Blocks, problem: Residuals, now: Believed) -> Callable[[], list[Probes]]:
+def probes(blocks: FittedBlocks, problem: Residuals, now: Believed) -> Callable[[], list[Probes]]:
     """What is asked of the motion that is believed; the long part of it goes ahead until it is called for."""
     of_forces = _of_forces(blocks, problem, now)
     return lambda: [of_forces(), _of_readings(blocks, problem, now)]
 
 
-def _of_readings(blocks: Blocks, problem: Residuals, now: Believed) -> Probes:
+def _of_readings(blocks: FittedBlocks, problem: Residuals, now: Believed) -> Probes:
     """(2)"""
     said: list[Said] = []
     columns = []
@@ -120,7 +120,7 @@ def _of_readings(blocks: Blocks, problem: Residuals, now: Believed) -> Probes:
     return said, np.concatenate(columns, axis=1)
 
 
-def _of_forces(blocks: Blocks, problem: Residuals, now: Believed) -> Callable[[], Probes]:
+def _of_forces(blocks: FittedBlocks, problem: Residuals, now: Believed) -> Callable[[], Probes]:
     """(1)"""
     channels = [driven(blocks.model, record.u) for record in problem.records]
     most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
@@ -154,17 +154,17 @@ def _words(force: Force) -> Said:
     return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.what
 
 
-def _rows(record: Record, *more: np.ndarray) -> np.ndarray:
+def _rows(record: FitRecord, *more: np.ndarray) -> np.ndarray:
     """(N, q): dt, u, what is `more`, the battery's voltage if it is known."""
     volts = [record.sensors[VOLTAGE].z] if VOLTAGE in record.sensors else []
     return np.concatenate([record.dt_s[:, None], record.u, *more, *volts], axis=1)
 
 
-def _traced(blocks: Blocks, shape: Shape, backend: str) -> Kernels:
+def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Kernels:
     return Kernels(_going(blocks, shape, backend), _pushed(blocks, shape, backend))
 
 
-def _going(blocks: Blocks, shape: Shape, backend: str) -> Scan:
+def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     n, paths = blocks.model.commands, (*shape.shared, *shape.own)
     begin = beginning(blocks, shape)
 
@@ -180,7 +180,7 @@ def _going(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
 
 
-def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Scan:
+def _pushed(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """ε (K,) of all forces, axis by axis, the last of each sideways → what the sensors show, times 1/σ.  (1)"""
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
     channels = driven(blocks.model, np.zeros((1, n))).shape[1]
@@ -210,7 +210,7 @@ def _pushed(blocks: Blocks, shape: Shape, backend: str) -> Scan:
 
 
 def _readings(
-    blocks: Blocks, problem: Residuals, record: Record, still: Motions
+    blocks: FittedBlocks, problem: Residuals, record: FitRecord, still: Motions
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
     """(2)"""
     h = still.h

@@ -20,7 +20,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.data.record import Record
+from baqueano.identify.data.record import FitRecord
 
 AFTER_S = 0.2  # how long something lasts that begins when a sign changes
 SMALL = 0.1  # of the largest value: where a tanh has changed its sign
@@ -52,14 +52,14 @@ def _term(code: str) -> Diagnostic:
     return note(f"term.{code.replace(' ', '-')}")
 
 
-def commanded(w: np.ndarray, record: Record) -> np.ndarray:
+def commanded(w: np.ndarray, record: FitRecord) -> np.ndarray:
     """φ (N, 5 c) of one piece with channels w (N, c) over their largest.  (1)"""
     t, size = np.cumsum(record.dt_s), np.abs(w)
     fading = w * (t / t[-1] - 0.5)[:, None]
     return np.concatenate([np.tanh(w / SMALL), w * size, size, fading, _since_turn(w, t)], axis=1)
 
 
-def moved(axis: int, nu: np.ndarray, record: Record) -> np.ndarray:
+def moved(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
     """φ (N, 9) of one piece with motion ν (N, 3): (2), then (3) or (4)."""
     v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
     x, w, size = nu[:, :1], nu[:, 2:], np.abs(v)

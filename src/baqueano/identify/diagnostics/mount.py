@@ -19,8 +19,8 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.blocks import Blocks
-from baqueano.identify.data.record import Record, beginning
+from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FitRecord, beginning
 from baqueano.identify.diagnostics import against_file, axes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.simulation import Residuals
@@ -34,7 +34,7 @@ WORTH = 0.1  # of the logarithm of σ, a reading of the IMU
 ALIKE = 0.5  # of the largest gain: ways that bring so much are one by the data
 
 
-class Way(NamedTuple):
+class MountWay(NamedTuple):
     """z of the IMU as it should be: its columns `order`, times `sign`."""
 
     order: tuple[int, int, int]
@@ -44,13 +44,13 @@ class Way(NamedTuple):
 
 AXES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 WAYS = (
-    Way((1, 0, 2), (1.0, 1.0, 1.0), "mount.swapped"),
-    Way((0, 1, 2), (-1.0, 1.0, 1.0), "mount.first-inverted"),
-    Way((0, 1, 2), (1.0, -1.0, 1.0), "mount.second-inverted"),
-    Way((0, 1, 2), (1.0, 1.0, -1.0), "mount.third-inverted"),
-    Way((0, 1, 2), (-1.0, -1.0, 1.0), "mount.half-turn"),
-    Way((1, 0, 2), (1.0, -1.0, 1.0), "mount.quarter-turn-second"),
-    Way((1, 0, 2), (-1.0, 1.0, 1.0), "mount.quarter-turn-first"),
+    MountWay((1, 0, 2), (1.0, 1.0, 1.0), "mount.swapped"),
+    MountWay((0, 1, 2), (-1.0, 1.0, 1.0), "mount.first-inverted"),
+    MountWay((0, 1, 2), (1.0, -1.0, 1.0), "mount.second-inverted"),
+    MountWay((0, 1, 2), (1.0, 1.0, -1.0), "mount.third-inverted"),
+    MountWay((0, 1, 2), (-1.0, -1.0, 1.0), "mount.half-turn"),
+    MountWay((1, 0, 2), (1.0, -1.0, 1.0), "mount.quarter-turn-second"),
+    MountWay((1, 0, 2), (-1.0, 1.0, 1.0), "mount.quarter-turn-first"),
 )  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def _astray(task: Task, name: str) -> bool:
     return related and bool(np.any((own < NO_RELATION) | (own < any_of)))
 
 
-def _named(end: "FinishedFit", name: str) -> tuple[Way, Diagnostic] | None:
+def _named(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
     """The way that leaves less and does as the file says, and the sentence for it."""
     task, blocks = end.task, end.blocks
     records = [beginning(record, MOST) for record in task.problem.records]
@@ -106,12 +106,12 @@ def _named(end: "FinishedFit", name: str) -> tuple[Way, Diagnostic] | None:
     return None
 
 
-def _searched(task: Task, blocks: Blocks, records: list[Record], theta: np.ndarray) -> Search:
+def _searched(task: Task, blocks: FittedBlocks, records: list[FitRecord], theta: np.ndarray) -> Search:
     problem = Residuals(blocks, task.problem.shape, records, task.problem.scan.backend)
     return search(task._replace(problem=problem, say=None), theta, rough=True)
 
 
-def _other_way(record: Record, name: str, way: Way) -> Record:
+def _other_way(record: FitRecord, name: str, way: MountWay) -> FitRecord:
     order, said = list(way.order), record.sensors[name]
     z, has = said.z[:, order] * np.array(way.sign), said.has[:, order]
     return record._replace(sensors={**record.sensors, name: said._replace(z=z, has=has)})
@@ -123,7 +123,7 @@ def _left(found: Search, own: slice, n: np.ndarray) -> float:
     return left if np.isfinite(left) and np.isfinite(found.solution.at.cost) else np.inf
 
 
-def _as_in_the_file(task: Task, blocks: Blocks, end: Search) -> bool:
+def _as_in_the_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
     names = task.problem.shape.shared
     found = against_file.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
     return not any(one.code in AXES for one in found)

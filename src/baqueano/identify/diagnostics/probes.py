@@ -65,7 +65,7 @@ class Left(NamedTuple):
     power: float  # of ψ where white noise has 1, over the part of it that is not clipped
 
 
-class Answer(NamedTuple):
+class ProbeResult(NamedTuple):
     """Of one probe."""
 
     size: float  # δ (2)
@@ -147,7 +147,7 @@ def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
         D[:, at] -= ties @ d[:, at]
 
 
-def ask(left: Left, D: np.ndarray) -> list[Answer]:
+def ask(left: Left, D: np.ndarray) -> list[ProbeResult]:
     """Probes D (K, N m), in standard deviations as `left` is: what the model would say more. One that ran away
     asks nothing."""
     sums = _sums(left, D)
@@ -170,7 +170,7 @@ def _sums(left: Left, D: np.ndarray) -> _Sums:
         )
 
 
-def ask_parts(left: Left, masks: Sequence[np.ndarray]) -> list[list[Answer]]:
+def ask_parts(left: Left, masks: Sequence[np.ndarray]) -> list[list[ProbeResult]]:
     """Whether each of the k entries is another in the rows of each mask (N,): D = 1_part d."""
     k, n = len(left.d), len(left.run)
     m, there = len(left.psi) // n, np.array(masks)
@@ -214,7 +214,7 @@ def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray
     return (there[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
 
 
-def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) -> list[Answer]:
+def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) -> list[ProbeResult]:
     """(1)-(3) of the probes' sums; (4) of those `column`s that may be clear."""
     ties = sums.cross @ left.inverse
     power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
@@ -228,7 +228,7 @@ def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) 
     size = np.where(there, total / np.where(there, power, 1.0), 0.0)
     clear = np.flatnonzero(there & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * left.power)))
     shift = -ties * size[:, None]
-    out = [Answer(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
+    out = [ProbeResult(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
     for first in range(0, len(clear), AT_ONCE):
         some = clear[first : first + AT_ONCE]
         D = column(some)

@@ -29,9 +29,9 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.diagnostics.features import Believed, Said, believed, probes
-from baqueano.identify.diagnostics.probes import Answer, Left, ask, ask_parts, left_over
+from baqueano.identify.diagnostics.probes import Left, ProbeResult, ask, ask_parts, left_over
 from baqueano.identify.parameters.free import DELAY
 from baqueano.identify.residuals.huber import MAD
 from baqueano.identify.residuals.simulation import Residuals
@@ -60,7 +60,7 @@ RUNS = 8  # that are held against the others one by one
 
 
 def checked(
-    blocks: Blocks,
+    blocks: FittedBlocks,
     problem: Residuals,
     theta: np.ndarray,
     kept: np.ndarray,
@@ -99,7 +99,7 @@ class _Fitted:
         self.left, self.paths, self.theta, self.sd = left, paths, theta, sd
         self.names = [path.removeprefix("model.") for path in paths]
 
-    def clear(self, answer: Answer) -> bool:
+    def clear(self, answer: ProbeResult) -> bool:
         """Whether chance hardly gives it."""
         if abs(answer.z) <= SURE[-1][1]:
             return False
@@ -111,14 +111,14 @@ class _Fitted:
         """`by` (k,) as a finding has it."""
         return tuple((path, float(x)) for path, x in zip(self.paths, by, strict=True) if x > 0.0)
 
-    def moved(self, answer: Answer) -> int | None:
+    def moved(self, answer: ProbeResult) -> int | None:
         """Which parameter the answer moves most, in standard errors; None if none is moved by enough."""
         far = np.abs(answer.shift) / np.maximum(self.sd, 1e-300)
         counts = (far > MOVES_SD) & (np.abs(answer.shift) > MOVES * np.abs(self.theta))
         return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
 
 
-def _missing(fit: _Fitted, answers: Sequence[tuple[Said, Answer]]) -> list[_Clear]:
+def _missing(fit: _Fitted, answers: Sequence[tuple[Said, ProbeResult]]) -> list[_Clear]:
     ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
     for (code, what), answer in ranked:

@@ -24,7 +24,7 @@ from baqueano.identify.diagnostics import axes
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
-from baqueano.runs.diagnostics.signal_map import NOTHING, Channel, Hypothesis, signal_map
+from baqueano.runs.diagnostics.signal_map import NOTHING, Hypothesis, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.runs.windows import means
@@ -119,7 +119,7 @@ def _turns(one: Free) -> bool:
 def _map(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
     """What z (N,) shows of h (N,)."""
     z, h = (axes.clipped(x[:, None]) for x in (z, h))
-    return signal_map(z, h, [Channel(1.0 / NEAR, NEAR, units)], NOTHING)[0]
+    return signal_map(z, h, [MappedChannel(1.0 / NEAR, NEAR, units)], NOTHING)[0]
 
 
 def _near(one: Hypothesis) -> bool:

@@ -12,7 +12,7 @@ at the θ that was fitted without them, C the Huber cost in standard deviations.
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.vehicles.drivetrain import mix, quantised
 
@@ -21,7 +21,7 @@ TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
 CLEAR = 25.0
 
 
-def duty_step(blocks: Blocks, problem: Residuals, theta: np.ndarray) -> int | None:
+def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
     """Return how many steps the duties seem to have; None if none are seen, or the file tells.  (1)"""
     drivetrain: Tree = getattr(blocks.model, "drivetrain", None)
     n = blocks.model.commands

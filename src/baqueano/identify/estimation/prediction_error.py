@@ -30,7 +30,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.covariance import information as intervals
 from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
@@ -50,7 +50,7 @@ MOST, PATIENCE = 60, 15  # evaluations, in all and between two words on how far 
 R = TypeVar("R")
 
 
-class Noise(NamedTuple):
+class FloorNoise(NamedTuple):
     """What the filter believes of the floor and of the sensors."""
 
     floor: np.ndarray  # (k,) v of each axis, per second
@@ -67,7 +67,7 @@ class Likely(NamedTuple):
 
     solution: Solution  # in x
     theta: np.ndarray  # (p,)
-    noise: Noise
+    noise: FloorNoise
     floor_sd: np.ndarray  # (k,) standard errors of v
     info: Information  # by x
     ratio: float  # (4): how much likelier than a still floor
@@ -95,20 +95,20 @@ class Prediction:
     θ, rows and σ are those of `simulation`, weighed as it is.
     """
 
-    def __init__(self, simulation: Residuals, blocks: Blocks) -> None:
+    def __init__(self, simulation: Residuals, blocks: FittedBlocks) -> None:
         self.simulation, self.size = simulation, simulation.size
         self.axes, self.channels = axes_of(blocks.model), sum(simulation.sizes)
         self.kernel = kept_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
 
-    def x(self, theta: np.ndarray, noise: Noise | None = None) -> np.ndarray:
+    def x(self, theta: np.ndarray, noise: FloorNoise | None = None) -> np.ndarray:
         """(θ, v, ½ log q); without noise a still floor and the σ of the simulation."""
-        noise = noise or Noise(np.zeros(len(self.axes)), np.zeros(self.channels))
+        noise = noise or FloorNoise(np.zeros(len(self.axes)), np.zeros(self.channels))
         return np.concatenate([theta, noise.vector])
 
-    def parts(self, x: np.ndarray) -> tuple[np.ndarray, Noise]:
+    def parts(self, x: np.ndarray) -> tuple[np.ndarray, FloorNoise]:
         """θ (p,) and the noise."""
         floor, sensors = np.split(x[self.size :], [len(self.axes)])
-        return x[: self.size], Noise(floor, sensors)
+        return x[: self.size], FloorNoise(floor, sensors)
 
     def evaluate(self, x: np.ndarray) -> Evaluation:
         """J, its gradient and its curvature by x.  (1), (2)"""

@@ -7,6 +7,15 @@ print(at_rest(run).table())              # Allan deviation, bias, temperature
 
 from baqueano.identify.noise.at_rest import AtRest, at_rest
 from baqueano.identify.noise.covariances import STATES, Noise, measure_noise, valid
-from baqueano.identify.noise.held_out import Comparison, compare_noise
+from baqueano.identify.noise.held_out import NoiseComparison, compare_noise
 
-__all__ = ["STATES", "AtRest", "Comparison", "Noise", "at_rest", "compare_noise", "measure_noise", "valid"]
+__all__ = [
+    "STATES",
+    "AtRest",
+    "Noise",
+    "NoiseComparison",
+    "at_rest",
+    "compare_noise",
+    "measure_noise",
+    "valid",
+]

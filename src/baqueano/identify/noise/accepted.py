@@ -29,7 +29,7 @@ BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
 CLOSE = 1.2  # of a variance: nearer than that, a filter is none the worse
 
 
-class Belief(StrEnum):
+class FilterBelief(StrEnum):
     """How far the noise of a filter may be believed."""
 
     TRUE = "true"
@@ -47,18 +47,18 @@ class Nis(NamedTuple):
     high: float
 
     @property
-    def verdict(self) -> Belief:
+    def verdict(self) -> FilterBelief:
         """Return what the NIS says of the noise."""
         if not np.isfinite(self.low):
-            return Belief.CANNOT_TELL
+            return FilterBelief.CANNOT_TELL
         if self.low > CLOSE:
-            return Belief.TOO_SURE
-        return Belief.TOO_CAREFUL if self.high < 1.0 / CLOSE else Belief.TRUE
+            return FilterBelief.TOO_SURE
+        return FilterBelief.TOO_CAREFUL if self.high < 1.0 / CLOSE else FilterBelief.TRUE
 
     @property
     def disagrees(self) -> bool:
         """Return True where chance does not explain the NIS."""
-        return self.verdict in (Belief.TOO_SURE, Belief.TOO_CAREFUL)
+        return self.verdict in (FilterBelief.TOO_SURE, FilterBelief.TOO_CAREFUL)
 
 
 class Accepted(NamedTuple):
@@ -74,7 +74,7 @@ def accepted(
     """Return the filter whose noise is to be written: `ekf` if the `unseen` runs agree with it, else that of
     `found_again()`, the noise over all runs; and one sentence."""
     runs, first = ", ".join(run.name for run in unseen), nis_of(ekf, unseen, backend)
-    told = [one for one in first if one.verdict != Belief.CANNOT_TELL]
+    told = [one for one in first if one.verdict != FilterBelief.CANNOT_TELL]
     if not told:
         return ekf, Accepted(note("noise.too-short", runs=runs), False)
     off = [one for one in told if one.disagrees]
@@ -89,7 +89,7 @@ def accepted(
         return ekf, Accepted(note("noise.found-again", **told_again), False)
     sure, careful = (
         [one.name for one in still if one.verdict == belief]
-        for belief in (Belief.TOO_SURE, Belief.TOO_CAREFUL)
+        for belief in (FilterBelief.TOO_SURE, FilterBelief.TOO_CAREFUL)
     )
     why = note("noise.still-off", Severity.WARNING, **told_again, too_sure=sure, too_careful=careful)
     return ekf, Accepted(why, True)

@@ -51,7 +51,7 @@ class NoiseTrial(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
+class NoiseComparison:
     """All that were tried; the best first."""
 
     tried: tuple[NoiseTrial, ...]
@@ -87,7 +87,7 @@ def compare_noise(
     noises: Mapping[str, "Noise"],
     held_out: Run | Sequence[Run],
     backend: str = "auto",
-) -> Comparison:
+) -> NoiseComparison:
     """Each of `noises` (name → Q and R) in the filter of the fitted file, on runs that it has not seen.  (1), (2)
 
     UsageError without a noise or a run, or for a run that `fit` was made from.
@@ -121,7 +121,7 @@ def compare_noise(
         theta = np.concatenate([noise.process.ravel(), *(q[sensor].ravel() for sensor in ekf.use)])
         tried.append(_tried(name, [np.asarray(kernel.run(one, theta)[1]) for one in ticks], per_block))
     tried.sort(key=lambda one: -one.likelihood)
-    return Comparison(tuple(tried), tuple(run.name for run in runs))
+    return NoiseComparison(tuple(tried), tuple(run.name for run in runs))
 
 
 def _believed(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:

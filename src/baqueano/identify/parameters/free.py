@@ -21,7 +21,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import AXES, kept, rates, slopes
@@ -82,7 +82,7 @@ def said_of(words: Words, entry: tuple[int, ...]) -> str:
     return text.replace("{nth}", nth).replace("{axis}", AXES[min(first, 2)])
 
 
-def default_free(blocks: Blocks) -> list[str]:
+def default_free(blocks: FittedBlocks) -> list[str]:
     """Paths, with entries."""
     paths = [p for path in always_free(blocks) for p in entries(blocks, path)]
     terms = [(path, p) for path, p in all_parameters(blocks.model, "model") if p.role == "term"]
@@ -90,7 +90,7 @@ def default_free(blocks: Blocks) -> list[str]:
     return paths + there
 
 
-def always_free(blocks: Blocks) -> list[str]:
+def always_free(blocks: FittedBlocks) -> list[str]:
     """Return the paths, without entries, that a default fit frees for any value in the file."""
     known = all_parameters(blocks.model, "model")
     return [path for path, p in known if p.role in FREED and path != FLOOR]
@@ -101,7 +101,7 @@ def acts_alone(model: Tree) -> bool:
     return any(p.role == "offset" for _, p in all_parameters(model, "model"))
 
 
-def entries(blocks: Blocks, path: str) -> list[str]:
+def entries(blocks: FittedBlocks, path: str) -> list[str]:
     """The numbers below `path`, each with its entry."""
     found = _found(blocks, path)
     if found.ndim == 0:
@@ -109,12 +109,12 @@ def entries(blocks: Blocks, path: str) -> list[str]:
     return [f"{path}[{','.join(map(str, index))}]" for index in np.ndindex(found.shape)]
 
 
-def value(blocks: Blocks, path: str) -> float:
+def value(blocks: FittedBlocks, path: str) -> float:
     """The number at `path`."""
     return float(_found(blocks, path))
 
 
-def described(blocks: Blocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
+def described(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
     """Unit and bounds of the number at `path`; `bounds` win over those of the field."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
@@ -131,7 +131,7 @@ def described(blocks: Blocks, path: str, bounds: Mapping[str, tuple[float, float
 
 
 def chosen(
-    blocks: Blocks,
+    blocks: FittedBlocks,
     free: Iterable[str] | None,
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
@@ -155,8 +155,8 @@ def asked(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> li
 
 
 def with_room(
-    blocks: Blocks, free: list[Free], rate_hz: float, u: np.ndarray, slots: Callable[[float], int]
-) -> tuple[Blocks, list[Free]]:
+    blocks: FittedBlocks, free: list[Free], rate_hz: float, u: np.ndarray, slots: Callable[[float], int]
+) -> tuple[FittedBlocks, list[Free]]:
     """The blocks with what the free numbers need to be seen, and the bounds that this sets; u (N, n) are all
     commands of the runs, `slots` tells how many rows a delay needs.
 
@@ -185,7 +185,7 @@ def with_room(
     return blocks, [one._replace(high=min(one.high, most.get(one.path, np.inf))) for one in free]
 
 
-def _integrable(blocks: Blocks, paths: list[str], rate_hz: float) -> dict[str, float]:
+def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """The most that each friction may be, alone or with the others of its axis that are free."""
     there, out = kept(blocks.model), {}
     room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, there), 0.0)
@@ -200,7 +200,7 @@ def _integrable(blocks: Blocks, paths: list[str], rate_hz: float) -> dict[str, f
     return out
 
 
-def _with_lines(blocks: Blocks, late_s: float, slots: Callable[[float], int]) -> Blocks:
+def _with_lines(blocks: FittedBlocks, late_s: float, slots: Callable[[float], int]) -> FittedBlocks:
     """The blocks with a past that is long enough for a command `late_s` late and for the delays of the sensors."""
     sensors = [
         replace(sensor, delay_slots=slots(float(sensor.delay_s)))
@@ -212,7 +212,9 @@ def _with_lines(blocks: Blocks, late_s: float, slots: Callable[[float], int]) ->
     return _with_drivetrain(blocks, delay_slots=slots(late_s)) if late_s > 0.0 else blocks
 
 
-def _room_for_low_pass(blocks: Blocks, free: list[Free], rate_hz: float) -> tuple[Blocks, list[Free]]:
+def _room_for_low_pass(
+    blocks: FittedBlocks, free: list[Free], rate_hz: float
+) -> tuple[FittedBlocks, list[Free]]:
     """A low-pass that is off begins at the rate of the ticks; far above, it does nothing that they show."""
     for one in free:
         if one.path.endswith(LOW_PASS):
@@ -227,7 +229,7 @@ def _room_for_low_pass(blocks: Blocks, free: list[Free], rate_hz: float) -> tupl
     ]
 
 
-def _room_for_limit(blocks: Blocks, free: list[Free], u: np.ndarray) -> tuple[Blocks, list[Free]]:
+def _room_for_limit(blocks: FittedBlocks, free: list[Free], u: np.ndarray) -> tuple[FittedBlocks, list[Free]]:
     drivetrain = blocks.model.drivetrain
     size = (
         np.abs(u)
@@ -245,7 +247,7 @@ def _room_for_limit(blocks: Blocks, free: list[Free], u: np.ndarray) -> tuple[Bl
     return _with_drivetrain(blocks, limit=limit), free
 
 
-def _with_drivetrain(blocks: Blocks, **changes: Any) -> Blocks:
+def _with_drivetrain(blocks: FittedBlocks, **changes: Any) -> FittedBlocks:
     return put(blocks, "model.drivetrain", replace(blocks.model.drivetrain, **changes))
 
 
@@ -253,7 +255,7 @@ def _raised(one: Free, low: float) -> Free:
     return one._replace(low=max(one.low, low))
 
 
-def with_numbers(blocks: Blocks, paths: Iterable[str], numbers: Any) -> Blocks:
+def with_numbers(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
     """The blocks with other numbers at `paths`; they may be traced. No range is checked here."""
     for k, path in enumerate(paths):
         blocks = put(blocks, path, numbers[k])
@@ -266,7 +268,7 @@ def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
     return [k for k, one in enumerate(free) if one.column in np.flatnonzero(still)]
 
 
-def _found(blocks: Blocks, path: str) -> np.ndarray:
+def _found(blocks: FittedBlocks, path: str) -> np.ndarray:
     try:
         found = np.asarray(get(blocks, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
@@ -282,7 +284,7 @@ def _found(blocks: Blocks, path: str) -> np.ndarray:
     return found
 
 
-def _fields(blocks: Blocks) -> list[str]:
+def _fields(blocks: FittedBlocks) -> list[str]:
     """The paths of all parameters."""
     owners = {"model": blocks.model} | {f"sensors.{k}": x for k, x in blocks.sensors._asdict().items()}
     return [path for owner, block in owners.items() for path, _ in all_parameters(block, owner)]

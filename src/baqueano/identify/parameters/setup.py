@@ -9,10 +9,10 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.data.clock_offset import CLOCK_S, slots_for
-from baqueano.identify.data.record import Measured, Record, past_of, record_of
-from baqueano.identify.data.segments import Layout, cut
+from baqueano.identify.data.record import FitRecord, Measured, past_of, record_of
+from baqueano.identify.data.segments import ThetaLayout, cut
 from baqueano.identify.data.voltage import VOLTAGE, with_voltage
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parallel import each
@@ -43,12 +43,12 @@ SETTLED_LAGS = 8.0  # of the motors, after which 3e-4 is left of what they did b
 class Parameters:
     """θ (p,): the parameters that all runs share first, then those of each run, then the start of each piece."""
 
-    blocks: Blocks  # with room for what is free
+    blocks: FittedBlocks  # with room for what is free
     wanted: tuple[Free, ...]  # (q,) all parameters that were asked for
     frozen: tuple[int, ...]  # those of them whose command never moved; they are not in θ
-    records: tuple[Record, ...]  # per piece
+    records: tuple[FitRecord, ...]  # per piece
     shape: Shape
-    layout: Layout
+    layout: ThetaLayout
     first: np.ndarray  # (p,) where the search begins
     low: np.ndarray  # (p,)
     high: np.ndarray  # (p,)
@@ -60,7 +60,7 @@ class Parameters:
 
 
 def unknowns(
-    blocks: Blocks,
+    blocks: FittedBlocks,
     wanted: Sequence[Free],
     runs: Sequence[Run],
     channels: Mapping[str, list[int]],
@@ -87,7 +87,7 @@ def unknowns(
     return Parameters(blocks, tuple(wanted), tuple(frozen), tuple(records), shape, layout, *begin)
 
 
-def for_sensors(options: FitOptions, blocks: Blocks) -> FitOptions:
+def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     """Return the options with segments where a pose is used. UsageError for a clock of a sensor that is not used."""
     names = blocks.sensors._fields
     for name in options.clocks:
@@ -97,15 +97,15 @@ def for_sensors(options: FitOptions, blocks: Blocks) -> FitOptions:
     return replace(options, segment_s=POSE_S) if poses and options.segment_s is None else options
 
 
-def layout_of(shape: Shape, records: Sequence[Record]) -> Layout:
+def layout_of(shape: Shape, records: Sequence[FitRecord]) -> ThetaLayout:
     """Return where the entries of each piece stand in θ."""
     runs = tuple(record.run for record in records)
-    return Layout(len(shape.shared), len(shape.by_run), len(shape.start), runs)
+    return ThetaLayout(len(shape.shared), len(shape.by_run), len(shape.start), runs)
 
 
 def records_of(
-    runs: Sequence[Run], blocks: Blocks, channels: Mapping[str, list[int]], options: FitOptions
-) -> list[Record]:
+    runs: Sequence[Run], blocks: FittedBlocks, channels: Mapping[str, list[int]], options: FitOptions
+) -> list[FitRecord]:
     """The rows of all runs, piece by piece."""
     out, sensors = [], blocks.sensors._asdict()
     read = each(
@@ -125,7 +125,7 @@ def records_of(
     return out
 
 
-def _after_the_past(record: Record, late_s: float) -> Record:
+def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
     """The record without what was measured before its own commands arrive, `late_s` after it begins with one:
     what was sent before then is not known, and the start is found from what comes after. `late_s` is what the file
     tells, also where the delay is free: a run from rest shows a delay by its first command. A run that begins without
@@ -145,7 +145,9 @@ def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) ->
             raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
 
 
-def shape_of(blocks: Blocks, told: Sequence[Free], records: Sequence[Record], options: FitOptions) -> Shape:
+def shape_of(
+    blocks: FittedBlocks, told: Sequence[Free], records: Sequence[FitRecord], options: FitOptions
+) -> Shape:
     """What θ means: the shared numbers `told`, what each run has for itself, and the start of each piece."""
     paths, names = tuple(one.path for one in told), blocks.sensors._fields
     own = [p for path in options.per_run for p in entries(blocks, path)]
@@ -165,10 +167,10 @@ def shape_of(blocks: Blocks, told: Sequence[Free], records: Sequence[Record], op
 
 
 def first_theta(
-    blocks: Blocks,
+    blocks: FittedBlocks,
     free: Sequence[Free],
     shape: Shape,
-    records: Sequence[Record],
+    records: Sequence[FitRecord],
     options: FitOptions,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return θ (p,) at the start, and its bounds (p,), (p,)."""
@@ -197,7 +199,7 @@ def first_theta(
     return np.clip(theta, low, high), low, high
 
 
-def _first_pose(record: Record, blocks: Blocks) -> np.ndarray:
+def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
     """(3,) of the first pose that was measured, 0 without one; without a heading, the course of the first half of the
     way."""
     for name, sensor in blocks.sensors._asdict().items():

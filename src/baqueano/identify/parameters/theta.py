@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.parameters.free import value, with_numbers
 from baqueano.sensors.sampling import Signal, begun, shown
 from baqueano.signals import ByName, Motion
@@ -36,7 +36,7 @@ class Shape(NamedTuple):
         return len(self.shared) + len(self.by_run) + len(self.start)
 
 
-def vehicle_at_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Tree]:
+def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], Tree]:
     """θ → the vehicle at the start of a piece."""
     paths = (*shape.shared, *shape.own)
 
@@ -52,13 +52,13 @@ def vehicle_at_start(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], Tre
     return start
 
 
-def example(blocks: Blocks, shape: Shape) -> np.ndarray:
+def example(blocks: FittedBlocks, shape: Shape) -> np.ndarray:
     """Return θ (p,) of the blocks as they are."""
     paths = (*shape.shared, *shape.own)
     return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
 
 
-def beginning(blocks: Blocks, shape: Shape) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
+def beginning(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
     """Return the function θ → (vehicle at the start of a piece, signal of each sensor until then)."""
     vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own)
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.data.segments import Layout
+from baqueano.identify.data.segments import ThetaLayout
 
 ENOUGH = 48  # entries of pieces, from which on (2) is faster than to solve all at once
 
@@ -34,7 +34,7 @@ class Places:
     place: np.ndarray  # (p,) of an entry among those of x, or of its y_k
 
 
-def places_of(layout: Layout, more: int = 0) -> Places | None:
+def places_of(layout: ThetaLayout, more: int = 0) -> Places | None:
     """The parts of θ, and of `more` entries behind it that all share; None where little is of pieces alone."""
     count, o, q = len(layout.runs), layout.by_run, layout.by_piece
     own = layout.starts + np.arange(count * q).reshape(count, q)

@@ -23,8 +23,8 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
-from baqueano.identify.data.record import Measured, Record
+from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FitRecord, Measured
 from baqueano.identify.data.voltage import at_voltage
 from baqueano.identify.parameters.free import DELAY, with_numbers
 from baqueano.identify.parameters.theta import Shape, beginning, example, vehicle_at_start
@@ -53,7 +53,7 @@ class GyroAidedResiduals(Residuals):
     """The residuals (2), (3) of several runs as a function of one θ; only of an IMU."""
 
     def __init__(
-        self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
+        self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
         records = [_after_the_start(record, blocks, DELAY in shape.shared) for record in records]
         super().__init__(blocks, shape, records, backend)
@@ -102,7 +102,7 @@ class GyroAidedResiduals(Residuals):
         return self.with_columns(columns, changed).evaluate(theta).gradient
 
 
-def _after_the_start(record: Record, blocks: Blocks, delay_is_free: bool) -> Record:
+def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
     """The record without what was measured while commands from before its first row may still have moved the
     vehicle: nobody knows them. A delay that is free counts as the longest one, so that every search has the same rows,
     wherever it begins."""
@@ -115,7 +115,7 @@ def _after_the_start(record: Record, blocks: Blocks, delay_is_free: bool) -> Rec
     return record._replace(sensors=sensors)
 
 
-def _led(rows: np.ndarray, record: Record, imu: str, blocks: Blocks) -> np.ndarray:
+def _led(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
     """The rows (N, q) with ω_z and its slope, as they were at the end of each."""
     z, has, early = record.sensors[imu]
     there = has[:, 2] > 0.0
@@ -131,7 +131,7 @@ def _led(rows: np.ndarray, record: Record, imu: str, blocks: Blocks) -> np.ndarr
     return out
 
 
-def _traced(blocks: Blocks, shape: Shape, backend: str) -> Scan:
+def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start, early = beginning(blocks, shape), shape.early[0]
 
@@ -155,7 +155,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
-def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Scan:
+def _traced_said(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """ν_x of the simulation that is led, and what the gyro says and its slope in that of the commands, (3,), from
     the same rows and θ."""
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
@@ -177,13 +177,13 @@ def _traced_said(blocks: Blocks, shape: Shape, backend: str) -> Scan:
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
-def _mover(blocks: Blocks) -> Callable[[Blocks, Any, np.ndarray], tuple[Tree, Motion]]:
+def _mover(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
     """One row of the simulation that is led.  (1)"""
     n = blocks.model.commands
     still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     turning = still._replace(nu=np.array([0.0, 0.0, 1.0]))
 
-    def move(there: Blocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
+    def move(there: FittedBlocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
         model, imu, dt_s, u = there.model, there.sensors[0], row[0], row[1 : 1 + n]
         at_rest = imu.h(still)[2]
         gain = imu.h(turning)[2] - at_rest
@@ -212,7 +212,7 @@ def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
     return model.init(nu=np.array([v, nu[1], nu[2]])).nu
 
 
-def can_be_led(blocks: Blocks) -> bool:
+def can_be_led(blocks: FittedBlocks) -> bool:
     """Whether there is an IMU and nothing else, on a vehicle with a velocity of its own."""
     only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
     return only and optional.of(blocks.model, "turning_arm_m") is not None

@@ -20,7 +20,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import correct, moved
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.data.voltage import at_voltage
 from baqueano.identify.parameters.free import value, with_numbers
 from baqueano.identify.parameters.theta import Shape, beginning
@@ -69,7 +69,7 @@ def axes_of(model: Tree) -> tuple[int, ...]:
     return tuple(i for i in range(3) if np.any(kick[:, i] != 0.0))
 
 
-def shows_pose(blocks: Blocks) -> bool:
+def shows_pose(blocks: FittedBlocks) -> bool:
     """Whether a sensor shows where the vehicle is."""
     rng = np.random.default_rng(0)
     nu, nu_dot, eta = rng.normal(size=(3, 3))
@@ -77,7 +77,7 @@ def shows_pose(blocks: Blocks) -> bool:
     return any(bool(np.any(np.abs(slope) > UNSEEN)) for slope in slopes)
 
 
-def filter_kernel(blocks: Blocks, shape: Shape, backend: str) -> Scan:
+def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """A scan over rows (dt, u, z, 1/σ, early) that puts out e (m,) and log s (m,), 0 without a measurement.
 
     θ = (θ of the simulation, v of each axis, ½ log q of each channel).

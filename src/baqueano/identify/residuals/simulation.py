@@ -24,9 +24,9 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.identify.blocks import Blocks
-from baqueano.identify.data.record import Record
-from baqueano.identify.data.segments import Layout
+from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FitRecord
+from baqueano.identify.data.segments import ThetaLayout
 from baqueano.identify.data.voltage import VOLTAGE, at_voltage
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import with_numbers
@@ -71,7 +71,7 @@ class Residuals:
         return difference(sensor, z, h)
 
     def __init__(
-        self, blocks: Blocks, shape: Shape, records: Sequence[Record], backend: str = "auto"
+        self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
         self.shape, self.records = shape, tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
@@ -84,7 +84,7 @@ class Residuals:
             rows=sum(len(record.dt_s) for record in self.records),
         )
         parts = len(shape.shared), len(shape.by_run), len(shape.start)
-        self.layout = Layout(*parts, tuple(record.run for record in self.records))
+        self.layout = ThetaLayout(*parts, tuple(record.run for record in self.records))
         self._index, self._places = self.layout.indices, places_of(self.layout)
         self.size = self.layout.size
         m, n = sum(self.sizes), blocks.model.commands
@@ -280,7 +280,7 @@ def _filled(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray
     return out
 
 
-def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
+def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
     """(N, q): dt, u, z of all sensors, W of all sensors, early of those that need it."""
     said = [record.sensors[name] for name in names]
     columns = [record.dt_s[:, None], record.u, *(s.z for s in said), *(s.has for s in said)]
@@ -293,7 +293,7 @@ def _rows(record: Record, names: Sequence[str], shape: Shape) -> np.ndarray:
 
 
 def kept_kernel(
-    blocks: Blocks, shape: Shape, backend: str, traced: Callable[..., K], *more: Callable[..., object]
+    blocks: FittedBlocks, shape: Shape, backend: str, traced: Callable[..., K], *more: Callable[..., object]
 ) -> K:
     """Return `traced(blocks, shape, backend, *more)`, kept for the next fit of that structure and those numbers."""
     folded = blocks
@@ -308,7 +308,7 @@ def kept_kernel(
     return _kernels[key]
 
 
-def _traced(blocks: Blocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Scan:
+def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Scan:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
@@ -350,7 +350,7 @@ def _traced(blocks: Blocks, shape: Shape, backend: str, residual: Callable[..., 
     return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 
-def _speed_kernel(blocks: Blocks, shape: Shape, backend: str) -> Scan:
+def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """ν_x of the model, from the same rows and θ."""
     moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Verdict, note
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.covariance.information import COLOUR, Information, covariance_of, inverse
 from baqueano.identify.covariance.jackknife import jackknife, no_smaller
 from baqueano.identify.data.truth import MOUNT, TRUTH
@@ -35,7 +35,7 @@ class FinishedFit(NamedTuple):
     """All that is known at the end."""
 
     file: "VehicleFile"
-    blocks: Blocks
+    blocks: FittedBlocks
     task: Task
     wanted: list[Free]  # (p,) all parameters that were asked for
     frozen: list[int]  # those whose command never moved; they are not in θ
@@ -64,7 +64,7 @@ class FinishedFit(NamedTuple):
         return [self.free[j] for j in which.get(i, ()) if j < len(self.told)]
 
 
-class Known(NamedTuple):
+class VerdictBasis(NamedTuple):
     """A finished search before its verdict: errors, diagnostics, bounds."""
 
     cov: np.ndarray  # (p, p) of θ
@@ -74,7 +74,7 @@ class Known(NamedTuple):
     never: tuple[Diagnostic, ...]  # what the vehicle can never show
 
 
-def known_of(end: FinishedFit) -> Known:
+def known_of(end: FinishedFit) -> VerdictBasis:
     """Return all that a verdict on a finished search rests on."""
     cov = _covariance(end)
     sd = np.sqrt(np.diagonal(cov))
@@ -82,10 +82,10 @@ def known_of(end: FinishedFit) -> Known:
     doubts, off = _doubts(end, sd)
     evidence = _evidence(end, doubts, unseen)
     far = _placed(end, _held_back(end, sd), 0.0) > HELD_BACK
-    return Known(cov, off, evidence, np.where(far, evidence.bound, 0), never)
+    return VerdictBasis(cov, off, evidence, np.where(far, evidence.bound, 0), never)
 
 
-def only_coloured(known: Known) -> bool:
+def only_coloured(known: VerdictBasis) -> bool:
     """Return whether colour and size of the residuals are all that speaks against a fit."""
     doubted = known.evidence._replace(bound=known.held_back)
     return judge(doubted)[0] == Verdict.WARN and judge(_explained(doubted))[0] == Verdict.USABLE
@@ -97,7 +97,7 @@ def _explained(evidence: Evidence) -> Evidence:
     return evidence._replace(found=found, believed=None, colour=np.zeros(len(evidence.colour)))
 
 
-def fit_of(end: FinishedFit, known: Known | None = None) -> Fit:
+def fit_of(end: FinishedFit, known: VerdictBasis | None = None) -> Fit:
     """Return the Fit of a finished search, of which all may be `known` already."""
     known = known_of(end) if known is None else known
     problem, solution = end.task.problem, end.found.solution
@@ -363,7 +363,7 @@ def _mount(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     return [note("truth.mount", subject=TRUTH, keys=found)] if found else []
 
 
-def believed_of(blocks: Blocks) -> np.ndarray:
+def believed_of(blocks: FittedBlocks) -> np.ndarray:
     """(m,) standard deviations of the sensors in the file; 0 where it tells none."""
     out = []
     for sensor in blocks.sensors:
@@ -377,7 +377,7 @@ def _by_sensor(problem: Residuals, sigma: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip(problem.names, np.split(sigma, ends), strict=True))
 
 
-def _fitted(end: FinishedFit) -> Blocks:
+def _fitted(end: FinishedFit) -> FittedBlocks:
     """The blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.found.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)

@@ -16,7 +16,7 @@ from baqueano.identify.result.verdict import short
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.identify.blocks import Blocks
+    from baqueano.identify.blocks import FittedBlocks
     from baqueano.vehicle_file import VehicleFile
     from baqueano.vehicle_file.envelope import Envelope
 
@@ -66,7 +66,7 @@ class Fit:
     runs: tuple[str, ...]
     backend: str
     file: "VehicleFile" = field(repr=False)  # the file that was fitted
-    blocks: "Blocks" = field(repr=False)  # vehicle and sensors with the estimates
+    blocks: "FittedBlocks" = field(repr=False)  # vehicle and sensors with the estimates
     envelope: "Envelope" = field(repr=False)  # the motion that was seen
 
     @property

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.identify.data.record import Record
+from baqueano.identify.data.record import FitRecord
 from baqueano.identify.data.rest import shows_speed
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.signals import ByName
@@ -19,7 +19,10 @@ FAR = 4.0
 
 
 def envelope_of(
-    records: Sequence[Record], channels: Sequence[ChannelFit], sensors: ByName[Tree], commands: Sequence[str]
+    records: Sequence[FitRecord],
+    channels: Sequence[ChannelFit],
+    sensors: ByName[Tree],
+    commands: Sequence[str],
 ) -> Envelope:
     """The envelope of a fit to `records`, whose `commands` are in the order of u."""
     u = np.concatenate([record.u[record.lead :] for record in records])

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.terms import Term
 from baqueano.messages import text
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.identify.blocks import Blocks
+    from baqueano.identify.blocks import FittedBlocks
     from baqueano.identify.result.fit_result import Fit
     from baqueano.identify.selection.terms import Term
     from baqueano.vehicle_file import VehicleFile
@@ -31,7 +31,7 @@ class ChannelLabel(NamedTuple):
     unit: str
 
 
-def channels_of(blocks: "Blocks") -> list[ChannelLabel]:
+def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
     """What the entries of all sensors are called, in order."""
     out = []
     for name, sensor in blocks.sensors._asdict().items():
@@ -65,7 +65,7 @@ class Decision(StrEnum):
     DROPPED = "dropped"
 
 
-class Judged(NamedTuple):
+class JudgedTerm(NamedTuple):
     """One term, judged once: against the model of its round, or in the end against the model without it."""
 
     term: Term
@@ -115,7 +115,7 @@ class Judged(NamedTuple):
 class Choice:
     """A model with the terms that held-out runs ask for, and the fit of it."""
 
-    judged: tuple[Judged, ...]  # the last word on each term: taken first, in their order
+    judged: tuple[JudgedTerm, ...]  # the last word on each term: taken first, in their order
     fit: "Fit" = field(repr=False)
     rule: str  # what was held out, and what a term needs
 

@@ -29,9 +29,9 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.covariance.clusters import students
-from baqueano.identify.data.record import Measured, Record
+from baqueano.identify.data.record import FitRecord, Measured
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.theta import Shape
@@ -94,7 +94,7 @@ class HeldOut:
     """The folds of the runs of one structure of model."""
 
     def __init__(
-        self, blocks: Blocks, shape: Shape, records: Sequence[Record], rest: Sequence[bool], unseen: int = 0,
+        self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], rest: Sequence[bool], unseen: int = 0,
         backend: str = "auto",
     ) -> None:  # fmt: skip
         """Of the runs of `records`, `rest` begin at rest, and the last `unseen` are held out; 0: parts of all are.
@@ -204,7 +204,7 @@ def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
     return np.sqrt((k - 1) / k * np.sum((x - x.mean(axis=0)) ** 2, axis=0))
 
 
-def _blocks(records: Sequence[Record], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:
+def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:
     """Length of a block, the number of the block of each row, and how many there are."""
     if whole_runs:
         first = min(r.run for r in records)
@@ -236,7 +236,7 @@ def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     return near
 
 
-def _masked(record: Record, kept: np.ndarray) -> Record:
+def _masked(record: FitRecord, kept: np.ndarray) -> FitRecord:
     """The record with the measurements of the rows `kept` (N,) only."""
     sensors: dict[str, Tree] = {
         name: Measured(said.z, said.has * kept[:, None], said.early) for name, said in record.sensors.items()

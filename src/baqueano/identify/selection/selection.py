@@ -31,7 +31,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.data.record import past_of
 from baqueano.identify.data.rest import begins_at_rest, with_gyro_at_rest
 from baqueano.identify.data.voltage import CHANNEL, with_voltage
@@ -45,7 +45,7 @@ from baqueano.identify.parameters.setup import first_theta, for_sensors, records
 from baqueano.identify.residuals.block_arrow import dense
 from baqueano.identify.residuals.huber import smallest_spread
 from baqueano.identify.result.fit_result import Fit
-from baqueano.identify.selection.choice import Choice, Decision, Judged, channels_of
+from baqueano.identify.selection.choice import Choice, Decision, JudgedTerm, channels_of
 from baqueano.identify.selection.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only
 from baqueano.identify.selection.information import not_separated, own_information, own_sd
 from baqueano.identify.selection.terms import (
@@ -85,7 +85,7 @@ class Model(NamedTuple):
 class Tried(NamedTuple):
     """A term beside a model."""
 
-    judged: Judged
+    judged: JudgedTerm
     theta: np.ndarray  # (p,)
     score: Score | None  # None: not held against the folds
 
@@ -118,7 +118,7 @@ def choose(
         raise UsageError(fault("choose.no-command"))
     u, how = np.concatenate(told), How(runs, use, options, tuple(held_out))
     battery = any(CHANNEL in run.sensors for run in runs)
-    blocks = Blocks(vehicle_file.vehicle, vehicle_file.sensors)
+    blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, asked_for(blocks, candidates, any_way, battery))
     least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
@@ -212,7 +212,7 @@ class _Growing:
             f"beyond {100 * ALPHA:g} % over all terms in question: so often, at most, a vehicle without any gets one."
         )
 
-    def grown(self) -> tuple[Model, list[Judged]]:
+    def grown(self) -> tuple[Model, list[JudgedTerm]]:
         """The model, and the last word on each term."""
         model, last, barred = self.model((), self.first), {}, set()
         while True:
@@ -249,7 +249,7 @@ class _Growing:
             terms, found.solution.theta, found.sigma, self._score(found.solution.theta, free, found.sigma)
         )
 
-    def forward(self, model: Model, last: dict[str, Judged], barred: set[str]) -> Model:
+    def forward(self, model: Model, last: dict[str, JudgedTerm], barred: set[str]) -> Model:
         """The model with all terms that are good, one after the other.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
@@ -306,7 +306,7 @@ class _Growing:
             self.ended[term.name] = (tuple(end.theta[at].tolist()),)
         return end
 
-    def superfluous(self, model: Model, last: dict[str, Judged]) -> Tried | None:
+    def superfluous(self, model: Model, last: dict[str, JudgedTerm]) -> Tried | None:
         """The term that the model needs least, if it does not need it.  (3)"""
         weakest: Tried | None = None
         for term in model.terms if len(model.terms) > 1 else ():
@@ -349,7 +349,7 @@ class _Growing:
     def _judged(
         self, term: Term, verdict: Decision, why: Diagnostic | None, model: Model, other: tuple[Score, Paired] | None,
         theta: np.ndarray, needed: float,
-    ) -> Judged:  # fmt: skip
+    ) -> JudgedTerm:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
         at = self._at(term)
         score, found = other or (model.score, Paired(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
@@ -359,7 +359,7 @@ class _Growing:
         if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
             fall: JsonObject = {"percent": 100 * found.gain, "percent_sd": 100 * found.sd}
             why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
-        return Judged(
+        return JudgedTerm(
             term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
             found.gain, found.sd, found.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
             float(model.score.one_step[c]), float(score.one_step[c]),

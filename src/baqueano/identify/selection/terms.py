@@ -28,7 +28,7 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import Blocks
+from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.parameters.free import (
     DELAY,
     LAG,
@@ -69,7 +69,7 @@ class Term(NamedTuple):
 
 def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
     """Paths, with entries, that the least model fits; `free` are the caller's, u (N, n) all commands."""
-    blocks = Blocks(file.vehicle, file.sensors)
+    blocks = FittedBlocks(file.vehicle, file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
     paths = [p for path in asked(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
     wanted = [described(blocks, p, {}) for p in paths if p not in optional]
@@ -84,7 +84,7 @@ def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
 
 def with_terms(file: "VehicleFile", terms: Sequence[Term], found: dict[str, float]) -> "VehicleFile":
     """The file with the values `found` at their paths, all other paths of `terms` neutral."""
-    blocks, fields = room_for(Blocks(file.vehicle, file.sensors), terms), set()
+    blocks, fields = room_for(FittedBlocks(file.vehicle, file.sensors), terms), set()
     for term in terms:
         for path, none in zip(term.paths, term.neutral, strict=True):
             blocks = put(blocks, path, found.get(path, none))
@@ -96,7 +96,7 @@ def with_terms(file: "VehicleFile", terms: Sequence[Term], found: dict[str, floa
     return file.with_values(changed) if changed else file
 
 
-def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
+def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
     """The blocks in a form that can carry the terms: a lag, and dead zones of each channel."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if drivetrain is None:
@@ -112,7 +112,7 @@ def room_for(blocks: Blocks, terms: Sequence[Term]) -> Blocks:
     return put(blocks, "model.drivetrain", replace(drivetrain, **changes)) if changes else blocks
 
 
-def terms_of(blocks: Blocks, u: np.ndarray, battery: bool = False) -> list[Term]:
+def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list[Term]:
     """All terms of a vehicle whose commands were u (N, n); `battery`: its voltage was logged."""
     blocks = blocks._replace(model=ideal(blocks.model))
     motions = _motions(blocks.model, u)
@@ -121,7 +121,7 @@ def terms_of(blocks: Blocks, u: np.ndarray, battery: bool = False) -> list[Term]
 
 
 def asked_for(
-    blocks: Blocks, candidates: Sequence[str | Term] | None, u: np.ndarray, battery: bool
+    blocks: FittedBlocks, candidates: Sequence[str | Term] | None, u: np.ndarray, battery: bool
 ) -> list[Term]:
     """The candidates: all terms of the kind, or those of the names, or paths of the vehicle file."""
     known = terms_of(blocks, u, battery)
@@ -180,7 +180,7 @@ def _driven(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
     return _TermMotion(w, u, state, most)
 
 
-def _of_fields(blocks: Blocks, motions: Sequence[_TermMotion]) -> list[Term]:
+def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Term]:
     """Return the terms that the fields of the model name.  (1)"""
     found: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
     for field, p in all_parameters(blocks.model, "model"):
@@ -198,7 +198,9 @@ def _of_fields(blocks: Blocks, motions: Sequence[_TermMotion]) -> list[Term]:
     ]
 
 
-def _sizes(blocks: Blocks, path: str, neutral: float, motions: Sequence[_TermMotion]) -> tuple[float, ...]:
+def _sizes(
+    blocks: FittedBlocks, path: str, neutral: float, motions: Sequence[_TermMotion]
+) -> tuple[float, ...]:
     """Return where the search for a parameter begins; () if it changes nothing.  (1)"""
     most = np.max([m.most for m in motions], axis=0, initial=1e-9)
     with_, without = (put(blocks, path, neutral + x).model for x in (UNIT, 0.0))
@@ -210,11 +212,11 @@ def _sizes(blocks: Blocks, path: str, neutral: float, motions: Sequence[_TermMot
     return tuple(neutral + part / slope for part in PARTS) if slope > 1e-9 else ()
 
 
-def _track(blocks: Blocks) -> float:
+def _track(blocks: FittedBlocks) -> float:
     return float(getattr(getattr(blocks.model, "friction", None), "track_m", 0.0))
 
 
-def _cross_talk(blocks: Blocks, u: np.ndarray) -> list[Term]:
+def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
     """What a command does besides its own axis."""
     moved, out = np.flatnonzero(np.any(u != 0.0, axis=0)), []
     for field, p in all_parameters(blocks.model, "model"):

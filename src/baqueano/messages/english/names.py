@@ -1,6 +1,8 @@
-"""English sentences of names that nobody knows: what was probably meant, and which there are."""
+"""English sentences of messages about messages: names that are not known, and messages that are alike."""
 
 TEMPLATES: dict[str, str] = {
     "name.near": "Did you mean {meant}? Known are {known}",
     "name.unknown": "Known are {known}",
+    "messages.others": "{first} (so also {others})",
+    "messages.times": "{first} ({times} times)",
 }

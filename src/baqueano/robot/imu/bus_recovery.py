@@ -38,7 +38,7 @@ AGAIN_NS = 5_000_000_000
 LINE = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
 
 
-class Outcome(NamedTuple):
+class RecoveryOutcome(NamedTuple):
     """Result of a recovery."""
 
     freed: bool
@@ -63,7 +63,7 @@ class Recovery:
     def __init__(self, path: str) -> None:
         self._path = path
         self._thread: threading.Thread | None = None
-        self._outcome: Outcome | None = None
+        self._outcome: RecoveryOutcome | None = None
         self._next_ns = -(1 << 62)
 
     @property
@@ -78,7 +78,7 @@ class Recovery:
             self._thread = threading.Thread(target=self._work, name="bus recovery")
             self._thread.start()
 
-    def taken(self) -> Outcome | None:
+    def taken(self) -> RecoveryOutcome | None:
         """What came of the last one, once; None while it runs."""
         if self.running:
             return None
@@ -98,7 +98,7 @@ class Recovery:
         self._outcome = recover(self._path)
 
 
-def recover(path: str) -> Outcome:
+def recover(path: str) -> RecoveryOutcome:
     """Clocks the bus at `path` free if a chip holds SDA; what is not held is not touched. Never raises for the bus."""
     try:
         pins = _pins(path)
@@ -108,17 +108,17 @@ def recover(path: str) -> Outcome:
             pins.give_back()
             sda, scl = pins.look()
         if not scl.high:
-            return Outcome(False, note("bus.scl-held", Severity.WARNING))
+            return RecoveryOutcome(False, note("bus.scl-held", Severity.WARNING))
         if sda.high and left_behind:
-            return Outcome(True, note("bus.given-back", Severity.WARNING))
+            return RecoveryOutcome(True, note("bus.given-back", Severity.WARNING))
         if sda.high:
-            return Outcome(False, note("bus.free", Severity.WARNING))
+            return RecoveryOutcome(False, note("bus.free", Severity.WARNING))
         try:
             return _clocked(pins)
         finally:
             pins.give_back()
     except RobotUnreachable as error:
-        return Outcome(False, error.diagnostic)
+        return RecoveryOutcome(False, error.diagnostic)
 
 
 def recoverable(path: str, model: Path) -> tuple[str, str, str]:
@@ -214,7 +214,7 @@ def _pins(path: str) -> _Pins:
     return pins
 
 
-def _clocked(pins: _Pins) -> Outcome:
+def _clocked(pins: _Pins) -> RecoveryOutcome:
     """(1) and (2); whoever calls gives the pins back."""
     pins.set(BOTH, *LET_GO)
     for clock in range(1, CLOCKS + 1):
@@ -222,11 +222,11 @@ def _clocked(pins: _Pins) -> Outcome:
         pins.set(SCL, *LET_GO)
         sda, scl = pins.look()
         if not scl.high:
-            return Outcome(False, note("bus.scl-held-later", Severity.WARNING, clocks=clock))
+            return RecoveryOutcome(False, note("bus.scl-held-later", Severity.WARNING, clocks=clock))
         if sda.high and _stopped(pins):
             code = "bus.freed-at-once" if clock == 1 else "bus.freed"
-            return Outcome(True, note(code, Severity.WARNING, clocks=clock))
-    return Outcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCKS))
+            return RecoveryOutcome(True, note(code, Severity.WARNING, clocks=clock))
+    return RecoveryOutcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCKS))
 
 
 def _stopped(pins: _Pins) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
-from baqueano.robot.imu.settings import SECOND, Found, Settings
+from baqueano.robot.imu.settings import SECOND, Found, ImuSettings
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def open(
     bus: int | str = 1,
     *,
     address: int | None = None,
-    settings: Settings | None = None,
+    settings: ImuSettings | None = None,
     say: Callable[[str], object] | None = print,
     now_ns: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], object] = time.sleep,
@@ -58,7 +58,7 @@ def open(
     device, who_am_i, told = find(path, ADDRESSES if address is None else (address,))
     try:
         chip = chip_at(device, who_am_i)
-        imu = Mpu6050(device, chip, settings or Settings(), now_ns)
+        imu = Mpu6050(device, chip, settings or ImuSettings(), now_ns)
         found = _rest(imu, who_am_i, now_ns, sleep)
         found = replace(found, warnings=(*told, *found.warnings))
     except BaseException:
@@ -72,7 +72,7 @@ def open(
 
 def of(hardware: "Hardware", say: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
     """The IMU of [robot], running; in the axes of its chip, where it is not known yet how it sits."""
-    settings = Settings(
+    settings = ImuSettings(
         filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
         gyro_range_dps=round(hardware.imu_gyro_range_dps),
         axes=("x", "y", "z") if in_chip_axes else tuple(hardware.imu_axes),

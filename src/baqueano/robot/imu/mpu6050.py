@@ -26,8 +26,8 @@ belongs into the measurement model.
     bus held low               clocked free where the vehicle stands (`free_bus`)  held
     chip runs again                                                                started
 
-Axes: those of the chip, right-handed, turned by `Settings.axes` where the caller wants the vehicle's (x ahead, y left,
-z up). At rest and level the accelerometer shows +g on z, as a specific force does.
+Axes: those of the chip, right-handed, turned by `ImuSettings.axes` where the caller wants the vehicle's (x ahead, y
+left, z up). At rest and level the accelerometer shows +g on z, as a specific force does.
 """
 
 import errno
@@ -39,12 +39,12 @@ import numpy as np
 
 from baqueano.diagnostics import Severity, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
-from baqueano.robot.imu.bus_recovery import Outcome, Recovery, recover
+from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
 from baqueano.robot.imu.i2c import Device, is_held
 from baqueano.robot.imu.sample_clock import SampleClock
-from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, Event, Found, Settings
-from baqueano.robot.imu.watch import Row, Watch
+from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, Found, ImuEvent, ImuSettings
+from baqueano.robot.imu.watch import ImuWatch, Row
 from baqueano.worlds.robot import Sample
 
 SMPLRT_DIV, FIFO_EN, INT_PIN_CFG, INT_STATUS = 0x19, 0x23, 0x37, 0x3A
@@ -65,7 +65,7 @@ class Mpu6050:
     """An IMU that runs; made by `imu.open`. `now_ns` is the host's clock, the one of all stamps."""
 
     def __init__(
-        self, device: Device, chip: Chip, settings: Settings, now_ns: Callable[[], int] = time.monotonic_ns
+        self, device: Device, chip: Chip, settings: ImuSettings, now_ns: Callable[[], int] = time.monotonic_ns
     ) -> None:
         self.device, self.chip, self.settings = device, chip, settings
         self.counts = Counts()
@@ -75,7 +75,7 @@ class Mpu6050:
         chip_from_body = settings.body_from_chip().T
         self._accel = chip_from_body * accel_scale(settings.accel_range_g)
         self._gyro = chip_from_body * gyro_scale(settings.gyro_range_dps)
-        self._watch = Watch(settings, self.counts, now_ns())
+        self._watch = ImuWatch(settings, self.counts, now_ns())
         self._recovery = Recovery(device.path)
         self._steps: Iterator[int] | None = self._start()
         self._closed = False
@@ -122,11 +122,11 @@ class Mpu6050:
             () if found is None else (f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X})", *found.warnings)
         )
 
-    def events(self) -> list[Event]:
+    def events(self) -> list[ImuEvent]:
         """What happened since the last call, in order."""
         return self._watch.take()
 
-    def free_bus(self) -> Outcome | None:
+    def free_bus(self) -> RecoveryOutcome | None:
         """A held bus is clocked free beside whoever calls; for one that knows that the vehicle stands, at each look.
         What came of the last time, once. Meanwhile `read` gives nothing; then it starts the chip."""
         if self.silent and self.held:
@@ -329,7 +329,7 @@ class Mpu6050:
 def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
     """The device that answers WHO_AM_I, its answer, and a sentence if the bus was held and had to be clocked free.
     RobotUnreachable if none does."""
-    outcome: Outcome | None = None
+    outcome: RecoveryOutcome | None = None
     found, held = _asked(path, addresses)
     if found is None and held:
         outcome = recover(path)

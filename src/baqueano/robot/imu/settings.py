@@ -16,7 +16,7 @@ LETTERS = ("x", "y", "z")
 BURST_BITS = 156  # of 14 bytes on the bus
 
 
-class Event(NamedTuple):
+class ImuEvent(NamedTuple):
     """Something that the log should tell."""
 
     t_ns: int
@@ -62,7 +62,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class ImuSettings:
     """What the chip is told.
 
     rate_hz: samples a second, 1000 divided by a whole number, 4 to 1000. filter: 1 (widest) to 6. Ranges: ±2, 4, 8,

@@ -9,7 +9,7 @@ from typing import Any
 
 from baqueano.diagnostics import Severity, note
 from baqueano.robot.imu.i2c import is_held
-from baqueano.robot.imu.settings import SECOND, Counts, Event, Settings
+from baqueano.robot.imu.settings import SECOND, Counts, ImuEvent, ImuSettings
 
 Row = tuple[int, ...]  # raw words: accelerometer, temperature, gyro
 
@@ -28,10 +28,10 @@ NAMES = {
 }
 
 
-class Watch:
+class ImuWatch:
     """Judges each call's samples; `last_ns` is when the last good one came."""
 
-    def __init__(self, settings: Settings, counts: Counts, now_ns: int) -> None:
+    def __init__(self, settings: ImuSettings, counts: Counts, now_ns: int) -> None:
         self.silent = False
         self.frozen = False
         self.last_ns = self._called_ns = now_ns
@@ -46,13 +46,13 @@ class Watch:
         self._any_at_end = False
         self._error: Exception | None = None
         self.held = False  # the bus, as the last transfer said
-        self._events: list[Event] = []
+        self._events: list[ImuEvent] = []
 
     def tell(self, now_ns: int, code: str, **figures: Any) -> None:
         """An event."""
-        self._events.append(Event(now_ns, note(code, Severity.WARNING, **figures)))
+        self._events.append(ImuEvent(now_ns, note(code, Severity.WARNING, **figures)))
 
-    def take(self) -> list[Event]:
+    def take(self) -> list[ImuEvent]:
         """The events so far, which are then forgotten."""
         events, self._events = self._events, []
         return events

@@ -18,7 +18,7 @@ LOOK_EVERY_S = 1.0  # at what is read from files
 LOW_S = 2.0  # for which a battery is low before it counts: motors that start pull it down
 
 
-class Health:
+class ComputerHealth:
     """Watches one world. `limits` is [robot] of the vehicle file."""
 
     def __init__(

@@ -23,7 +23,7 @@ from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door.operator import Operator
-from baqueano.door.states import Machine, State
+from baqueano.door.states import DoorState, Machine
 from baqueano.drive.budget import PREPARE_S, within
 from baqueano.drive.health import shown
 from baqueano.drive.mission import Mission, perform, unpacked
@@ -32,9 +32,9 @@ from baqueano.drive.recording import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_
 from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
 from baqueano.loop import Record
 from baqueano.messages import templates, text
-from baqueano.robot.imu.bus_recovery import Outcome
+from baqueano.robot.imu.bus_recovery import RecoveryOutcome
 from baqueano.robot.service.drive_figures import Lateness, imu_told, line_told, uno_told
-from baqueano.robot.service.health import Health
+from baqueano.robot.service.health import ComputerHealth
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.robot.uno.link import Uno
@@ -42,7 +42,7 @@ from baqueano.signals import NANOSECONDS, sensor_slots
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicle_file.head import Hardware
 from baqueano.worlds import Robot
-from baqueano.worlds.applied import Motors, Way
+from baqueano.worlds.applied import AppliedMotors, AppliedWay
 from baqueano.worlds.robot import Body
 
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
@@ -74,13 +74,15 @@ class Service:
     def __post_init__(self) -> None:
         templates()  # read from the disk now, not in a tick that stops the vehicle
         self.machine, self.done = Machine(), threading.Event()
-        self.health = Health(self.hardware, self.folder, self.now_ns)
+        self.health = ComputerHealth(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._told_ns = 0
         self._seen: Record | None = None  # the last one of a drive
         self._run: str | None = None  # that is written just now
         self._counted: Any = None  # what the IMU had counted when it began
-        self._bus: Outcome | None = None  # of the last recovery of the IMU's bus, until the next drive
+        self._bus: RecoveryOutcome | None = (
+            None  # of the last recovery of the IMU's bus, until the next drive
+        )
         self._no_imu: Diagnostic | None = None  # why there is none
         self._find_ns = -(1 << 62)  # when it is looked for again
         self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
@@ -114,13 +116,13 @@ class Service:
             self.operator.forget(stopped)
             self._clearing = False
             machine.go("stop", stopped)
-        elif self._cleared() and machine.state is State.STOPPED:
+        elif self._cleared() and machine.state is DoorState.STOPPED:
             machine.go("clear", stop(StopReason.CHECKED_AGAIN))
             self.journal.end()
-        elif machine.state is State.DISARMED and trouble is None:
+        elif machine.state is DoorState.DISARMED and trouble is None:
             machine.go("ready")
-        elif trouble is not None and machine.state is not State.STOPPED:
-            if machine.state is State.READY:
+        elif trouble is not None and machine.state is not DoorState.STOPPED:
+            if machine.state is DoorState.READY:
                 machine.go("not ready")
             machine.why = trouble
         self.healthy()
@@ -381,10 +383,10 @@ def body_of(file: VehicleFile, uno: Uno, wait: Callable[[float], object]) -> Bod
     """The body of a vehicle file, whose Uno is told what holds for a drive and asked what it keeps of its motors."""
     config = config_of(file.robot, uno.info)
     uno.configure(config, wait)
-    ways = [Way(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
+    ways = [AppliedWay(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
     return Body(
         getattr(file.vehicle.drivetrain, "mixing", "none"), file.geometry.wheel_radius_m, file.robot.counts_per_turn,
-        Motors(float(config.slew_permille_per_ms), tuple(ways)),
+        AppliedMotors(float(config.slew_permille_per_ms), tuple(ways)),
     )  # fmt: skip
 
 

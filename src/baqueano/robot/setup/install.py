@@ -45,7 +45,7 @@ MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to ASK
 Say = Callable[[str], object]
 
 
-class Machine(NamedTuple):
+class TargetMachine(NamedTuple):
     """What answers at a host."""
 
     python: tuple[int, int]
@@ -53,7 +53,7 @@ class Machine(NamedTuple):
     user: str
 
 
-def machine_at(host: str) -> Machine:
+def machine_at(host: str) -> TargetMachine:
     """RobotUnreachable where ssh does not get there, UsageError for a machine that cannot be a vehicle."""
     said, code = run(ssh(host, ASK))
     words = said.decode(errors="replace").split()
@@ -61,7 +61,7 @@ def machine_at(host: str) -> Machine:
         raise RobotUnreachable(
             f"{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: ssh {host}"
         )
-    found = Machine((int(words[0]), int(words[1])), words[2], words[3])
+    found = TargetMachine((int(words[0]), int(words[1])), words[2], words[3])
     if found.kind not in MACHINES:
         raise UsageError(
             f"{host} is a {found.kind}: numpy has no wheel for 32-bit systems. Write the 64-bit Raspberry Pi OS Lite "
@@ -75,7 +75,7 @@ def machine_at(host: str) -> Machine:
     return found
 
 
-def bundle(folder: Path, machine: Machine, say: Say = lambda text: None) -> Path:
+def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -> Path:
     """All wheels for that machine in `folder`: what is there is not downloaded again. FileError where pip fails."""
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("baqueano-*.whl"):
@@ -115,8 +115,8 @@ def _piped(command: list[str]) -> None:
 
 
 def setup(
-    host: str, folder: Path, machine: Machine, *, vehicle: "VehicleFile | None" = None, say: Say = lambda text: None,
-    dry: bool = False, root: str = "/",
+    host: str, folder: Path, machine: TargetMachine, *, vehicle: "VehicleFile | None" = None,
+    say: Say = lambda text: None, dry: bool = False, root: str = "/",
 ) -> None:  # fmt: skip
     """Sends `folder` and runs the steps; their lines go to the terminal. With `vehicle`, a vehicle file, the one at
     HOST is made like it, but for what was calibrated there; `say` tells what changes. Without, the one there stays."""
@@ -144,7 +144,7 @@ def setup(
         run(ssh(host, f"rm -rf {THERE}"))
 
 
-def remove(host: str, machine: Machine, *, root: str = "/") -> None:
+def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
     """Undoes what `setup` did there."""
     text = (files("baqueano.robot.setup") / "steps.py").read_text(encoding="utf-8")
     command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && cat >{THERE}/steps.py"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.door.remote_session import attended, said
 from baqueano.door.ssh import ssh
-from baqueano.door.states import State
+from baqueano.door.states import DoorState
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
 from baqueano.printable import words
 from baqueano.robot import SERVICE
@@ -74,7 +74,7 @@ def _not_driving() -> None:
 
     with suppress(RobotUnreachable), reached("here") as remote:
         state = remote.state["state"]
-        if state in (State.MANUAL, State.MISSION):
+        if state in (DoorState.MANUAL, DoorState.MISSION):
             raise AnswerNo(
                 f"the vehicle drives ({state}), and what you typed takes the hardware away from it. Wait until it is "
                 "done, or end it: baqueano robot stop"

@@ -106,7 +106,7 @@ class MessageField(NamedTuple):
     size: int = 1
 
 
-class Layout:
+class MessageLayout:
     """The place of every byte of a message that starts with a Header."""
 
     def __init__(self, frame: str, fields: tuple[MessageField, ...]) -> None:
@@ -148,20 +148,20 @@ class Layout:
         return read | {what: np.zeros((len(sizes), 0)) for what in self._empty}
 
 
-def command_layout(size: int, frame: str = "base_link") -> Layout:
+def command_layout(size: int, frame: str = "base_link") -> MessageLayout:
     """baqueano_msgs/msg/Command; pack(t_ns, size, *u)."""
-    return Layout(frame, (MessageField("u", "sequence", size),))
+    return MessageLayout(frame, (MessageField("u", "sequence", size),))
 
 
-def measurement_layout(size: int, frame: str) -> Layout:
+def measurement_layout(size: int, frame: str) -> MessageLayout:
     """baqueano_msgs/msg/Measurement; pack(t_ns, size, *z)."""
-    return Layout(frame, (MessageField("z", "sequence", size),))
+    return MessageLayout(frame, (MessageField("z", "sequence", size),))
 
 
-def imu_layout(frame: str) -> Layout:
+def imu_layout(frame: str) -> MessageLayout:
     """sensor_msgs/msg/Imu: orientation not known (first covariance −1, REP 145)."""
     blocks = ("orientation", 4), ("oc", 9), ("omega", 3), ("omega_cov", 9), ("accel", 3), ("accel_cov", 9)
-    return Layout(frame, tuple(MessageField(name, "array", count) for name, count in blocks))
+    return MessageLayout(frame, tuple(MessageField(name, "array", count) for name, count in blocks))
 
 
 _ZEROS = (0.0,) * 9
@@ -178,7 +178,7 @@ def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
     return np.column_stack([fields["accel"][:, 0], fields["accel"][:, 1], fields["omega"][:, 2]])
 
 
-def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map") -> Layout:
+def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map") -> MessageLayout:
     """baqueano_msgs/msg/Estimate with an innovation of `size`; None: not reported."""
     m = size or 0
     head = MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("cov", "array", 36)
@@ -186,25 +186,27 @@ def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map")
         MessageField("innovation", "sequence", m),
         MessageField("innovation_cov", "sequence", m * m if with_cov else 0),
     )
-    return Layout(frame, (*head, MessageField("innovation_size", "uint32"), *tail))
+    return MessageLayout(frame, (*head, MessageField("innovation_size", "uint32"), *tail))
 
 
-def reference_layout(frame: str = "map") -> Layout:
+def reference_layout(frame: str = "map") -> MessageLayout:
     """baqueano_msgs/msg/Reference; pack(t_ns, *eta, *nu, done)."""
-    return Layout(
+    return MessageLayout(
         frame,
         (MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("done", "array", 1)),
     )
 
 
-def motion_layout(frame: str = "map") -> Layout:
+def motion_layout(frame: str = "map") -> MessageLayout:
     """baqueano_msgs/msg/Motion; pack(t_ns, *eta, *nu, *nu_dot)."""
-    return Layout(frame, tuple(MessageField(name, "array", 3) for name in ("eta", "nu", "nu_dot")))
+    return MessageLayout(frame, tuple(MessageField(name, "array", 3) for name in ("eta", "nu", "nu_dot")))
 
 
-def pose_layout(frame: str = "map") -> Layout:
+def pose_layout(frame: str = "map") -> MessageLayout:
     """geometry_msgs/msg/PoseStamped, for viewers only; pack(t_ns, *pose_values(eta))."""
-    return Layout(frame, (MessageField("position", "array", 3), MessageField("orientation", "array", 4)))
+    return MessageLayout(
+        frame, (MessageField("position", "array", 3), MessageField("orientation", "array", 4))
+    )
 
 
 def pose_values(eta: list[float]) -> tuple[float, ...]:

@@ -158,7 +158,7 @@ class _Assembly:
         return Channel(found.t_ns[newer], found.arrival_ns[newer], found.z[newer])
 
     def sensors(self) -> dict[str, Channel]:
-        def layout(topic: str, schema: str, size: int) -> messages.Layout:
+        def layout(topic: str, schema: str, size: int) -> messages.MessageLayout:
             name = topic.removeprefix("/sensors/")
             imu = schema == "sensor_msgs/msg/Imu"
             return messages.imu_layout(name) if imu else messages.measurement_layout(size, name)
@@ -261,7 +261,9 @@ class _Assembly:
     def sized(self, layout: Any) -> Any:
         return lambda topic, schema, size: layout(size)
 
-    def fixed(self, topic: str, layout: messages.Layout) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
+    def fixed(
+        self, topic: str, layout: messages.MessageLayout
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
         if topic not in self.topics:
             return None
         t_ns, _, fields = self.unpacked(topic, layout, self.topics[topic][0][1])
@@ -279,7 +281,7 @@ class _Assembly:
         return Channel(t_ns[order], arrival_ns[order], np.ascontiguousarray(z[order]))
 
     def unpacked(
-        self, topic: str, layout: messages.Layout, key: int
+        self, topic: str, layout: messages.MessageLayout, key: int
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """The times of a channel's messages, their arrival, and the fields; they are not in the contents any more."""
         found = self.contents.messages.pop(key, NOTHING)

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.runs.diagnostics.doubt import Doubt
-from baqueano.runs.diagnostics.motion import Motion
+from baqueano.runs.diagnostics.motion import LoggedMotion
 from baqueano.runs.diagnostics.signal_map import (
     FEW,
     NO_RELATION,
-    Channel,
     Hypothesis,
+    MappedChannel,
     ratios,
     relation,
     signal_map,
@@ -41,7 +41,7 @@ TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; one that skids se
 
 def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
     """Return the doubts about sensors and commands that contradict each other."""
-    motion, found = Motion(run, m), []
+    motion, found = LoggedMotion(run, m), []
     if len(motion.rate) < FEW:
         return []
     entries = {name: signal.entries for name, signal in m.sensors.items()}
@@ -74,14 +74,16 @@ def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, str]:
     return {r: f'write unit = "{unit}" for {entry.key}' for r, unit in units if not only or unit in only}
 
 
-def _by_truth(motion: Motion, entry: "Entry", z: np.ndarray, true_of: Truth, measures: str) -> list[Doubt]:
+def _by_truth(
+    motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth, measures: str
+) -> list[Doubt]:
     """A sensor against the truth of the same thing: clock, sign, unit, scale.  (1)"""
     if not np.std(true_of(0.0)) > MOVED or not np.isfinite(z).all():
         return []
     true, doubts = _late(motion, entry, z, true_of)
     units = _lines(measures, entry)
     twice = {1.0 / r: f'"{entry.unit}" is too small by {r:.4g}; is it SI?' for r in units if r > 1.0}
-    (found,) = signal_map(z[:, None], true[:, None], [Channel(1.0 / SCALE, SCALE, twice | units)])
+    (found,) = signal_map(z[:, None], true[:, None], [MappedChannel(1.0 / SCALE, SCALE, twice | units)])
     r, said = found.relation, _said(found, entry, "[truth] says")
     if found.code:
         doubts.append(_doubt(found, entry, "[truth] says", "check its unit and scale"))
@@ -95,7 +97,9 @@ def _by_truth(motion: Motion, entry: "Entry", z: np.ndarray, true_of: Truth, mea
     return doubts
 
 
-def _late(motion: Motion, entry: "Entry", z: np.ndarray, true_of: Truth) -> tuple[np.ndarray, list[Doubt]]:
+def _late(
+    motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth
+) -> tuple[np.ndarray, list[Doubt]]:
     """Return the truth with its stamps shifted to where it agrees best with the sensor, and a doubt about them where
     that halves the residual: two clocks that are apart make a slope too small."""
     lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
@@ -114,12 +118,12 @@ def _late(motion: Motion, entry: "Entry", z: np.ndarray, true_of: Truth) -> tupl
     return true, [Doubt("clock", "info", None, text, cure)]
 
 
-def _wheels(motion: Motion, imu: "Imu") -> list[Doubt]:
+def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
     """Left and right wheel against the truth, or else the gyro.  (2)"""
     apart, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
     if not np.std(rate) > TURNED_RAD_S or not np.isfinite(apart).all():
         return []
-    (found,) = signal_map(apart[:, None], rate[:, None], [Channel(*TRACK_M)])
+    (found,) = signal_map(apart[:, None], rate[:, None], [MappedChannel(*TRACK_M)])
     r, wheels = found.relation, f"[sensors.{motion.wheels_name}]"
     by, seen = "[truth]" if motion.run.truth else imu[2].key, f"(correlation {r.correlation:.2f})"
     if found.code == "inverted":
@@ -133,7 +137,7 @@ def _wheels(motion: Motion, imu: "Imu") -> list[Doubt]:
     return []
 
 
-def _opposed(motion: Motion, said: str, wheels: str, imu: "Imu") -> Doubt:
+def _opposed(motion: LoggedMotion, said: str, wheels: str, imu: "Imu") -> Doubt:
     """Gyro or wheels, whichever the sideways acceleration contradicts, or both of them."""
     swap = f"swap left and right of {wheels}"
     if motion.run.truth is not None:
@@ -149,7 +153,7 @@ def _opposed(motion: Motion, said: str, wheels: str, imu: "Imu") -> Doubt:
     return Doubt("inverted", "error", None, said, f"{swap}, or if {upside_down}")
 
 
-def _accelerometer(motion: Motion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
+def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
     """a_x and a_y: swapped, inverted, in another unit. What a_y says of a turning that is `opposed` to the wheels' is
     told there.  (3)"""
     a, felt, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
@@ -163,7 +167,7 @@ def _accelerometer(motion: Motion, imu: "Imu", speed: "Entry | None", opposed: b
             meant[1] |= {1.0 / r: line} | {
                 one / r: f"{line}, {more}" for one, more in in_g.items() if r > 1.0
             }
-    channels = [Channel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in meant]
+    channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in meant]
     along, across = signal_map(a, np.stack([motion.v_dot, felt], axis=1), channels)
     if along.code == "swapped":
         seen = f"{along.relation.correlation:.2f}, {across.relation.correlation:.2f}"
@@ -175,7 +179,7 @@ def _accelerometer(motion: Motion, imu: "Imu", speed: "Entry | None", opposed: b
     return [_doubt(one, entry, "speed and turning give", check) for one, entry in told if one.code]
 
 
-def _steering(motion: Motion) -> list[Doubt]:
+def _steering(motion: LoggedMotion) -> list[Doubt]:
     """Of two commands, the one that is called steering must be the one that turns.  (4)"""
     names, run, rate = motion.m.names, motion.run, motion.rate
     which = [i for i, name in enumerate(names) if "steer" in name.lower() or "servo" in name.lower()]
@@ -185,7 +189,7 @@ def _steering(motion: Motion) -> list[Doubt]:
     u = np.stack([motion.mean(run.t_ns, run.applied[:, i]) for i in order], axis=1)
     if not np.std(u[:, 0]) > MOVED:
         return []
-    (found,) = signal_map(rate[:, None], u * motion.speed[:, None], [Channel()])
+    (found,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])
     seen, (steering, other) = f"(correlation {found.relation.correlation:.2f})", (names[i] for i in order)
     if found.code == "swapped":
         text = f"command {other} turns the vehicle {seen}, {steering} does not"

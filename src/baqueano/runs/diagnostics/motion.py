@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 WINDOW_S, SAMPLES = 0.2, 4.0
 
 
-class Motion:
+class LoggedMotion:
     """Means (W,) of a run: `imu` (W, 3), `wheels` (W, 2), `speed`, `rate` and `v_dot` as they are known best."""
 
     def __init__(self, run: Run, m: "ColumnMap") -> None:

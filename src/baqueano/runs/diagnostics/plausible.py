@@ -25,7 +25,7 @@ from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.runs.maps.columns import ColumnMap, Signal
+    from baqueano.runs.maps.columns import ColumnMap, ColumnSignal
 
 FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
 LIMITS = {
@@ -45,7 +45,7 @@ OVER = 1.2  # times a full command: rounding and trims are less
 TINY = 0.03  # a command that never moved a motor
 
 
-def plausible(signal: "Signal", channel: Channel, run: Run) -> Iterator[Doubt]:
+def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
     """Doubts about the unit of a sensor by itself."""
     most = np.quantile(np.abs(channel.z), 0.99, axis=0)
     beyond, kind = False, signal.kind or ""
@@ -61,7 +61,7 @@ def plausible(signal: "Signal", channel: Channel, run: Run) -> Iterator[Doubt]:
         yield from _curve(signal, channel)
 
 
-def _tyres(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
+def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
     """(1)"""
     for a, entry in zip(_means(channel).T[:2], signal.entries, strict=False):
         if not len(a) or not np.isfinite(a).all():
@@ -92,7 +92,7 @@ def _at_rest(run: Run, channel: Channel) -> np.ndarray:
     return still if long and np.count_nonzero(still) > 5 else np.zeros(len(still), dtype=bool)
 
 
-def _gyro(signal: "Signal", channel: Channel, run: Run) -> Iterator[Doubt]:
+def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
     """Two turns a second, (2) and (3)."""
     entry, rate, still = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
     cure = 'if the column is in deg/s write unit = "deg/s"' if entry.unit != "deg/s" else "check its scale"
@@ -119,7 +119,7 @@ def _spread(x: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(x - np.median(x))))
 
 
-def _curve(signal: "Signal", channel: Channel) -> Iterator[Doubt]:
+def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
     """(4)"""
     curve = relation(*_means(channel).T[1:])
     if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:

@@ -44,7 +44,7 @@ class Relation(NamedTuple):
         return self.n * self.gain > MARGIN and self.gain > worth
 
 
-class Channel(NamedTuple):
+class MappedChannel(NamedTuple):
     """Scales that are believed of a channel, and what else it may be, by its ratio: units, as a line to write."""
 
     low: float = 0.0
@@ -96,7 +96,7 @@ def _autocorrelation(x: np.ndarray, least: float = 0.0) -> float:
 
 
 def signal_map(
-    z: np.ndarray, h: np.ndarray, channels: Sequence[Channel], worth: float = WORTH
+    z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel], worth: float = WORTH
 ) -> list[Hypothesis]:
     """Return what each channel of z (N, m) shows of the predictions h (N, k ≥ m): its own, the i-th, or another's."""
     of = relations(z, h)
@@ -111,7 +111,7 @@ def signal_map(
     return found
 
 
-def _shown(of: int, r: Relation, channel: Channel, worth: float) -> Hypothesis:
+def _shown(of: int, r: Relation, channel: MappedChannel, worth: float) -> Hypothesis:
     """What a channel shows of one prediction."""
     clear, size = r.is_clear(worth), abs(r.slope)
     if not clear or channel.low <= r.slope <= channel.high:

@@ -20,7 +20,7 @@ from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.importing.sources import LEAST, Part, Source, parts, quaternion_of
 from baqueano.runs.maps.column_map import load_map
-from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, Signal
+from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry
 from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS
@@ -194,7 +194,7 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
     return Imported(run, judged)
 
 
-def _values(signal: Signal, source: Source) -> np.ndarray:
+def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
     """(rows, entries) in SI, by (1) of column_map."""
     columns = []
     for entry in signal.entries:
@@ -247,7 +247,7 @@ def _check_header(entry: Entry) -> None:
 
 
 def _known(
-    signal: Signal, source: Source, found: list[Doubt], t_ns: np.ndarray | None = None
+    signal: ColumnSignal, source: Source, found: list[Doubt], t_ns: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times, `t_ns` (rows,) if they are not the source's, and values of the rows that have all their numbers."""
     values = _values(signal, source)
@@ -264,7 +264,7 @@ def _known(
     return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]
 
 
-def _instants(signal: Signal, source: Source) -> np.ndarray:
+def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
     """(rows,) times of a signal: what changed from row to row is the rate in the middle between them."""
     t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
     if all(entry.derivative or entry.absent for entry in signal.entries):
@@ -304,7 +304,7 @@ def _span(t_ns: np.ndarray) -> str:
 
 
 def _sampled(
-    signal: Signal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and values of a signal: as measured, or brought to the ticks."""
     source = sources[signal.file]
@@ -331,7 +331,9 @@ def _sampled(
     return inside, np.column_stack([np.interp((inside - t_ns[0]) / NANOSECONDS, x, c) for c in columns])
 
 
-def _channel(signal: Signal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]) -> Channel:
+def _channel(
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+) -> Channel:
     t_ns, z = _sampled(signal, sources, ticks, found)
     angles = [measures == "angle" for measures in KINDS.get(signal.kind or "", ())]
     if any(angles):
@@ -339,7 +341,9 @@ def _channel(signal: Signal, sources: dict[str, Source], ticks: np.ndarray, foun
     return Channel(t_ns, t_ns, z)
 
 
-def _truth(signal: Signal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]) -> TruthLog:
+def _truth(
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+) -> TruthLog:
     t_ns, values = _sampled(signal, sources, ticks, found)
     unknown = np.full((len(t_ns), 3), np.nan)
     eta = np.column_stack([values[:, :2], wrap(values[:, 2])])

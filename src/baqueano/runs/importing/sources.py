@@ -22,7 +22,7 @@ from baqueano.runs.importing.timing import rows_in_order, times
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.runs.maps.columns import ColumnMap, Entry, FileSpec
 from baqueano.runs.tables import bag
-from baqueano.runs.tables.table import Table, read_table
+from baqueano.runs.tables.table import LogTable, read_table
 from baqueano.signals import NANOSECONDS
 
 LEAST = 3  # ticks of a run
@@ -31,7 +31,7 @@ LEAST = 3  # ticks of a run
 class Source(NamedTuple):
     """A file of the map, read: its rows in the order of time."""
 
-    table: Table
+    table: LogTable
     t_ns: np.ndarray  # (rows,) int64, increasing
 
 
@@ -44,12 +44,12 @@ class Part(NamedTuple):
     doubts: tuple[Doubt, ...]
 
 
-class Piece(NamedTuple):
+class SourcePiece(NamedTuple):
     """What one file gives to a part."""
 
     value: str  # of the column that splits it, "" where a pause alone does
     label: str
-    table: Table
+    table: LogTable
 
 
 def parts(m: ColumnMap, files: object) -> Iterator[Part]:
@@ -62,7 +62,7 @@ def parts(m: ColumnMap, files: object) -> Iterator[Part]:
 
 
 def _split(
-    m: ColumnMap, name: str, files: tuple[str, ...], tables: dict[str, Table], found: list[Doubt]
+    m: ColumnMap, name: str, files: tuple[str, ...], tables: dict[str, LogTable], found: list[Doubt]
 ) -> Iterator[Part]:
     pieces = {file: _pieces(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
     if not pieces:
@@ -88,7 +88,7 @@ def _is_split(spec: FileSpec) -> bool:
     return spec.split is not None or spec.split_gap_s is not None
 
 
-def _pieces(m: ColumnMap, spec: FileSpec, table: Table) -> list[Piece]:
+def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
     """What a file is split into, in its order."""
     rows = np.arange(len(table.lines))
     groups: list[tuple[str, np.ndarray]] = [("", rows)]
@@ -99,20 +99,20 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: Table) -> list[Piece]:
         ends = np.cumsum(np.bincount(which))
         groups = list(zip(values, np.split(np.argsort(which, kind="stable"), ends[:-1]), strict=True))
     if spec.split_gap_s is None:
-        return [Piece(value, value, table.at(at)) for value, at in groups]
+        return [SourcePiece(value, value, table.at(at)) for value, at in groups]
     t_ns, _ = times(table, spec, m.start_ns, m.path.name)
     cut = []
     for value, at in groups:
         step = np.diff(t_ns[at])
         edges = np.flatnonzero((step < 0) | (step > spec.split_gap_s * NANOSECONDS)) + 1
         for k, piece in enumerate(np.split(at, edges), 1):
-            cut.append(Piece(value, f"{value}-{k}".lstrip("-"), table.at(piece)))
+            cut.append(SourcePiece(value, f"{value}-{k}".lstrip("-"), table.at(piece)))
     return cut
 
 
 def _matched(
-    m: ColumnMap, pieces: dict[str, list[Piece]], found: list[Doubt]
-) -> list[tuple[str, dict[str, Table]]]:
+    m: ColumnMap, pieces: dict[str, list[SourcePiece]], found: list[Doubt]
+) -> list[tuple[str, dict[str, LogTable]]]:
     """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files have
     no value in common, or not as many parts of it."""
     if not all(m.files[file].split for file in pieces):  # what has no value is matched in order
@@ -146,7 +146,7 @@ def _matched(
     return made
 
 
-def _left_out(m: ColumnMap, held: dict[str, dict[str, list[Piece]]]) -> Iterator[Doubt]:
+def _left_out(m: ColumnMap, held: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
     """The values that a file lacks: their parts are no runs."""
     for lacking, of in held.items():
         for file, others in held.items():
@@ -257,7 +257,7 @@ def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
     )
 
 
-def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> Table:
+def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> LogTable:
     """The rows of a file that `where` asks for, in the order of the file."""
     label, used = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
     if bag.is_bag(path):
@@ -279,7 +279,7 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> Tabl
     return kept._replace(columns={name: kept.columns[name] for name in used})
 
 
-def _source(m: ColumnMap, spec: FileSpec, table: Table, found: list[Doubt]) -> Source:
+def _source(m: ColumnMap, spec: FileSpec, table: LogTable, found: list[Doubt]) -> Source:
     """Rows with a time, in its order, the new ones alone."""
     t_ns, known = times(table, spec, m.start_ns, m.path.name)
     if not known.any():
@@ -321,7 +321,7 @@ def quaternion_of(entry: Entry) -> Sequence[str]:
     return entry.quaternion
 
 
-def _chosen(table: Table, spec: FileSpec) -> Table:
+def _chosen(table: LogTable, spec: FileSpec) -> LogTable:
     """The rows that `where` asks for: a value or several, or {min = …, max = …, not = …}."""
     for column, wanted in spec.where.items():
         limits = wanted if isinstance(wanted, dict) else {"is": wanted}
@@ -330,7 +330,7 @@ def _chosen(table: Table, spec: FileSpec) -> Table:
     return table
 
 
-def _kept(table: Table, spec: FileSpec, column: str, what: str, limit: Any) -> np.ndarray:
+def _kept(table: LogTable, spec: FileSpec, column: str, what: str, limit: Any) -> np.ndarray:
     """(rows,) where one condition holds."""
     if what in ("is", "not"):
         each = limit if isinstance(limit, list) else [limit]

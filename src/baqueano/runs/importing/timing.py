@@ -13,7 +13,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.maps.units import unit
-from baqueano.runs.tables.table import Table
+from baqueano.runs.tables.table import LogTable
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ MANY = 0.1  # of the rows: so many are no rows that came late, but another run
 JUMP_S = 600.0  # a pause that long is rather a clock that was set
 
 
-def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
+def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
     """(rows,) int64 times, and where they are known. FileError where they cannot be of a recording."""
     shift = start_ns + round(spec.shift_s * NANOSECONDS)
     if spec.rate_hz is not None:
@@ -74,7 +74,7 @@ def times(table: Table, spec: "FileSpec", start_ns: int, map_name: str) -> tuple
     return t_ns, known
 
 
-def _dates(table: Table, spec: "FileSpec") -> np.ndarray:
+def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
     cells = table.text(spec.time)
     try:
         return np.array([_ns_of(cell) for cell in cells], dtype=np.int64)
@@ -95,7 +95,7 @@ def _ns_of(date: str) -> int:
 
 
 def rows_in_order(
-    table: Table, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", found: list[Doubt]
+    table: LogTable, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", found: list[Doubt]
 ) -> np.ndarray:
     """Which rows to keep so that time increases."""
     latest = np.maximum.accumulate(t_ns)
@@ -131,7 +131,7 @@ def rows_in_order(
 
 
 def _without_repeats(
-    table: Table,
+    table: LogTable,
     t_ns: np.ndarray,
     keep: np.ndarray,
     spec: "FileSpec",
@@ -170,7 +170,12 @@ def _without_repeats(
 
 
 def _check_steps(
-    table: Table, t_ns: np.ndarray, step_s: np.ndarray, spec: "FileSpec", m: "ColumnMap", found: list[Doubt]
+    table: LogTable,
+    t_ns: np.ndarray,
+    step_s: np.ndarray,
+    spec: "FileSpec",
+    m: "ColumnMap",
+    found: list[Doubt],
 ) -> None:
     usual = float(np.median(step_s))
     if not SHORTEST_S <= usual <= LONGEST_S:
@@ -203,7 +208,7 @@ def _check_steps(
         found.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), text))
 
 
-def _rate_of_ticks(table: Table, usual: float, spec: "FileSpec") -> Doubt:
+def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
     """Ticks that few loops have: faster ones contradict the map, slower ones may be."""
     text = f'{table.label}: with time_unit = "{spec.time_unit}" a tick lasts {usual:.3g} s, {1.0 / usual:.3g} a second'
     fits = _units_that_fit(usual, len(table.lines), spec)

@@ -28,7 +28,7 @@ from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, nearest
 from baqueano.errors import FileError
-from baqueano.runs.maps.columns import KINDS, ColumnMap, Entry, FileSpec, Signal
+from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
 from baqueano.runs.maps.mount import KEYS, mount_of
 from baqueano.runs.maps.units import canonical, closest, unit, units_of
 from baqueano.vehicle_file.text.toml_text import parsed
@@ -141,7 +141,7 @@ class _Parser:
             in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None, wheels,
         )  # fmt: skip
 
-    def command(self, spec: dict[str, Any]) -> tuple[Signal, tuple[str, ...], str, bool]:
+    def command(self, spec: dict[str, Any]) -> tuple[ColumnSignal, tuple[str, ...], str, bool]:
         """[command]: its signal, the names of its entries, when a row is in force, and whether it is told by wheels."""
         self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
         in_force = spec.get("in_force")
@@ -230,7 +230,7 @@ class _Parser:
             )
         return str(rest["column"]), str(rest["unit"])
 
-    def sensor(self, name: str, spec: Any) -> Signal:
+    def sensor(self, name: str, spec: Any) -> ColumnSignal:
         """[sensors.NAME]; of a kind of ours every entry is held to what it measures."""
         key = f"sensors.{name}"
         self.keys(key, self.table(key, spec), {
@@ -244,7 +244,7 @@ class _Parser:
         )
         return self.signal(key, spec, "z", measures, kind)
 
-    def truth(self, spec: Any) -> Signal:
+    def truth(self, spec: Any) -> ColumnSignal:
         """[truth]: three entries, η, or six, η and ν."""
         known = {"file": str, "eta": list, "nu": list, "sample": str} | KEYS
         self.keys("truth", self.table("truth", spec), known)
@@ -253,7 +253,9 @@ class _Parser:
             return pose
         return pose._replace(entries=pose.entries + self.signal("truth", spec, "nu", NU, "pose").entries)
 
-    def signal(self, key: str, spec: dict[str, Any], what: str, measures: Any, kind: str | None) -> Signal:
+    def signal(
+        self, key: str, spec: dict[str, Any], what: str, measures: Any, kind: str | None
+    ) -> ColumnSignal:
         """The entries under `what`, one for each of `measures`; None there takes any unit."""
         entries = spec.get(what)
         said = ", ".join(m or "a number" for m in measures)
@@ -267,7 +269,7 @@ class _Parser:
             for i, (entry, m) in enumerate(zip(entries, measures, strict=True))
         )
         try:
-            return Signal(
+            return ColumnSignal(
                 key, self.file_of(key, spec), kind, sample, made, mount_of(spec, not made[-1].absent)
             )
         except ValueError as error:

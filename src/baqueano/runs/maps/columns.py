@@ -79,7 +79,7 @@ class Entry(NamedTuple):
         return self.constant is not None and self.constant != self.constant
 
 
-class Signal(NamedTuple):
+class ColumnSignal(NamedTuple):
     """A signal and where its numbers come from."""
 
     key: str
@@ -102,7 +102,7 @@ class ColumnMap(NamedTuple):
     ticks: str
     names: tuple[str, ...]
     in_force: str
-    command: Signal
-    sensors: dict[str, Signal]
-    truth: Signal | None  # three entries (η), or six (η, ν)
+    command: ColumnSignal
+    sensors: dict[str, ColumnSignal]
+    truth: ColumnSignal | None  # three entries (η), or six (η, ν)
     wheels: bool = False  # the command is told wheel by wheel, left and right

@@ -18,7 +18,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import memory_limit
 from baqueano.runs.container.records import CHUNK, LARGEST_CHUNK, Damage, decompressed
-from baqueano.runs.tables.table import Table
+from baqueano.runs.tables.table import LogTable
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 TIMES = ("bag", "header.stamp")  # in ns
@@ -30,7 +30,7 @@ def is_bag(path: Path) -> bool:
     return path.suffix in SUFFIXES or (path.is_dir() and (path / "metadata.yaml").exists())
 
 
-def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> Table:
+def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> LogTable:
     """The messages of a topic as they were recorded; columns `bag` and `header.stamp` are ns since 1970."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
@@ -57,7 +57,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
     except (AnyReaderError, SerdeError, *BROKEN) as error:
         raise FileError(fault("bag.not-read", file=label, error=error)) from error
     numbers = {column: np.array(values) for column, values in made.items()}
-    return Table(label, numbers, np.arange(1, len(made["bag"]) + 1))
+    return LogTable(label, numbers, np.arange(1, len(made["bag"]) + 1))
 
 
 def _check_chunks(path: Path, label: str) -> None:

@@ -35,7 +35,7 @@ _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+", re.ASCII)
 
 
-class Table(NamedTuple):
+class LogTable(NamedTuple):
     """The columns of a file."""
 
     label: str  # the file, for messages
@@ -115,11 +115,11 @@ class Table(NamedTuple):
             return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
         return np.asarray(self.numbers(column) == value)
 
-    def only(self, keep: np.ndarray) -> "Table":
+    def only(self, keep: np.ndarray) -> "LogTable":
         """The rows where `keep` is true."""
         return self if keep.all() else self.at(np.flatnonzero(keep))
 
-    def at(self, rows: np.ndarray) -> "Table":
+    def at(self, rows: np.ndarray) -> "LogTable":
         """The rows of these indices, which increase."""
         columns = {
             name: cells if cells is None else cells[rows] if isinstance(cells, np.ndarray) else cells.at(rows)
@@ -137,7 +137,7 @@ class Table(NamedTuple):
         )
 
 
-def read_table(path: Path, options: "JsonObject", label: str = "") -> Table:
+def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     """A CSV file. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table."""
     label = label or str(path)
     lines = Lines(path, options.get("encoding"), label)
@@ -157,7 +157,7 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> Table:
         columns[name] = None if name in columns else Cells(bytes(cells))
         cells.clear()
     decimal = options.get("decimal") or _decimal(columns, delimiter, label)
-    return Table(label, columns, np.array(numbers, dtype=np.int64), decimal, notes)
+    return LogTable(label, columns, np.array(numbers, dtype=np.int64), decimal, notes)
 
 
 def _with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:

@@ -7,7 +7,7 @@ rectangle at 0.2 m/s for a minute, led by the recommended filter. vehicles.py sa
 from collections.abc import Callable
 from dataclasses import replace
 
-from baqueano.study.corridor.drives import Drive, batch
+from baqueano.study.corridor.drives import CorridorDrive, batch
 from baqueano.study.corridor.recorded import ends_of_recordings
 from baqueano.study.corridor.result import AT_S, Corridors, Instant, gathered
 from baqueano.study.workers import spread_over
@@ -44,7 +44,7 @@ def with_recordings(
     return replace(found, windows=windows.instants, lost=lost, notes=(*found.notes, *notes))
 
 
-def judged(drives: list[Drive], refused: list[int]) -> Corridors:
+def judged(drives: list[CorridorDrive], refused: list[int]) -> Corridors:
     """Return the corridors of drives, after some seconds and at the end of each lap."""
     named = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
     laps = max((int(d.t_s[-1] / d.lap_s) for d in drives), default=0)
@@ -57,6 +57,6 @@ def judged(drives: list[Drive], refused: list[int]) -> Corridors:
     return gathered(named, len(drives), refused)
 
 
-def _instant(drive: Drive, t_s: float) -> Instant:
+def _instant(drive: CorridorDrive, t_s: float) -> Instant:
     k = int(abs(drive.t_s - t_s).argmin())
     return Instant(drive.error[k], drive.cov[k])

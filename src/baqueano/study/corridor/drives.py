@@ -11,14 +11,14 @@ from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate.open_loop import times
 from baqueano.study.corridor.vehicles import identified, switched_on_anew, vehicles
 from baqueano.study.driving import SHAPES, Loop
-from baqueano.study.truth import Robots, World
+from baqueano.study.truth import Robots, TruthWorld
 
 SPEED_M_S = 0.2
 REST_S, DRIVE_S = 2.0, 62.0
 EVERY_S = 1.0
 
 
-class Drive(NamedTuple):
+class CorridorDrive(NamedTuple):
     """One vehicle, K instants."""
 
     seed: int
@@ -29,7 +29,7 @@ class Drive(NamedTuple):
     cov: np.ndarray  # (K, 3, 3) claimed
 
 
-def batch(job: tuple[range, str]) -> tuple[list[Drive], list[int]]:
+def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
     """Return the drives of these seeds, and the seeds whose fit was refused."""
     seeds, backend = job
     robots = vehicles(seeds)
@@ -41,7 +41,7 @@ def batch(job: tuple[range, str]) -> tuple[list[Drive], list[int]]:
     return follow(loops, again, names), [s for s in seeds if s not in names]
 
 
-def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Drive]:
+def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[CorridorDrive]:
     """Return the drive of each vehicle along the route of its seed."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     shapes = [list(SHAPES)[seed % len(SHAPES)] for seed in seeds]
@@ -52,7 +52,10 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Drive]:
         [o.start(r.eta[0]) for o, r in zip(loops, routes, strict=True)],
     )
     t_ns, rest = times(round((REST_S + DRIVE_S) * rate_hz), rate_hz), round(REST_S * rate_hz)
-    world, u = World(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes])), np.zeros((n, 3))
+    world, u = (
+        TruthWorld(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes])),
+        np.zeros((n, 3)),
+    )
     kept = [instants(route, rest, len(t_ns), rate_hz) for route in routes]
     found: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]
     for k, t in enumerate(t_ns):
@@ -70,7 +73,8 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Drive]:
     columns = [[np.array(column) for column in zip(*rows, strict=True)] for rows in found]
     laps_s = [float(route.t_s[-1]) for route in routes]
     return [
-        Drive(s, shape, lap_s, *c) for s, shape, lap_s, c in zip(seeds, shapes, laps_s, columns, strict=True)
+        CorridorDrive(s, shape, lap_s, *c)
+        for s, shape, lap_s, c in zip(seeds, shapes, laps_s, columns, strict=True)
     ]
 
 

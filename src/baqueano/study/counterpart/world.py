@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.contracts import blocks as protocols
 from baqueano.signals import NANOSECONDS, Command, Motion, Slot, Tick, sensor_slots
-from baqueano.study.truth import Cars, Robots, World
+from baqueano.study.truth import Cars, Robots, TruthWorld
 
 ROBOT_STEP_S, CAR_STEP_S = (
     5e-3,
@@ -14,9 +14,9 @@ ROBOT_STEP_S, CAR_STEP_S = (
 )  # of Runge and Kutta: a third of the shortest time constant, tyres at rest
 
 
-def world_of(vehicles: Robots | Cars, seeds: Sequence[int]) -> World:
+def world_of(vehicles: Robots | Cars, seeds: Sequence[int]) -> TruthWorld:
     """Return a world of these vehicles, at rest at the origin, in the longest steps that are exact enough."""
-    return World(vehicles, seeds, step_s=ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S)
+    return TruthWorld(vehicles, seeds, step_s=ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S)
 
 
 class LoopWorld(protocols.World):

@@ -49,14 +49,16 @@ def joined(parts: Sequence[Beside]) -> Beside:
     return Beside(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-class Path(NamedTuple):
+class EstimatedPath(NamedTuple):
     """Pose and speed by somebody at the ticks."""
 
     eta: np.ndarray  # (N, 3)
     speed: np.ndarray  # (N,)
 
 
-def beside(t_ns: np.ndarray, ours: Path, reference: Path, truth: TruthLog) -> dict[str, Beside]:
+def beside(
+    t_ns: np.ndarray, ours: EstimatedPath, reference: EstimatedPath, truth: TruthLog
+) -> dict[str, Beside]:
     """Return the errors of both at the ticks `t_ns` (N,) against the truth, by quantity."""
     eta, speed, t_s = poses_at(t_ns, truth.t_ns, truth.eta), true_speed(t_ns, truth), seconds(t_ns, t_ns[0])
     pieces = (t_s // BLOCK_S).astype(int)

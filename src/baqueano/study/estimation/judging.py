@@ -15,14 +15,14 @@ from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import true_speed
-from baqueano.study.estimation.errors import Beside, Path, beside
+from baqueano.study.estimation.errors import Beside, EstimatedPath, beside
 from baqueano.study.estimation.references import integrated, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.build import DEFAULT_KIND
 
 
-class Judged(NamedTuple):
+class JudgedEstimate(NamedTuple):
     """One estimator on one run."""
 
     recording: str
@@ -35,26 +35,28 @@ class Judged(NamedTuple):
     stopped: str  # why the replay stopped, "" if it did not
 
 
-def judged(subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: str = "auto") -> list[Judged]:
+def judged(
+    subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: str = "auto"
+) -> list[JudgedEstimate]:
     """Return each estimator of `kinds` on the run of the subject; without any, the one of its file."""
     fit, file = fitted(subject, sensors, backend)
     run = subject.judged
     assert run.truth is not None
     start = initial_pose(run)
     nu = open_loop(file, run, start, backend)
-    reference = Path(integrated(file, run, nu, start), nu[:, 0])
+    reference = EstimatedPath(integrated(file, run, nu, start), nu[:, 0])
     out = []
     for kind in kinds or (file.data["estimator"].get("kind", DEFAULT_KIND["estimator"]),):
         again = _replayed(run, file, kind, backend)
         log = again.estimate
         assert log is not None
         at = np.searchsorted(log.t_ns, run.t_ns)
-        ours = Path(log.eta[at], log.nu[at, 0])
+        ours = EstimatedPath(log.eta[at], log.nu[at, 0])
         errors = beside(run.t_ns, ours, reference, run.truth)
         speed = (ours.speed - true_speed(run.t_ns, run.truth)) ** 2 / log.cov[at, 3, 3]
         found = filter_consistency(again), band(speed, 1)
         out.append(
-            Judged(
+            JudgedEstimate(
                 f"{subject.name}, {sensors}", sensors, kind, errors, *found, fit.verdict, text(stop_of(again))
             )
         )

@@ -18,7 +18,7 @@ from baqueano.study.estimation.subjects import BOTH
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.study.estimation.judging import Judged
+    from baqueano.study.estimation.judging import JudgedEstimate
 
 REFUSED = Verdict.REFUSED
 ALONE = 1.10
@@ -31,7 +31,7 @@ AGAINST = {True: "the model from the commands alone", False: "plain integration 
 class Estimated:
     """Recordings, then robots and cars of the independent truth."""
 
-    judged: tuple["Judged", ...]
+    judged: tuple["JudgedEstimate", ...]
     simulated: tuple["JsonObject", ...] = ()  # rows: the share that is not worse
     vehicles: tuple["JsonObject", ...] = ()  # rows: each of them, for machines alone
     notes: tuple[str, ...] = ()  # what was not judged, in sentences
@@ -125,7 +125,7 @@ def row(recording: str, estimator: str, quantity: str, value: float, bar: float)
     }  # fmt: skip
 
 
-def _of_one(one: "Judged") -> list["TableRow"]:
+def _of_one(one: "JudgedEstimate") -> list["TableRow"]:
     out = []
     for quantity, errors in one.errors.items():
         (value, reference), (ratio, low, high) = errors.rms, errors.ratio
@@ -135,7 +135,7 @@ def _of_one(one: "Judged") -> list["TableRow"]:
     return out
 
 
-def _of_consistency(one: "Judged") -> list["TableRow"]:
+def _of_consistency(one: "JudgedEstimate") -> list["TableRow"]:
     """NEES and NIS beside 1, and the lag-1 correlation of each innovation beside 0."""
     found, out = one.consistency, []
     figures = {"NEES of the pose": (found.nees_pose, None), "NEES of the speed": (one.nees_speed, NEES)}

@@ -21,10 +21,10 @@ from baqueano.errors import BaqueanoError
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import driven, recorded
 from baqueano.study.estimation.errors import QUANTITIES
-from baqueano.study.estimation.judging import Judged, judged
+from baqueano.study.estimation.judging import JudgedEstimate, judged
 from baqueano.study.estimation.subjects import SETUPS, Subject
 from baqueano.study.faults.subject import VEHICLES, subject
-from baqueano.study.faults.subject import Subject as Driven
+from baqueano.study.faults.subject import FaultSubject as Driven
 from baqueano.study.truth import Cars, Robots
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import parse
@@ -40,7 +40,7 @@ FULL_LOCK = {"command.limit": [0.6, 0.8]}
 ODOMETER = '\n[sensors.odometer]\nkind = "odometer"\nrate_hz = 100.0\nnoise_std = 0.02\n'
 
 
-class Job(NamedTuple):
+class EstimationJob(NamedTuple):
     """Vehicles of one kind that are simulated side by side."""
 
     vehicle: str
@@ -49,12 +49,12 @@ class Job(NamedTuple):
     backend: str
 
 
-class Outcome(NamedTuple):
+class SimulatedOutcome(NamedTuple):
     """One vehicle."""
 
     seed: int
     lacking: str
-    judged: tuple[Judged, ...]  # each set of sensors, each estimator
+    judged: tuple[JudgedEstimate, ...]  # each set of sensors, each estimator
     failed: str  # why there is nothing to judge
 
 
@@ -92,19 +92,19 @@ def lacking(seed: int) -> tuple[str, str]:
 
 def simulated(
     seeds: int, kinds: Sequence[str], backend: str, processes: int, each: Callable[[int], None] | None = None
-) -> list[Outcome]:
+) -> list[SimulatedOutcome]:
     """Return the outcomes of vehicles at seeds from 0 on."""
     jobs = []
     for vehicle in VEHICLES:
         some = [seed for seed in range(seeds) if lacking(seed)[1] == vehicle]
         jobs += [
-            Job(vehicle, tuple(some[k : k + TOGETHER]), tuple(kinds), backend)
+            EstimationJob(vehicle, tuple(some[k : k + TOGETHER]), tuple(kinds), backend)
             for k in range(0, len(some), TOGETHER)
         ]
     return [one for done in spread_over(work, jobs, processes, each) for one in done]
 
 
-def work(job: Job) -> list[Outcome]:
+def work(job: EstimationJob) -> list[SimulatedOutcome]:
     """Return the outcomes of a job."""
     out = []
     for seed, one in zip(job.seeds, _subjects(job), strict=True):
@@ -114,11 +114,11 @@ def work(job: Job) -> list[Outcome]:
                 found += judged(one, sensors, job.kinds, job.backend)
             except BaqueanoError as error:
                 failed = f"{one.name}, {sensors}: {error}"
-        out.append(Outcome(seed, lacking(seed)[0], tuple(found), failed))
+        out.append(SimulatedOutcome(seed, lacking(seed)[0], tuple(found), failed))
     return out
 
 
-def rows(outcomes: Sequence[Outcome]) -> list["TableRow"]:
+def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return the share that is not worse, by lack and over all: a row per set of sensors, estimator and quantity."""
     out = []
     all_judged = [(one.lacking, j) for one in outcomes for j in one.judged if j.fit != Verdict.REFUSED]
@@ -137,7 +137,7 @@ def rows(outcomes: Sequence[Outcome]) -> list["TableRow"]:
     return out
 
 
-def each_vehicle(outcomes: Sequence[Outcome]) -> list["TableRow"]:
+def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return a row per vehicle, set of sensors, estimator and quantity: both errors and their ratio."""
     out = []
     for j in (j for one in outcomes for j in one.judged):
@@ -150,7 +150,7 @@ def each_vehicle(outcomes: Sequence[Outcome]) -> list["TableRow"]:
     return out
 
 
-def sentence(outcomes: Sequence[Outcome]) -> str:
+def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
     """Return how many there were, and what was not judged."""
     refused = sum(j.fit == Verdict.REFUSED for one in outcomes for j in one.judged)
     failed = [one.failed for one in outcomes if one.failed]
@@ -158,7 +158,7 @@ def sentence(outcomes: Sequence[Outcome]) -> str:
     return f"{len(outcomes)} simulated vehicles, {refused} fits refused, {len(failed)} failed{why}."
 
 
-def _subjects(job: Job) -> list[Subject]:
+def _subjects(job: EstimationJob) -> list[Subject]:
     """Return the vehicles with both runs, all simulated side by side."""
     vehicles, signals, files = [], [], []
     for seed in job.seeds:

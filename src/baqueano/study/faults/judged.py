@@ -29,8 +29,8 @@ from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.left import left_of
 from baqueano.study.faults.logging import LOGGING
-from baqueano.study.faults.structures import STRUCTURES, Plan
-from baqueano.study.faults.subject import VEHICLES, Subject, subject
+from baqueano.study.faults.structures import STRUCTURES, FaultPlan
+from baqueano.study.faults.subject import VEHICLES, FaultSubject, subject
 from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
 
@@ -48,7 +48,7 @@ HARM = {**DAMAGES, **LOGGING}
 FAULTS = (*SOUND, *HARM, *STRUCTURES)
 
 
-class Job(NamedTuple):
+class FaultJob(NamedTuple):
     """One fault on one vehicle at one seed."""
 
     fault: str
@@ -57,10 +57,10 @@ class Job(NamedTuple):
     backend: str
 
 
-class Outcome(NamedTuple):
+class FaultOutcome(NamedTuple):
     """What came of it."""
 
-    job: Job
+    job: FaultJob
     verdict: str  # ERROR: the fit was not begun, and the message said why; CRASH: the program failed
     wrong: bool
     off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
@@ -80,7 +80,7 @@ class Made(NamedTuple):
     clean: Run | None = None  # the run before it was damaged, where both are compared
 
 
-def work(jobs: tuple[Job, ...]) -> list[Outcome]:
+def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
     """Return the outcomes of faults of one vehicle and seed; of those that there is something to act on."""
     of = subject(jobs[0].vehicle, jobs[0].seed)
     outcomes, before = [], _Before(of, jobs[0].backend)
@@ -89,19 +89,19 @@ def work(jobs: tuple[Job, ...]) -> list[Outcome]:
     return outcomes
 
 
-def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
+def _outcome(job: FaultJob, made: Made, before: "_Before") -> FaultOutcome:
     try:
         fit = identify(made.run, made.file, made.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
-        return Outcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
+        return FaultOutcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
     except (
         ArithmeticError,
         ValueError,
         LookupError,
     ) as error:  # a fault of the program, and of the study's verdict
-        return Outcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
+        return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
     off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, made.truth))))
-    outcome = Outcome(job, fit.verdict, off, np.nan, np.nan, tuple(one.code for one in fit.reasons))
+    outcome = FaultOutcome(job, fit.verdict, off, np.nan, np.nan, tuple(one.code for one in fit.reasons))
     if made.clean is None:
         return outcome
     clean = before.fit(made.clean)
@@ -116,7 +116,7 @@ def _outcome(job: Job, made: Made, before: "_Before") -> Outcome:
 class _Before:
     """The fit of a run before it was damaged: one for all damages of a vehicle and seed."""
 
-    def __init__(self, of: Subject, backend: str) -> None:
+    def __init__(self, of: FaultSubject, backend: str) -> None:
         self._of, self._backend = of, backend
         self._fit: Fit | None = None
 
@@ -139,7 +139,7 @@ def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
 
 
-def _made(of: Subject, jobs: Sequence[Job]) -> list[tuple[Job, Made]]:
+def _made(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, Made]]:
     """Return the inputs of each job; the vehicles of all structures are simulated side by side."""
     u = of.signal(SECONDS)
     (sound,) = of.runs([of.vehicle], [u], [u])
@@ -150,7 +150,7 @@ def _made(of: Subject, jobs: Sequence[Job]) -> list[tuple[Job, Made]]:
             plan = STRUCTURES[job.fault](of, u, sound, rng)
             plans += [] if plan is None else [(job, plan, u)]
         elif job.fault == "sound, multisine":
-            plans.append((job, Plan(of.vehicle, many, of.file), many))
+            plans.append((job, FaultPlan(of.vehicle, many, of.file), many))
         elif job.fault in SOUND:
             out.append((job, _sound(of, job, sound, rng)))
         else:
@@ -162,7 +162,7 @@ def _made(of: Subject, jobs: Sequence[Job]) -> list[tuple[Job, Made]]:
     return out + _planned(of, plans)
 
 
-def _sound(of: Subject, job: Job, sound: Run, rng: np.random.Generator) -> Made:
+def _sound(of: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> Made:
     file, run = of.file, sound
     if job.fault == "sound, 60 s":
         u = of.signal(2.0 * SECONDS)
@@ -174,7 +174,9 @@ def _sound(of: Subject, job: Job, sound: Run, rng: np.random.Generator) -> Made:
     return Made(file, run, of.free, of.truth)
 
 
-def _planned(of: Subject, plans: list[tuple[Job, Plan, np.ndarray]]) -> list[tuple[Job, Made]]:
+def _planned(
+    of: FaultSubject, plans: list[tuple[FaultJob, FaultPlan, np.ndarray]]
+) -> list[tuple[FaultJob, Made]]:
     if not plans:
         return []
     first = [(plan.vehicle, plan.felt, u) for _, plan, u in plans]
@@ -208,7 +210,7 @@ def _other_start(file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile"
 class Faults:
     """All outcomes."""
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[FaultOutcome, ...]
     asked: int  # fits that were asked for
     tried: int  # and those that were come to
 
@@ -216,7 +218,7 @@ class Faults:
         """A row per fault, the sound ones first."""
         return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._of(fault)]
 
-    def _of(self, fault: str) -> list[Outcome]:
+    def _of(self, fault: str) -> list[FaultOutcome]:
         return [o for o in self.outcomes if o.job.fault == fault]
 
     def _row(self, fault: str) -> "JsonObject":
@@ -303,12 +305,12 @@ def faults(
     each: Callable[[int], None] | None = None,
 ) -> Faults:
     """`seeds` fits of each fault, in turn on each of the vehicles, from seed `first` on."""
-    jobs: dict[tuple[str, int], list[Job]] = {}
+    jobs: dict[tuple[str, int], list[FaultJob]] = {}
     for fault in only or FAULTS:
         some = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
         for s in range(seeds if some else 0):
             name = some[s % len(some)]
-            jobs.setdefault((name, first + s), []).append(Job(fault, name, first + s, backend))
+            jobs.setdefault((name, first + s), []).append(FaultJob(fault, name, first + s, backend))
     batches = [
         tuple(of[k : k + TOGETHER]) for _, of in sorted(jobs.items()) for k in range(0, len(of), TOGETHER)
     ]

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.runs.run import Run
-from baqueano.study.faults.subject import Subject
+from baqueano.study.faults.subject import FaultSubject
 from baqueano.study.truth import Cars, Robots
 from baqueano.vehicle_file import VehicleFile
 
 
-class Plan(NamedTuple):
+class FaultPlan(NamedTuple):
     """A vehicle to simulate, and the file to fit to it."""
 
     vehicle: Robots | Cars
@@ -26,29 +26,31 @@ class Plan(NamedTuple):
     change: Callable[[Run, Run], Run] | None = None  # of the run, with that of the second vehicle
 
 
-Structure = Callable[[Subject, np.ndarray, Run, np.random.Generator], Plan | None]
+Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], FaultPlan | None]
 
 
-def _felt(of: Subject, effective: np.ndarray, **more: Any) -> Plan:
+def _felt(of: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
     limit = np.asarray(of.file.command.limit)
-    return Plan(of.vehicle, np.clip(effective, -limit, limit), of.file, **more)
+    return FaultPlan(of.vehicle, np.clip(effective, -limit, limit), of.file, **more)
 
 
-def _channels(of: Subject, u: np.ndarray) -> np.ndarray:
+def _channels(of: FaultSubject, u: np.ndarray) -> np.ndarray:
     """(N, k) wheels of a vehicle with two, in parts of full; else the commands."""
     limit = np.asarray(of.file.command.limit)
     part = u / np.where(limit > 0.0, limit, 1.0)
     return np.column_stack([part[:, 0] - part[:, 2], part[:, 0] + part[:, 2]]) if len(limit) == 3 else part
 
 
-def _command(of: Subject, w: np.ndarray) -> np.ndarray:
+def _command(of: FaultSubject, w: np.ndarray) -> np.ndarray:
     limit = np.asarray(of.file.command.limit)
     if len(limit) == 3:
         w = np.column_stack([0.5 * (w[:, 0] + w[:, 1]), np.zeros(len(w)), 0.5 * (w[:, 1] - w[:, 0])])
     return w * limit
 
 
-def _throttle(of: Subject, u: np.ndarray, change: Callable[[np.ndarray], np.ndarray], **more: Any) -> Plan:
+def _throttle(
+    of: FaultSubject, u: np.ndarray, change: Callable[[np.ndarray], np.ndarray], **more: Any
+) -> FaultPlan:
     """`change` of every wheel, or of a car's throttle."""
     w = _channels(of, u)
     for k in range(w.shape[1] if isinstance(of.vehicle, Robots) else 1):
@@ -56,42 +58,42 @@ def _throttle(of: Subject, u: np.ndarray, change: Callable[[np.ndarray], np.ndar
     return _felt(of, _command(of, w), **more)
 
 
-def dead_zone(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def dead_zone(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """The model lacks the dead zone; that of a car is 10 to 30 % of its full throttle."""
     none = np.zeros(2).tolist()
     zones = {f"model.drivetrain.dead_zone_{way}": none for way in ("forward", "backward")}
-    plan = Plan(of.vehicle, u, of.file.with_values(zones))
+    plan = FaultPlan(of.vehicle, u, of.file.with_values(zones))
     if isinstance(of.vehicle, Cars):
         zone = of.file.command.limit[0] * rng.uniform(0.1, 0.3) * np.ones((1, 2))
         plan = plan._replace(vehicle=of.vehicle.changed(zone=zone))
     return plan
 
 
-def saturation(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def saturation(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Wheels slip: force ends at 40 to 70 % of full."""
     end = rng.uniform(0.4, 0.7)
     return _throttle(of, u, lambda w: end * np.tanh(w / end))
 
 
-def lag(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def lag(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Motors that follow with a time constant of 50 to 300 ms, and no lag in the model."""
     late = of.vehicle.changed(lag_s=rng.uniform(0.05, 0.3, 1))
-    return Plan(late, u, of.file.with_values({LAG: 0.0}), without=(LAG,))
+    return FaultPlan(late, u, of.file.with_values({LAG: 0.0}), without=(LAG,))
 
 
-def delay(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def delay(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Commands arrive 20 to 150 ms late, and no delay in the model."""
     late = of.vehicle.changed(delay_s=rng.uniform(0.02, 0.15, 1))
-    return Plan(late, u, of.file.with_values({DELAY: 0.0}), without=(DELAY,))
+    return FaultPlan(late, u, of.file.with_values({DELAY: 0.0}), without=(DELAY,))
 
 
-def fading_battery(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def fading_battery(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """15 to 50 % of the voltage are lost evenly over the run."""
     lost = rng.uniform(0.15, 0.5)
     return _throttle(of, u, lambda w: w * (1.0 - lost * np.linspace(0.0, 1.0, len(w))))
 
 
-def sagging_battery(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def sagging_battery(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """20 to 50 % of the voltage are lost at full command, in proportion below."""
     lost = rng.uniform(0.2, 0.5)
     return _throttle(of, u, lambda w: w * (1.0 - lost * np.abs(w)))
@@ -102,7 +104,7 @@ def _velocity(run: Run) -> np.ndarray:
     return np.zeros((0, 3)) if run.truth is None else run.truth.nu
 
 
-def backlash(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def backlash(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """No force for 50 to 200 ms after a change of sign."""
     ticks = round(rng.uniform(0.05, 0.2) * of.file.rate_hz)
 
@@ -119,7 +121,7 @@ def backlash(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -
     return _throttle(of, u, loose)
 
 
-def caster(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan | None:
+def caster(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
     """A kick about z of 0.2 to 0.5 s when the vehicle goes from forward to backward or back."""
     if isinstance(of.vehicle, Cars):
         return None
@@ -136,7 +138,7 @@ def caster(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> 
     return _felt(of, effective)
 
 
-def cogging(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def cogging(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Force that ripples with the way of the wheel."""
     nu = _velocity(sound)
     way = np.cumsum(nu[:, 0]) / of.file.rate_hz
@@ -144,13 +146,13 @@ def cogging(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) ->
     return _throttle(of, u, lambda w: w * (1.0 + ripple))
 
 
-def one_sided(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def one_sided(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Backward 50 to 80 % of the force of forward."""
     part = rng.uniform(0.5, 0.8)
     return _throttle(of, u, lambda w: np.where(w < 0.0, part * w, w))
 
 
-def slipping(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def slipping(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """A wheel, or both of a car, pushes with 30 % for 5 s; an odometer on it runs ahead by half."""
     w, k = _channels(of, u), int(rng.integers(0, 2)) if isinstance(of.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
@@ -165,36 +167,36 @@ def slipping(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -
     return _felt(of, _command(of, w), change=ahead)
 
 
-def dry_friction(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def dry_friction(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Dry friction of 5 to 30 % of the full force along x and about z, and none in the file that is fitted."""
     part, q = rng.uniform(0.05, 0.3), of.vehicle
     if isinstance(q, Cars):
         full = q.stall_n * of.file.command.limit[0]
-        return Plan(q.changed(dry_n=part * full), u, of.file.with_values({"model.coulomb_m_s2": 0.0}))
+        return FaultPlan(q.changed(dry_n=part * full), u, of.file.with_values({"model.coulomb_m_s2": 0.0}))
     full = 2.0 * q.stall_n[0] * np.array([1.0, 0.0, 0.06])
     none = of.file.with_values({"model.friction.coulomb": [0.0, 0.0, 0.0]})
-    return Plan(q.changed(dry=part * full[None]), u, none)
+    return FaultPlan(q.changed(dry=part * full[None]), u, none)
 
 
-def centre_of_mass(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan | None:
+def centre_of_mass(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
     """The centre of mass moved along x by 10 to 30 % of the radius of gyration, and not free."""
     q = of.vehicle
     if isinstance(q, Cars):
         return None
     moved = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
-    return Plan(q.changed(ahead_m=moved), u, of.file, without=("model.centre_of_mass_x_m",))
+    return FaultPlan(q.changed(ahead_m=moved), u, of.file, without=("model.centre_of_mass_x_m",))
 
 
-def tilted_floor(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan | None:
+def tilted_floor(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
     """A floor that rises by 2 to 6°."""
     q = of.vehicle
     if isinstance(q, Cars):
         return None
     rise, way = np.radians(rng.uniform(2.0, 6.0, 1)), rng.uniform(-np.pi, np.pi, 1)
-    return Plan(q.changed(slope_rad=rise, slope_heading_rad=way), u, of.file)
+    return FaultPlan(q.changed(slope_rad=rise, slope_heading_rad=way), u, of.file)
 
 
-def second_vehicle(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> Plan:
+def second_vehicle(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """A part of the log is of a vehicle with other friction and other motors."""
     factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), of.vehicle
     drag = {"viscous": q.viscous} if isinstance(q, Robots) else {"rolling": q.rolling}
@@ -208,7 +210,7 @@ def second_vehicle(of: Subject, u: np.ndarray, sound: Run, rng: np.random.Genera
             channel.z[cut:] = second.sensors[name].z[cut:]
         return run
 
-    return Plan(q, u, of.file, second=other, change=joined)
+    return FaultPlan(q, u, of.file, second=other, change=joined)
 
 
 LAG, DELAY = "model.drivetrain.lag_s", "model.drivetrain.delay_s"

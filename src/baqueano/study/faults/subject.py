@@ -27,7 +27,7 @@ REST_S = 1.0
 CAR_LIMIT = [0.6, 0.2]  # of full throttle and lock: tyres that hardly slip
 
 
-class Subject(NamedTuple):
+class FaultSubject(NamedTuple):
     """One vehicle, its file as it truly is, and what a user would free."""
 
     seed: int
@@ -60,10 +60,10 @@ class Subject(NamedTuple):
         ]
 
 
-def subject(name: str, seed: int) -> Subject:
+def subject(name: str, seed: int) -> FaultSubject:
     """Return the robot or car of that seed."""
     if name == "robot":
         q = robot(seed)
-        return Subject(seed, q, robot_file(q), FREE_ROBOT)
+        return FaultSubject(seed, q, robot_file(q), FREE_ROBOT)
     c = car(seed, "matched")
-    return Subject(seed, c, car_file(c).with_values({"command.limit": CAR_LIMIT}), FREE_CAR)
+    return FaultSubject(seed, c, car_file(c).with_values({"command.limit": CAR_LIMIT}), FREE_CAR)

@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify.covariance.information import QUANTILE_95
-from baqueano.study.identification.trials import CASES, SECONDS, Job, Outcome, work
+from baqueano.study.identification.trials import CASES, SECONDS, TrialJob, TrialOutcome, work
 from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
 
@@ -60,7 +60,7 @@ LIMITS = {
 class Identification:
     """All outcomes, fewer than were asked for if it was interrupted."""
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[TrialOutcome, ...]
     asked: int
 
     @property
@@ -68,7 +68,7 @@ class Identification:
         """Of which there are outcomes."""
         return len({o.seed for o in self.outcomes})
 
-    def of(self, case: str) -> list[Outcome]:
+    def of(self, case: str) -> list[TrialOutcome]:
         """Return the outcomes of a case."""
         return [o for o in self.outcomes if o.case == case]
 
@@ -108,13 +108,13 @@ class Identification:
         return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or kept}"])
 
 
-def _rows(case: str, outcomes: list[Outcome]) -> list["TableRow"]:
+def _rows(case: str, outcomes: list[TrialOutcome]) -> list["TableRow"]:
     names = list(dict.fromkeys(name for o in outcomes for name in o.names))
     each = [_row(case, name, outcomes, (name,)) for name in names]
     return [_row(case, POOL, outcomes, tuple(names)), *each]
 
 
-def _row(case: str, name: str, outcomes: list[Outcome], names: tuple[str, ...]) -> "JsonObject":
+def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, ...]) -> "JsonObject":
     given = [o for o in outcomes if o.verdict != Verdict.REFUSED]
     z, named, ratios, widths = [], [], [], []
     for one in names:
@@ -182,7 +182,8 @@ def identification(
     """
     ends = range(first, first + seeds, BATCH)
     jobs = [
-        Job(tuple(range(k, min(k + BATCH, first + seeds))), tuple(cases), backend, duration_s) for k in ends
+        TrialJob(tuple(range(k, min(k + BATCH, first + seeds))), tuple(cases), backend, duration_s)
+        for k in ends
     ]
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
@@ -194,7 +195,7 @@ def identification(
     return Identification(tuple(outcomes), seeds)
 
 
-def _kept(job: Job, keep: Path | None) -> list[Outcome]:
+def _kept(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
     """The outcomes of a job, read if they were kept."""
     if keep is None:
         return work(job)
@@ -210,12 +211,12 @@ def _kept(job: Job, keep: Path | None) -> list[Outcome]:
 MISSING = ("residual.missing", "residual.missing-free")  # name the parameter that they would move
 
 
-def _z(o: Outcome) -> np.ndarray:
+def _z(o: TrialOutcome) -> np.ndarray:
     seen = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != Verdict.REFUSED)
     return (o.estimate[seen] - o.truth[seen]) / o.sd[seen]
 
 
-def _named(o: Outcome, name: str) -> bool:
+def _named(o: TrialOutcome, name: str) -> bool:
     return any(code in MISSING and name == subject for code, subject in o.reasons)
 
 

@@ -57,7 +57,7 @@ WRONG, WIDEST_ZONE = 5.0, 0.5  # of a wrong start
 SAME = 0.1  # standard errors within which two searches ended at the same place
 
 
-class Job(NamedTuple):
+class TrialJob(NamedTuple):
     """Vehicles that are simulated side by side."""
 
     seeds: tuple[int, ...]
@@ -66,7 +66,7 @@ class Job(NamedTuple):
     duration_s: float
 
 
-class Outcome(NamedTuple):
+class TrialOutcome(NamedTuple):
     """One fit."""
 
     case: str
@@ -81,7 +81,7 @@ class Outcome(NamedTuple):
     met: bool  # a wrong start ended where the right one did
 
 
-def work(job: Job) -> list[Outcome]:
+def work(job: TrialJob) -> list[TrialOutcome]:
     """Return the outcomes of a job."""
     robots = [case for case in OF_ROBOTS if case in job.cases]
     out = _of_robots(job, robots) if robots else []
@@ -126,7 +126,7 @@ def guess(robot: Robots) -> VehicleFile:
     )  # fmt: skip
 
 
-def _of_robots(job: Job, cases: list[str]) -> list[Outcome]:
+def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     robots = [robot(seed) for seed in job.seeds]
     us = [_steps(guess(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
     t_ns, n = times(len(us[0]), 100.0), len(robots)
@@ -143,7 +143,7 @@ def _of_robots(job: Job, cases: list[str]) -> list[Outcome]:
         )
     if "rough" in cases:
         given["rough"] = _roughly(robots, us, job.seeds, t_ns)
-    out: list[Outcome] = []
+    out: list[TrialOutcome] = []
     for k in range(n):
         clean: Fit | None = None
         for case in cases:
@@ -207,7 +207,7 @@ def _wrong_start(file: VehicleFile, seed: int) -> dict[str, float]:
     return out
 
 
-def _of_cars(job: Job, case: str) -> list[Outcome]:
+def _of_cars(job: TrialJob, case: str) -> list[TrialOutcome]:
     cars = [car(seed, case) for seed in job.seeds]
     files = [car_file(q) for q in cars]
     us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERED[case]) for seed in job.seeds]
@@ -222,7 +222,7 @@ def _of_cars(job: Job, case: str) -> list[Outcome]:
 
 def _outcome(
     case: str, seed: int, fit: Fit, truth: dict[str, np.ndarray], bound: dict[str, float], clean: Fit | None
-) -> Outcome:
+) -> TrialOutcome:
     found = {
         **dict(zip(fit.own_names, zip(fit.own[0], fit.own_sd[0], strict=True), strict=True)),
         **dict(zip(fit.names, zip(fit.estimate, fit.sd, strict=True), strict=True)),
@@ -233,7 +233,7 @@ def _outcome(
     estimate, sd = np.array([found[name] for name in names]).T
     met = clean is None or _same(fit, clean)
     reasons = tuple((one.code, one.subject) for one in fit.reasons)
-    return Outcome(
+    return TrialOutcome(
         case, seed, names, np.array([float(truth[name][0]) for name in names]), estimate, sd,
         np.array([bound.get(name, np.nan) for name in names]), fit.verdict, reasons, met,
     )  # fmt: skip

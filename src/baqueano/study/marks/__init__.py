@@ -16,12 +16,12 @@ from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
 from baqueano.study.driving import FREE, SHAPES, experiments, guess
 from baqueano.study.marks.drives import Team, follow, with_tags
 from baqueano.study.marks.result import Lap, Marks, laps_of
-from baqueano.study.truth import Faults
+from baqueano.study.truth import TagFaults
 from baqueano.study.workers import spread_over
 
 LEARNED, SPEED_M_S = 5, 0.3
 ROUTES = ("rectangle", "eight")
-READ = {"all read": Faults(), "faults": Faults(missed=0.2, twice=0.1, mistaken=0.05)}
+READ = {"all read": TagFaults(), "faults": TagFaults(missed=0.2, twice=0.1, mistaken=0.05)}
 BATCH = 10  # robots side by side
 
 
@@ -66,7 +66,7 @@ def identified(seeds: range, backend: str) -> tuple[Team, list[int]]:
     kept = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     learning = Team([fits[k].vehicle_file for k in kept], robots.some(kept), [seeds[k] for k in kept])
     route, files, names = SHAPES["rectangle"](SPEED_M_S), [], []
-    (laps,) = follow(learning, route, LEARNED, [Faults()], backend, log=True)
+    (laps,) = follow(learning, route, LEARNED, [TagFaults()], backend, log=True)
     for k, file, seed, over in zip(kept, learning.files, learning.seeds, laps.runs, strict=True):
         both = [runs[k], over]
         fit = identify(both, with_tags(file, route), FREE, use=("imu",), options=FitOptions(backend=backend))

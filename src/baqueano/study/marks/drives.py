@@ -18,7 +18,7 @@ from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Estimate, Reference, Slot, Tick
 from baqueano.simulate.open_loop import times
 from baqueano.study.driving import Loop
-from baqueano.study.truth import Faults, Floor, Robots, World
+from baqueano.study.truth import Floor, Robots, TagFaults, TruthWorld
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, parse
 
@@ -61,7 +61,7 @@ def with_tags(file: VehicleFile, route: Route) -> VehicleFile:
 
 
 def follow(
-    team: Team, route: Route, laps: int, ways: Sequence[Faults], backend: str, log: bool = False
+    team: Team, route: Route, laps: int, ways: Sequence[TagFaults], backend: str, log: bool = False
 ) -> list[Laps]:
     """Return what each robot does in so many laps of a route after a rest at its start, for each way to read the tags.
 
@@ -72,7 +72,7 @@ def follow(
     states, u = [one.start(route.eta[0]) for one in loops], np.zeros((len(loops), 3))
     robots = team.robots.some([*range(n)] * len(ways))
     start, fast = np.tile(route.eta[0], (len(loops), 1)), partial(function, backend=backend)
-    world = World(robots, team.seeds * len(ways), start, STEP_S, fast)
+    world = TruthWorld(robots, team.seeds * len(ways), start, STEP_S, fast)
     floors = [Floor(tags_of(route), RADIUS_M, NOISE_M, team.seeds, start[:n, :2], way) for way in ways]
     t_ns = times(round((REST_S + laps * route.t_s[-1]) * RATE_HZ), RATE_HZ)
     asked, reference = guide.init(), Reference(0, route.eta[0], np.zeros(3), 0.0)

@@ -7,7 +7,7 @@ from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.of_fit import label
 from baqueano.simulate import simulate_loop
 from baqueano.study.paper.case_study import CaseStudy, Implied
-from baqueano.study.paper.two_models import Judged, rows
+from baqueano.study.paper.two_models import JudgedModel, rows
 from baqueano.vehicle_file import load
 
 SHOWN_S = 30.0
@@ -20,7 +20,7 @@ CLOSED = (
 )
 
 
-def page_of_paper(study: CaseStudy, models: tuple[Judged, ...], backend: str = "auto") -> Page:
+def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: str = "auto") -> Page:
     """Everything, on one page."""
     fit = study.fits[0]
     labels = [label(c) for c in fit.channels]

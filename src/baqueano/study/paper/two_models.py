@@ -29,7 +29,7 @@ velocity_matrix = [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.05]]
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedModel:
     """One model: its fit, R from the truth, and errors of the EKF on a run it has not seen."""
 
     model: str
@@ -44,7 +44,9 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
     return parse(vehicle.text[:a] + KINEMATIC + vehicle.text[b:], f"{vehicle.name}, kinematic")
 
 
-def two_models(dynamic: Fit, run: "Run", unseen: "Run", backend: str = "auto") -> tuple[Judged, Judged]:
+def two_models(
+    dynamic: Fit, run: "Run", unseen: "Run", backend: str = "auto"
+) -> tuple[JudgedModel, JudgedModel]:
     """The dynamic model of `dynamic` and the kinematic one, fitted to the same `run`."""
     kinematic = identify(
         run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
@@ -55,17 +57,17 @@ def two_models(dynamic: Fit, run: "Run", unseen: "Run", backend: str = "auto") -
     )  # type: ignore[return-value]
 
 
-def _judged(model: str, fit: Fit, run: "Run", unseen: "Run", backend: str) -> Judged:
+def _judged(model: str, fit: Fit, run: "Run", unseen: "Run", backend: str) -> JudgedModel:
     noise = measure_noise(fit, run, source="truth", backend=backend)
     believed = replay(unseen, noise.updated(fit.vehicle_file), backend=backend)
     log = believed.estimate
     assert log is not None
     assert unseen.truth is not None
     error = log.nu - at_times(log.t_ns, unseen.truth.t_ns, unseen.truth.nu)
-    return Judged(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
+    return JudgedModel(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
 
 
-def rows(judged: tuple[Judged, ...]) -> list["TableRow"]:
+def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
     """A row per model: one-step errors (square roots of R) and the EKF's velocity errors."""
     return [
         {
@@ -81,7 +83,7 @@ def rows(judged: tuple[Judged, ...]) -> list["TableRow"]:
     ]
 
 
-def table(judged: tuple[Judged, ...]) -> str:
+def table(judged: tuple[JudgedModel, ...]) -> str:
     """For people."""
     found = rows(judged)
     keys = list(found[0])

@@ -6,13 +6,23 @@ command is felt.
 """
 
 from baqueano.study.truth.bicycle import Cars, drawn_cars
-from baqueano.study.truth.floor import Faults, Floor
-from baqueano.study.truth.group import Group, Truth
+from baqueano.study.truth.floor import Floor, TagFaults
+from baqueano.study.truth.group import Group, TruthGroup
 from baqueano.study.truth.imu import Imus
 from baqueano.study.truth.transmission import Transmission
 from baqueano.study.truth.two_wheels import Robots, drawn
-from baqueano.study.truth.world import World
+from baqueano.study.truth.world import TruthWorld
 
 __all__ = [
-    "Cars", "Faults", "Floor", "Group", "Imus", "Robots", "Transmission", "Truth", "World", "drawn", "drawn_cars",
+    "Cars",
+    "Floor",
+    "Group",
+    "Imus",
+    "Robots",
+    "TagFaults",
+    "Transmission",
+    "TruthGroup",
+    "TruthWorld",
+    "drawn",
+    "drawn_cars",
 ]  # fmt: skip

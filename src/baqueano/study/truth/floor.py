@@ -12,7 +12,7 @@ import numpy as np
 TWICE_S = 0.05  # after the first time
 
 
-class Faults(NamedTuple):
+class TagFaults(NamedTuple):
     """Rates at which a passing is missed, doubled or mistaken."""
 
     missed: float = 0.0
@@ -25,7 +25,7 @@ class Floor:
 
     def __init__(
         self, points_m: np.ndarray, radius_m: float, noise_m: float, seeds: Sequence[int], xy: np.ndarray,
-        faults: Faults,
+        faults: TagFaults,
     ) -> None:  # fmt: skip
         self._points, self._radius_m, self._noise_m, self._faults = points_m, radius_m, noise_m, faults
         self._draw = [np.random.default_rng([seed, 22]) for seed in seeds]

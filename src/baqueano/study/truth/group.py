@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 
-class Truth(NamedTuple):
+class TruthGroup(NamedTuple):
     """Pose, velocity and acceleration of n vehicles at an instant."""
 
     eta: np.ndarray  # (n, 3) x, y [m], heading [rad], not wrapped

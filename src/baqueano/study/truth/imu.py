@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baqueano.study.truth.group import Group, Truth
+from baqueano.study.truth.group import Group, TruthGroup
 
 GRAVITY = 9.80665
 
@@ -40,7 +40,7 @@ class Imus(Group):
     step: np.ndarray  # (n, 3) of the converter, 0 for none
     low_pass_s: np.ndarray  # (n,) time constant of a low-pass before it, 0 for none
 
-    def quiet(self, truth: Truth, floor: np.ndarray) -> np.ndarray:
+    def quiet(self, truth: TruthGroup, floor: np.ndarray) -> np.ndarray:
         """Return what they would show without noise (n, 3); `floor` (n, 2) is gravity along x and y."""
         (vx, vy, w), (vx_dot, vy_dot, w_dot) = truth.nu.T, truth.nu_dot.T
         lx, ly = self.place_m.T

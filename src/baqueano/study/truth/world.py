@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from baqueano.study.truth.bicycle import Cars
-from baqueano.study.truth.group import Truth
+from baqueano.study.truth.group import TruthGroup
 from baqueano.study.truth.integrate import SHORTEST_S, STEP_S, Line, integrated, runge_kutta
 from baqueano.study.truth.two_wheels import Robots
 
 JUST_S = 1e-6  # before now: the command that brought the vehicle here
 
 
-class World:
+class TruthWorld:
     """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its own seed, the same in every group.
 
     Steps of 1 ms; a longer `step_s` is for hours of driving with robots whose IMU has no low-pass. So is `fast`, which
@@ -74,10 +74,10 @@ class World:
             self._smooth = self.quiet - rise + (self._smooth - was + rise) * np.exp(-(b - a) / tau_s)
 
     @property
-    def truth(self) -> Truth:
+    def truth(self) -> TruthGroup:
         """Return pose, velocity and acceleration now."""
         u = self._line.felt(np.full(len(self._x), self.t_s - JUST_S))
-        return Truth(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
+        return TruthGroup(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
 
     @property
     def rolled(self) -> np.ndarray:

@@ -21,12 +21,12 @@ WORTH_A_THREAD = 100_000  # vehicles times ticks
 WITH_TANGENTS = ("sensitivities", "gradient", "normal_equations")
 
 
-def make_kernel(program: Program) -> "Kernel":
+def make_kernel(program: Program) -> "CKernel":
     """Nothing is compiled yet."""
-    return Kernel(program)
+    return CKernel(program)
 
 
-class Kernel:
+class CKernel:
     """Arrays are float64 and C-contiguous; those that are written to are the caller's."""
 
     def __init__(self, program: Program) -> None:

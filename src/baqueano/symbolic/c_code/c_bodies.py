@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from baqueano.symbolic.c_code.c_text import Text
 from baqueano.symbolic.derivatives.tangents import Tangents, blocks, tangents
-from baqueano.symbolic.graph.emit import Plan, plan
+from baqueano.symbolic.graph.emit import EmitPlan, plan
 from baqueano.symbolic.graph.emit import cost as cost_of
 from baqueano.symbolic.graph.program import Program
 
@@ -203,7 +203,7 @@ def _end_with_tangents(text: Text, program: Program, rows: list[Tangents]) -> No
     text.close()
 
 
-def _cheaper(program: Program) -> tuple[list[Tangents], Plan]:
+def _cheaper(program: Program) -> tuple[list[Tangents], EmitPlan]:
     """Rows by the rule that needs fewer operations at a tick."""
     found = []
     for eliminate in (False, True):
@@ -232,7 +232,7 @@ def _symbols(text: Text, program: Program) -> None:
 
 
 def _begin(
-    text: Text, program: Program, order: Plan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
+    text: Text, program: Program, order: EmitPlan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
 ) -> None:
     """All down to the last statement of a tick."""
     text.symbols(program.carry, "x{}")

@@ -8,7 +8,7 @@ import pkgutil
 import re
 from collections.abc import Iterable, Sequence
 
-from baqueano.symbolic.graph.emit import Branch, Statement, Term
+from baqueano.symbolic.graph.emit import EmittedBranch, Statement, Term
 
 INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
@@ -76,13 +76,13 @@ class Text:
     def statements(self, statements: Iterable[Statement]) -> None:
         """One C statement for each, in order; a branch is an if with two arms."""
         for s in statements:
-            if isinstance(s, Branch):
+            if isinstance(s, EmittedBranch):
                 self.branch(s)
             else:
                 value = self.expression(s)  # before the name: it may not refer to itself
                 self.add(f"const {self.type(s)} {self.name(s)} = {value};")
 
-    def branch(self, branch: Branch) -> None:
+    def branch(self, branch: EmittedBranch) -> None:
         """The choices declared, and given their values in an if and an else."""
         condition = self.mask(branch.condition)
         self.add(*(f"{self.type(choice)} {self.name(choice)};" for choice in branch.choices))

@@ -28,7 +28,7 @@ COST |= dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "atan2"), 20
 COST |= dict.fromkeys(("exp", "log", "sinh", "cosh", "tanh"), 20.0)
 
 
-class Branch(NamedTuple):
+class EmittedBranch(NamedTuple):
     """if (condition) then … else …; afterwards each choice has the value of its arm."""
 
     condition: Term
@@ -37,10 +37,10 @@ class Branch(NamedTuple):
     otherwise: list["Statement"]
 
 
-Statement: TypeAlias = Term | Branch
+Statement: TypeAlias = Term | EmittedBranch
 
 
-class Plan(NamedTuple):
+class EmitPlan(NamedTuple):
     """What is computed before the loop over the ticks, and within it."""
 
     before: list[Statement]
@@ -49,13 +49,13 @@ class Plan(NamedTuple):
 
 def plan(
     initial: Iterable[Term], roots: Iterable[Term], changing: Container[Term], branches: bool = True
-) -> Plan:
+) -> EmitPlan:
     """`initial` is wanted before the loop, `roots` at every tick, where the leaves `changing` differ."""
     roots = list(roots)
     moving = _moving(roots, changing)
     loop = schedule(roots, lambda term: term not in moving or term.op in LEAVES, branches)
     fixed = [term for term in (*arguments(loop), *roots) if term not in moving]
-    return Plan(schedule([*initial, *fixed], lambda term: term.op in LEAVES, branches=False), loop)
+    return EmitPlan(schedule([*initial, *fixed], lambda term: term.op in LEAVES, branches=False), loop)
 
 
 def with_reciprocals(program: Program, uses: int) -> Program:
@@ -114,7 +114,7 @@ def cost(statements: Iterable[Statement]) -> float:
     """Operations that the statements stand for, both arms of a branch counted."""
     total = 0.0
     for s in statements:
-        if isinstance(s, Branch):
+        if isinstance(s, EmittedBranch):
             total += cost(s.then) + cost(s.otherwise)
         else:
             total += _cost(s)
@@ -152,7 +152,7 @@ def _moving(roots: Iterable[Term], changing: Container[Term]) -> set[Term]:
 def arguments(statements: Iterable[Statement]) -> Iterator[Term]:
     """All that the statements read."""
     for s in statements:
-        if isinstance(s, Branch):
+        if isinstance(s, EmittedBranch):
             yield s.condition
             yield from (a for choice in s.choices for a in choice.args)
             yield from arguments(s.then)
@@ -330,7 +330,7 @@ class _Scheduler:
                     begun |= {group} if group else set()
         return statements
 
-    def branch(self, group: _Group) -> Branch:
+    def branch(self, group: _Group) -> EmittedBranch:
         then, otherwise = (self.emit([t.args[i] for t in group.choices]) for i in (1, 2))
         self.done.update(group.choices)
-        return Branch(group.key.condition, tuple(group.choices), then, otherwise)
+        return EmittedBranch(group.key.condition, tuple(group.choices), then, otherwise)

@@ -43,12 +43,12 @@ class TangentCode(NamedTuple):
     nodes: list[Node]
 
 
-def make_kernel(program: Program) -> "Kernel":
+def make_kernel(program: Program) -> "PythonKernel":
     """Nothing is written yet."""
-    return Kernel(program)
+    return PythonKernel(program)
 
 
-class Kernel:
+class PythonKernel:
     """Functions of plain floats; see program.Kernel."""
 
     def __init__(self, program: Program) -> None:

@@ -6,7 +6,7 @@ Without a carry, a tick is tick(inputs) → values.
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from baqueano.symbolic.graph.emit import LEAVES, Branch, Statement, schedule
+from baqueano.symbolic.graph.emit import LEAVES, EmittedBranch, Statement, schedule
 from baqueano.symbolic.graph.node import Node, below
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.ieee import LOGICAL
@@ -126,7 +126,7 @@ class _Text:
         """What computes the nodes, in order; what is used once becomes a part of what uses it."""
         lines = []
         for node in nodes:
-            if isinstance(node, Branch):
+            if isinstance(node, EmittedBranch):
                 lines += self.branch(node, indent)
                 continue
             if node.op == "symbol":
@@ -141,7 +141,7 @@ class _Text:
             self.names[node], self.depth[node] = text, depth
         return lines
 
-    def branch(self, branch: Branch, indent: str) -> list[str]:
+    def branch(self, branch: EmittedBranch, indent: str) -> list[str]:
         """An if and an else, in which the choices are given their values."""
         lines, inside = [], indent + "    "
         for k, (head, arm) in enumerate(
