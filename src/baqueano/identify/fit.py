@@ -28,13 +28,13 @@ from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
 from baqueano.identify.estimation.duty_step import PATH, duty_step
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
+from baqueano.identify.identifiability.finished import FinishedFit
 from baqueano.identify.identifiability.fixing import without_the_unseen
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import acts_alone
 from baqueano.identify.parameters.setup import Parameters, given_sigma
 from baqueano.identify.residuals.huber import believed, smallest_spread
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.identify.result.assemble import FinishedFit
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 

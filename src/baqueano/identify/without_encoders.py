@@ -36,6 +36,7 @@ from baqueano.identify.covariance.scale_uncertainty import scales_of, with_syste
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
 from baqueano.identify.estimation.search import Search, Task, search
+from baqueano.identify.identifiability.finished import FinishedFit
 from baqueano.identify.identifiability.fixing import without_the_unseen
 from baqueano.identify.identifiability.identifiable import Seen
 from baqueano.identify.options import FitOptions
@@ -51,7 +52,7 @@ from baqueano.identify.parameters.free import (
 from baqueano.identify.parameters.setup import unknowns
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_led
 from baqueano.identify.residuals.huber import smallest_spread, spread
-from baqueano.identify.result.assemble import FinishedFit, fit_of
+from baqueano.identify.result.assemble import fit_of
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 

@@ -8,14 +8,13 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.covariance.information import COLOUR, Information, covariance_of, inverse
+from baqueano.identify.covariance.information import COLOUR, covariance_of, inverse
 from baqueano.identify.covariance.jackknife import jackknife, no_smaller
 from baqueano.identify.data.truth import MOUNT, TRUTH
 from baqueano.identify.diagnostics import afterwards, widened
-from baqueano.identify.estimation.search import Search, Task
 from baqueano.identify.identifiability.advice import missing_command, unobservable, weakly
+from baqueano.identify.identifiability.finished import FinishedFit
 from baqueano.identify.identifiability.fixing import one_mean
-from baqueano.identify.identifiability.identifiable import Seen
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import DELAY, Free, value, with_numbers
 from baqueano.identify.parameters.theta import STARTS
@@ -26,42 +25,9 @@ from baqueano.identify.result.to_vehicle_file import better_known
 from baqueano.identify.result.verdict import Evidence, judge, noted
 
 if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+    pass
 
 HELD_BACK = 3.0  # standard errors that a parameter would go beyond its bound: less is where chance puts it
-
-
-class FinishedFit(NamedTuple):
-    """All that is known at the end."""
-
-    file: "VehicleFile"
-    blocks: FittedBlocks
-    task: Task
-    wanted: list[Free]  # (p,) all parameters that were asked for
-    frozen: list[int]  # those whose command never moved; they are not in θ
-    found: Search
-    sight: Seen
-    info: Information
-    said: Diagnostic | None = None  # what was done before the search
-    doubts: tuple[Diagnostic, ...] = ()  # about the data
-    ask: bool = True  # what is not in the model
-    floor: bool = False  # whether one that moves explains what a simulation leaves
-    filtered: bool = False  # whether θ is that of the innovations
-    systematic: np.ndarray | None = None  # (p, p) covariance of θ by what was held where it was measured
-
-    @property
-    def told(self) -> list[int]:
-        """Which of `wanted` are in θ; they are its first entries, in order."""
-        return [k for k in range(len(self.wanted)) if k not in self.frozen]
-
-    @property
-    def free(self) -> list[Free]:
-        """Those of `wanted` that are in θ."""
-        return [self.wanted[k] for k in self.told]
-
-    def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
-        """The shared parameters that entry i of θ is like, by `which` of its sight."""
-        return [self.free[j] for j in which.get(i, ()) if j < len(self.told)]
 
 
 class VerdictBasis(NamedTuple):

@@ -4,9 +4,8 @@
     mission    the loop of loop.py at the rate of the vehicle file, in the time of a steady clock, into a run on disk
     watch      at each tick: the link and the firmware, health, whoever drives, systemd's watchdog
 
-One thread drives. Another hears the Uno (serial_port.py), others hear people (sockets.py); none of them can hold up a
-tick. A thread of the writer's (runs/container/writer.py) writes the run: a power cut loses a second at most,
-and a disk that is full ends the recording, not the drive.
+One thread drives. Others hear the Uno, hear people and write the run; none of them can hold up a tick. A power cut
+loses a second at most, and a disk that is full ends the recording, not the drive.
 """
 
 import signal
@@ -80,9 +79,7 @@ class Service:
         self._seen: Record | None = None  # the last one of a drive
         self._run: str | None = None  # that is written just now
         self._counted: Any = None  # what the IMU had counted when it began
-        self._bus: RecoveryOutcome | None = (
-            None  # of the last recovery of the IMU's bus, until the next drive
-        )
+        self._bus: RecoveryOutcome | None = None  # of the IMU's bus, until the next drive
         self._no_imu: Diagnostic | None = None  # why there is none
         self._find_ns = -(1 << 62)  # when it is looked for again
         self._clearing = False  # a person has looked at the vehicle, and the Uno has not unlatched yet
