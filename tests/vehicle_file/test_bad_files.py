@@ -194,7 +194,7 @@ def test_a_speed_that_no_such_vehicle_has_is_a_notice():
         ("process_noise_cov", PAPER_R, ["not symmetric: [0][5] = -0.05 but [5][0] = -0.058"]),
     ],
 )
-def test_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matrix, parts):
+def test_es1_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matrix, parts):
     table = "sensors.imu" if name == "measurement_noise_cov" else "estimator"
     text = SMALL[: SMALL.index("[estimator]")] if table == "estimator" else SMALL
     old = "[sensors.imu]\n" if table == "sensors.imu" else text
