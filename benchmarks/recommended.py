@@ -54,13 +54,13 @@ def _log(block: AugmentedEkf, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Commands (n, 3) and readings (n, 3) of the matched model."""
     rng = np.random.default_rng(3)
     u = np.repeat(rng.uniform([0.3, 0.0, -0.5], [0.9, 0.0, 0.5], (-(-n // 50), 3)), 50, axis=0)[:n]
-    noise = np.array([*IMU.accel_noise_std, IMU.gyro_noise_std])
+    noise = np.array([*IMU.accel_noise_std, IMU.gyro_noise_std, 0.0])  # and of a speed that no peer reads
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
     assumed = matched.Assumed(
         start, block.velocity_walk_std, block.disturbance_std, block.disturbance_fade_s,
         np.zeros(3), noise,
     )  # fmt: skip
-    return u, matched.driven(assumed, u, 1, 3).z[:, 0]
+    return u, matched.driven(assumed, u, 1, 3).z[:, 0, :3]
 
 
 def _peer(block: AugmentedEkf) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -36,7 +36,7 @@ HAVE_ONE = """
     identify.noise.at_rest: at_rest
     identify.noise.covariances: measure_noise
     identify.noise.held_out: compare_noise
-    identify.signals: excitation
+    identify.design.signals: excitation
     robot.emulated: emulated
     robot.imu.driver: open
     robot.uno.link: Uno

@@ -14,7 +14,7 @@ from baqueano import vehicle_file
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.imu import driver as imu
 from baqueano.robot.imu.settings import ImuSettings
-from baqueano.robot.uno.frames import ImuSettings as Kept
+from baqueano.robot.uno.frames import Settings as Kept
 from baqueano.robot.uno.frames import Way
 from baqueano.robot.uno.serial_port import connected
 from baqueano.robot.workshop import doctor

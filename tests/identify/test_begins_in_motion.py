@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.parameters.setup import Asked, records_of
+from baqueano.identify.parameters.setup import records_of
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
@@ -28,8 +28,8 @@ def driven():
 
 
 def rows_of(file, run, at_rest=False):
-    asked, names = Asked((), (), None, False, at_rest), file.sensors
-    return records_of([run], FittedBlocks(file.vehicle, names), {}, asked)[0].sensors["odometer"].has[:, 0]
+    options, names = FitOptions(biases=False, at_rest=at_rest), file.sensors
+    return records_of([run], FittedBlocks(file.vehicle, names), {}, options)[0].sensors["odometer"].has[:, 0]
 
 
 def test_it_counts_from_where_its_own_commands_arrive(driven):

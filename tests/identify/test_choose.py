@@ -277,8 +277,10 @@ def test_a_battery_is_taken_only_where_the_runs_separate_it(dry, believed, effec
 )
 def test_an_interval_of_the_battery_is_narrower_than_all_that_it_can_be(x, sd, told):
     battery = Term("battery voltage", (BATTERY,), (0.0,), ((0.5,),))
-    assert (not_separated(battery, np.array([x]), np.array([sd])) == "") == told
-    assert not_separated(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd])) == ""
+    assert (not_separated(battery, np.array([x]), np.array([sd])) is None) == told
+    assert (
+        not_separated(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd])) is None
+    )
 
 
 def test_the_command_line_chooses_and_judges_by_the_held_out_run(in_a_folder, dry, tmp_path, capsys):

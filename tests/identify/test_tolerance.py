@@ -53,9 +53,12 @@ def test_what_is_no_scale_or_no_part_of_one_is_refused(told, says):
         ("--use imu --tolerance sensors.imu.gyro_scale", "expected KEY=PART"),
         (
             "--use imu --segment 2 --tolerance sensors.imu.gyro_scale=0.01",
-            "nothing asks for it beside --segment",
+            "does not go with --segment: it widens",
         ),
-        ("--use odometer --tolerance sensors.imu.gyro_scale=0.01", "nothing asks for it: it widens"),
+        (
+            "--use odometer --tolerance sensors.imu.gyro_scale=0.01",
+            "it widens the errors of a car that is fitted by its IMU alone, and this one is not",
+        ),
     ],
 )
 def test_a_tolerance_that_would_do_nothing_is_refused(tmp_path, monkeypatch, capsys, line, says):

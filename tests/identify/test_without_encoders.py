@@ -145,7 +145,7 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     said = inside.flags(faster)
     assert len(said) == 1
     assert "leaves the envelope of the fit: throttle" in said[0]
-    with pytest.raises(UsageError, check=of_code("runs.other-vehicle")):
+    with pytest.raises(UsageError, check=of_code("vehicle.commands-differ")):
         inside.flags(replace(run, applied=run.applied[:, :1]))
     with pytest.raises(UsageError, check=of_code("runs.no-command")):
         identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)

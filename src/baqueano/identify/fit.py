@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import note
 from baqueano.identify import without_encoders
 from baqueano.identify.by_innovations import fit_by_innovations, fit_by_simulation
@@ -83,14 +82,7 @@ def identify(
     if steps is None:
         return concluded(data, parameters, task, found, options)
     stepped = vehicle_file.with_values({PATH: 1.0 / steps})
-    more: JsonObject = {
-        "use": use,
-        "options": options,
-        "residuals": residuals,
-        "solver": solver,
-        "say": say,
-    }
-    fit = identify(runs, stepped, free, **more)
+    fit = identify(runs, stepped, free, use=use, options=options, residuals=residuals, solver=solver, say=say)
     return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
 
 

@@ -66,10 +66,6 @@ def text(
     run = figures.pop("of_run", "")
     before = f"{run}: " if run else ""
     template = templates(language).get(str(said.code))
-    figures: dict[str, object] = {  # a cause among them as its sentence
-        name: text(value, language, argument).rstrip(".") if isinstance(value, Diagnostic) else value
-        for name, value in said.figures.items()
-    }
     try:
         if template is not None:
             subject = said.subject.removeprefix("model.")

@@ -6,7 +6,8 @@
 A_ii^c is the information of channel c on θ_i, c the channel that has most of it, and E_c the energy of what
 the model says there, both in standard deviations of the noise; 30 is what a fit to noise alone may have. A
 direction v with C v ≈ 0 moves parameters without moving any measurement: only the others are told, and one
-of the direction's parameters is held where it was, by preference one that scale or tape can measure. A
+of the direction's parameters is held where it was, by preference one that scale or tape can measure, and of two starts
+that the data cannot tell apart the one that they show less. A
 parameter of the vehicle whose standard error exceeds `BLIND` s_i is held too: nothing that was measured
 depends on it. So is one with an error of half the span of its bounds, and a scale that would be known no better
 than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its own value and `WEAK_SIGNAL` of (2)
@@ -61,7 +62,9 @@ def seen(
             break
         part = np.abs(direction) / np.max(np.abs(direction))
         inside = np.flatnonzero(part >= LOADING).tolist()
-        out = max(np.flatnonzero(part >= TOUCHED).tolist(), key=lambda i, v=part: (by_hand[i], v[i]))
+        touched, known = np.flatnonzero(part >= TOUCHED), np.diagonal(info.bread)
+        rank = [(by_hand[i], round(part[i], 1), -known[i] if i >= len(told) else 0.0) for i in touched]
+        out = int(touched[max(range(len(touched)), key=rank.__getitem__)])
         tied[out] = tuple(i for i in inside if i != out)
         kept[out] = False
     of_vehicle = np.arange(len(theta)) < len(told)
