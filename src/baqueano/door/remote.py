@@ -318,6 +318,8 @@ def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
             yield remote
         finally:  # or its thread waits for a word for ever, and nobody may close what it reads from
             with suppress(OSError):
+                to.close()  # a word that nobody takes any more is dropped
+            with suppress(OSError):
                 line.shutdown(socket.SHUT_RDWR)
 
 
