@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf
-from baqueano.estimators.augmented_state import BEND, BIASES, SCALES, layout
+from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout
 from baqueano.geometry import wrap
 from baqueano.sensors import Imu, Odometer, Pose
 from baqueano.signals import Slot, Tick, sensor_slots

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from baqueano.blocks import check_estimator, notes
 from baqueano.estimators import DeadReckoning
-from baqueano.estimators.sensor_numbers import ACCEL_SCALE_STD
+from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots, silent

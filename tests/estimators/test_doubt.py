@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from baqueano.estimators.doubt import DOUBT_S, lasting, wider
+from baqueano.estimators.readings.doubt import DOUBT_S, lasting, wider
 from baqueano.geometry import wrap
 from baqueano.runs import Run
 from baqueano.signals import Slot, Tick

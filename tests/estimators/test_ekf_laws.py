@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import Ekf
-from baqueano.estimators.gate import gate
+from baqueano.estimators.readings.gate import gate
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Slot, Tick, sensor_slots

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive.health import WINDOW_S, Health
-from baqueano.estimators.gate import gate
+from baqueano.estimators.readings.gate import gate
 from baqueano.runs import Run
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate import simulate

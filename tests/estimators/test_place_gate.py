@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf
-from baqueano.estimators.augmented_state import BIASES, SCALES
-from baqueano.estimators.place_gate import AGAIN_S, TURN_STD, square
+from baqueano.estimators.augmented.state import BIASES, SCALES
+from baqueano.estimators.readings.place_gate import AGAIN_S, TURN_STD, square
 from baqueano.sensors import Imu, Pose, Tags
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compiled

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf
-from baqueano.estimators.sensor_numbers import slips
+from baqueano.estimators.readings.sensor_numbers import slips
 from baqueano.sensors import Encoders, Odometer, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import scan

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.estimators.augmented_state import layout
+from baqueano.estimators.augmented.state import layout
 from baqueano.identify.noise.filter_noise import FEWEST, SOME, _free, _rounded
 from baqueano.vehicle_file import load, parse
 

@@ -39,7 +39,7 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 
 def which_estimator(file: "VehicleFile") -> Diagnostic:
     """Return the estimator to take for the sensors of a vehicle."""
-    from baqueano.estimators.velocity_readings import readings_of, show_place
+    from baqueano.estimators.readings.velocity_readings import readings_of, show_place
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
     names, place = file.sensors._fields, show_place(file.sensors)

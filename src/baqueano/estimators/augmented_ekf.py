@@ -1,6 +1,6 @@
 """Extended Kalman filter with an augmented state: what model and sensors do not know is estimated with the motion.
 
-    x = (η, ν, d, κ, b)     moves as in augmented_motion.py; laid out in augmented_state.py                 (1)
+    x = (η, ν, d, κ, b)     moves as in augmented/motion.py; laid out in augmented/state.py                 (1)
 
 The misfit of the model (σ_d, T) and the noise of a sensor (Q) are two numbers: where the model turns wrongly, d_ψ takes
 it and the gyro leads. A model that was identified with a gyro has the scale of that gyro: no innovation shows κ, and
@@ -19,15 +19,15 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented_correction import corrected
-from baqueano.estimators.augmented_motion import ahead, beside_wheels, scaled
-from baqueano.estimators.augmented_state import BIASES, FORWARD, SCALES, layout, start_std
+from baqueano.estimators.augmented.correction import corrected
+from baqueano.estimators.augmented.motion import ahead, beside_wheels, scaled
+from baqueano.estimators.augmented.state import BIASES, FORWARD, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
-from baqueano.estimators.doubt import doubted
 from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import chosen, either, in_rows, row_of, rows_before
-from baqueano.estimators.place_gate import PlaceDoubt, no_doubt
-from baqueano.estimators.sensor_numbers import check_use
+from baqueano.estimators.readings.doubt import doubted
+from baqueano.estimators.readings.place_gate import PlaceDoubt, no_doubt
+from baqueano.estimators.readings.sensor_numbers import check_use
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian

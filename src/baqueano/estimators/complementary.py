@@ -21,7 +21,7 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
-from baqueano.estimators.velocity_readings import Reading, readings_of, velocity
+from baqueano.estimators.readings.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
 from baqueano.signals import Estimate, Tick

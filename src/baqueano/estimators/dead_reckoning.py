@@ -25,8 +25,8 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
-from baqueano.estimators.sensor_numbers import Uncertain, age_s, arrived, scale_std, uncertain
-from baqueano.estimators.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
+from baqueano.estimators.readings.sensor_numbers import Uncertain, age_s, arrived, scale_std, uncertain
+from baqueano.estimators.readings.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
 from baqueano.geometry import map_from_body
 from baqueano.parameter import parameter
 from baqueano.signals import ByName, Estimate, Slot, Tick

@@ -49,10 +49,10 @@ from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
-from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved, predict
 from baqueano.estimators.pauses import FilterRow, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
-from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
+from baqueano.estimators.readings.gate import gate
+from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import difference

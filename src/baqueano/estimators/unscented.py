@@ -20,10 +20,10 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
-from baqueano.estimators.gate import gate
 from baqueano.estimators.kalman import Gaussian, correct, moved
 from baqueano.estimators.pauses import FilterRow, chosen, in_rows, row_of, rows_before, unmoved_cov
-from baqueano.estimators.sensor_numbers import age_s, arrived, check_use
+from baqueano.estimators.readings.gate import gate
+from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import parameter

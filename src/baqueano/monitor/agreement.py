@@ -21,7 +21,7 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented_correction import WITHIN, expected
+from baqueano.estimators.augmented.correction import WITHIN, expected
 from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.pauses import chosen, row_of

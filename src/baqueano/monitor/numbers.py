@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.sensor_numbers import REST, STEP, slopes, uncertain
+from baqueano.estimators.readings.sensor_numbers import REST, STEP, slopes, uncertain
 from baqueano.symbolic import get, put
 
 

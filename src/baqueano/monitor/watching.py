@@ -8,7 +8,7 @@ from baqueano.contracts.blocks import Estimator, SensorBlocks
 from baqueano.contracts.values import Tree
 from baqueano.errors import from_outside, named
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.sensor_numbers import rows_of, split
+from baqueano.estimators.readings.sensor_numbers import rows_of, split
 from baqueano.monitor.agreement import Agreement
 from baqueano.monitor.findings import MODEL, Finding, finding
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory

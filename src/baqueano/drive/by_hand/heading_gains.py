@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller
 from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, placed
-from baqueano.estimators.gate import gate
+from baqueano.estimators.readings.gate import gate
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.effort import steady
 from baqueano.vehicles.freedoms import steers, turns

@@ -16,8 +16,8 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.augmented_state import layout
 from baqueano.identify.noise.filter_noise import FAR
 from baqueano.identify.noise.most_likely import example_of, ticks_of
 from baqueano.identify.noise.speed_channels import ratio_of_blocks

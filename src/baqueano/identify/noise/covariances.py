@@ -27,7 +27,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
-from baqueano.estimators.augmented_state import layout
+from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import COLOUR
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import standing

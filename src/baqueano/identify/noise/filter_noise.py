@@ -24,9 +24,9 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree
+from baqueano.estimators.augmented.state import FORWARD, TURNING, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.augmented_state import FORWARD, TURNING, Layout, layout
-from baqueano.estimators.sensor_numbers import slopes
+from baqueano.estimators.readings.sensor_numbers import slopes
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
 from baqueano.identify.residuals.huber import MAD
 from baqueano.runs.run import Run

@@ -17,9 +17,9 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.estimators.augmented.state import SCALES, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.augmented_state import SCALES, layout
-from baqueano.estimators.velocity_readings import readings_of
+from baqueano.estimators.readings.velocity_readings import readings_of
 from baqueano.identify.noise.most_likely import example_of, ticks_of
 from baqueano.runs.interpolated import true_speed
 from baqueano.runs.run import Run

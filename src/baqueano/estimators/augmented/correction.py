@@ -5,7 +5,7 @@ alone, a turn that the model did not foresee is not. With the whitened innovatio
 
     w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD)                                       (1)
 
-Sensors that show the pose are judged by place_gate.py. What a number may correct stands in augmented_state.py.
+Sensors that show the pose are judged by place_gate.py. What a number may correct stands in augmented/state.py.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,11 +14,11 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented_state import BIASES, SCALES, layout, start_std
+from baqueano.estimators.augmented.state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved
-from baqueano.estimators.place_gate import TURN_STD, PlaceDoubt, PlaceNumbers, growth, judged
-from baqueano.estimators.sensor_numbers import age_s
+from baqueano.estimators.readings.place_gate import TURN_STD, PlaceDoubt, PlaceNumbers, growth, judged
+from baqueano.estimators.readings.sensor_numbers import age_s
 from baqueano.geometry import map_from_body
 from baqueano.parameter import INF
 from baqueano.sensors.sampling import difference, mistakes

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.estimators.gate import gate
+from baqueano.estimators.readings.gate import gate
 
 AGAIN_S = 1.0
 MISTAKEN = 0.05  # of the readings; a guess, which the ways between tags outweigh

@@ -21,8 +21,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Sensor
-from baqueano.estimators.doubt import AXES
-from baqueano.estimators.sensor_numbers import Uncertain, rows_of, scale_std, slopes, split, uncertain
+from baqueano.estimators.readings.doubt import AXES
+from baqueano.estimators.readings.sensor_numbers import (
+    Uncertain,
+    rows_of,
+    scale_std,
+    slopes,
+    split,
+    uncertain,
+)
 
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf

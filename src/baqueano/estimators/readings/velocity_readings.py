@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.values import Value
-from baqueano.estimators.sensor_numbers import REST, arrived, check_use, slopes
+from baqueano.estimators.readings.sensor_numbers import REST, arrived, check_use, slopes
 from baqueano.signals import ByName, Slot
 
 SIDEWAYS, TURNING = 1, 2

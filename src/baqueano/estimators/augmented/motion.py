@@ -29,11 +29,11 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented_state import BEND, BIASES, SCALES, layout
+from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout
 from baqueano.estimators.covariance import block_diagonal
 from baqueano.estimators.kalman import Gaussian, predict
 from baqueano.estimators.pauses import FilterRow, bounded, unmoved_cov
-from baqueano.estimators.sensor_numbers import slips
+from baqueano.estimators.readings.sensor_numbers import slips
 from baqueano.geometry import map_from_body, wrap
 from baqueano.vehicles.effort import Effort
 

@@ -1,0 +1,1 @@
+"""Parts of the recommended filter: its state, its motion, its correction."""
