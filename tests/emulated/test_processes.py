@@ -131,8 +131,8 @@ def taken(remote, what, path, **how):
         ready(remote)
         try:
             return remote.perform(what, path, **how)
-        except SafetyStop as error:
-            if "the vehicle is " not in str(error) or time.monotonic() > end:  # it began
+        except SafetyStop:
+            if path.exists() or time.monotonic() > end:  # it began
                 raise
             remote.hear(("state",), PATIENCE_S)
 

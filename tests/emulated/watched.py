@@ -48,7 +48,8 @@ def watch_ticks() -> None:
                 late = set(sys.modules) - first
                 yield t_ns
         finally:
-            told(late=late)
+            if first:  # it began
+                told(late=late)
 
     Service._ticks = watched
 
