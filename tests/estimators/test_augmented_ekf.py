@@ -156,7 +156,7 @@ def test_a_kinematic_vehicle_is_led_by_its_sensors_too():
 
 
 def test_use_that_names_no_sensor_is_refused():
-    with pytest.raises(ValueError, match="no such sensor; it has imu, odometer"):
+    with pytest.raises(ValueError, match="not have this sensor; it has imu, odometer"):
         AugmentedEkf(SMALL, BOTH(IMU, ODOMETER), use=("camera[2]",))
 
 

@@ -214,7 +214,7 @@ def test_a_sensor_is_read_for_what_its_h_shows():
     assert shown(wheels=WHEELS) == [("wheels", (0, 1), (0, 2))]
     assert shown(pose=Pose(noise_std=np.full(3, 0.01)), odometer=ODOMETER) == [("odometer", (0,), (0,))]
     assert shown(imu=IMU, odometer=ODOMETER, use=("odometer",)) == [("odometer", (0,), (0,))]
-    with pytest.raises(ValueError, match='use = "gps": the vehicle has no such sensor; it has imu'):
+    with pytest.raises(ValueError, match='use = "gps": the vehicle does not have this sensor; it has imu'):
         reckoning(use=("gps",))
 
 

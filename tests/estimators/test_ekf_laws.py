@@ -180,7 +180,7 @@ def test_the_estimator_feels_the_drivetrain_delay_that_the_vehicle_has():
     ("options", "words"),
     [
         ({"mode": "papr"}, 'mode = "papr": expected one of default, paper'),
-        ({"use": ("gps",)}, 'use = "gps": the vehicle has no such sensor; it has imu'),
+        ({"use": ("gps",)}, 'use = "gps": the vehicle does not have this sensor; it has imu'),
         ({"gate_sigma": 0.0}, "gate_sigma = 0.0"),
         ({"initial_std": np.zeros(9)}, "initial_std"),
         ({"process_noise_cov": np.eye(5)}, r"process_noise_cov has shape \(5, 5\), expected \(6, 6\)"),

@@ -196,7 +196,7 @@ def test_it_keeps_every_promise_of_a_block_and_compiles(name):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"use": ("gps",)}, 'use = "gps": the vehicle has no such sensor; it has imu'),
+        ({"use": ("gps",)}, 'use = "gps": the vehicle does not have this sensor; it has imu'),
         ({"vehicle": Kinematic(velocity_matrix=np.eye(3))}, "Kinematic lacks nu_dot, its acceleration"),
     ],
 )

@@ -101,12 +101,16 @@ def test_a_bag_becomes_a_run(bag, tmp_path):
         (
             '"/cmd_vel"',
             '"/cmd"',
-            r"has no topic '/cmd'; write topic = .*/cmd_vel \(geometry_msgs/msg/Twist\)",
+            r"does not have topic '/cmd'; write topic = .*/cmd_vel \(geometry_msgs/msg/Twist\)",
         ),
         ('topic = "/cmd_vel"\ntime = "bag"', 'time = "t"\ntime_unit = "s"', "topic is missing; write topic"),
-        ('"linear.x"', '"linear.w"', r"/cmd_vel: no field 'linear.w': at 'w' there are x, y, z"),
-        ('"linear.x"', '"linear"', r"field 'linear' is no number but geometry_msgs/msg/Vector3; go on"),
-        ("covariance[1]", "covariance[11]", r"no field .*: at '11' it holds 9 values"),
+        ('"linear.x"', '"linear.w"', r"/cmd_vel: field 'linear.w' does not exist: at 'w' there are x, y, z"),
+        (
+            '"linear.x"',
+            '"linear"',
+            r"expected a number in field 'linear', found geometry_msgs/msg/Vector3; choose",
+        ),
+        ("covariance[1]", "covariance[11]", r"does not exist: at '11' it holds 9 values"),
         ('time = "bag"', "", r'\[files.drive\] time is missing; write time = "bag" \(when it was recorded\)'),
     ],
 )

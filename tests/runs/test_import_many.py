@@ -279,7 +279,7 @@ def test_a_file_without_times_has_a_rate(desk):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("wheels = [", "u = [], wheels = [", "no TOML"),
+        ("wheels = [", "u = [], wheels = [", "not valid TOML"),
         ('"rpm", radius_m = 0.1', '"rpm"', "or beside it radius_m"),
         ('"rpm", radius_m', '"m/s", radius_m', "with a wheel's angle or angular rate"),
         ('in_force = "until"', 'in_force = "until"\nnames = ["a"]', "three names"),

@@ -235,7 +235,7 @@ def test_a_bus_held_at_the_start_is_told_apart_from_a_missing_chip(bench):
 
     b = bench()
     b.bus.held = True
-    with pytest.raises(RobotUnreachable, match="is held low"):
+    with pytest.raises(RobotUnreachable, match="is stuck low"):
         start(b)
 
 
