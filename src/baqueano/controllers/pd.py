@@ -22,7 +22,7 @@ from baqueano.vehicles.bounds import check_bounds
 
 
 class PdState(NamedTuple):
-    """What the derivative needs of the previous tick."""
+    """The data of the previous tick that the derivative needs."""
 
     t_ns: int  # -1 before the first tick
     e_psi: float  # [rad]
@@ -52,7 +52,7 @@ class Pd:
             )
 
     def init(self) -> PdState:
-        """No tick yet."""
+        """Return a state before the first tick."""
         return PdState(-1, 0.0)
 
     def step(self, state: PdState, reference: Reference, estimate: Estimate) -> tuple[PdState, Command]:

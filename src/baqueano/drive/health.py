@@ -1,4 +1,4 @@
-"""Does the model still fit, and do the sensors agree with it?
+"""Agreement of the model with the vehicle, and of the sensors with the model.
 
 The filter foretells every measurement, and how far off it may be:
 

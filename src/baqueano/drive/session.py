@@ -1,4 +1,4 @@
-"""One drive: blocks and a world in, a run out. The verbs of this room all end here."""
+"""A drive: blocks and a world in, a run out. The verbs of this room all end here."""
 
 import inspect
 from collections.abc import Iterable, Sequence
@@ -33,7 +33,7 @@ from baqueano.worlds import Simulated
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditions:
-    """Where a drive goes and how.
+    """The recorder and the options of a drive.
 
     The world is a simulation of `truth` (a vehicle file; that of the drive if not given) with the noise of `seed`, for
     `duration_s` at most, unless another `world` and its clock `ticking` are given. `eta` (3,) [m, rad] is the pose at

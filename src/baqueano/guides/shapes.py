@@ -24,7 +24,7 @@ POINTS = 1441  # of a drawn route, four to the degree of a circle
 
 @lru_cache(maxsize=32)
 def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float) -> Route:
-    """A circle whose radius swings `waves` times a lap by ± `amplitude_m`, once round at `speed_m_s`.  (1)
+    """Return a circle whose radius varies `waves` times a lap by ± `amplitude_m`, once round at `speed_m_s`.  (1)
 
     >>> route = sinuous_circle(0.6, 0.08, 5, 0.2)
     >>> print(route.eta.shape, f"{route.t_s[-1]:.1f} s, {route.eta[-1, 2] / np.pi:.1f} π")
@@ -58,7 +58,7 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     a, b = length_m - 2.0 * corner_m, width_m - 2.0 * corner_m
     if not (a > 0.0 and b > 0.0 and corner_m > 0.0):
         raise ValueError(
-            f"a rectangle of {length_m} m by {width_m} m has no room for corners of radius {corner_m} m: "
+            f"a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m: "
             f"the radius must be above 0 and below {min(length_m, width_m) / 2.0:g} m."
         )
     quarter = 0.5 * np.pi * corner_m
@@ -111,7 +111,7 @@ class SinuousCircle:
         return self._repeat().init()
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
-        """Where the vehicle should be at this time.  (1)"""
+        """Return the wanted pose and velocity at this time.  (1)"""
         return self._repeat().step(state, estimate)
 
 

@@ -61,7 +61,7 @@ def simulate_loops(
     name: str = "closed loop",
     backend: str = "auto",
 ) -> Iterator[Run]:
-    """One run per seed, through one kernel.
+    """Return a run per seed, through one kernel.
 
     `route` is a Route or a guide block. `perfect`: the pose is known, no estimator in the loop. `eta0` (3,) [m, rad]
     is where the vehicle starts, else where the route does; the estimator is told. `controller` is a block in place of
@@ -153,7 +153,7 @@ def start_of(system: System) -> np.ndarray:
 
 
 def lasting(system: System) -> float:
-    """Seconds from the first tick until the guide has nothing more to ask for, whatever the vehicle does."""
+    """Return the time from the first tick to the end of the reference [s], whatever the vehicle does."""
     low, high = -1, LONGEST_NS
     if not _done(system, high):
         raise UsageError("this guide never says that it is done: say how long, with duration_s.")

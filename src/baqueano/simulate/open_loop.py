@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
 
 class OpenLoopState(NamedTuple):
-    """What one tick takes from outside."""
+    """The inputs of a tick."""
 
     u: np.ndarray  # (n,) the command
     noise: DrawnNoise | None  # unit normals; None: no noise at all
 
 
 class Said(NamedTuple):
-    """What one tick shows."""
+    """The outputs of a tick."""
 
     truth: Motion
     slots: ByName[Slot]
@@ -135,7 +135,7 @@ def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
 
 
 def metadata(kind: str, seed: int, rate_hz: float, backend: str, noise: bool) -> dict[str, str]:
-    """What made a simulated run."""
+    """Return the metadata of a simulated run."""
     return versions() | {
         "kind": kind,
         "seed": str(seed),

@@ -64,7 +64,7 @@ GIVEN = {"vehicle", "sensors"}
 
 
 def rows() -> list["TableRow"]:
-    """One row for each key: table, kind, key, unit, shape, range, default, meaning."""
+    """Return a row for each key: table, kind, key, unit, shape, range, default, meaning."""
     found = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
     found += _rows("robot", "", Hardware)
     for room, kinds in ROOMS.items():

@@ -1,4 +1,4 @@
-"""From the command that was sent to the command that the body feels, in the order in which it happens:
+"""The drivetrain, from the sent command to the effort on the body, in the order of the hardware:
 
     late      u_d = the commands delay_s ago, one after the other during the tick (delay.py)              (1)
     mixed     w = (u_x − u_ψ, u_x + u_ψ)          left and right wheel, if mixing = "two_wheels"          (2)
@@ -41,7 +41,7 @@ BATTERIES = ("steady", "logged")
 
 
 class DrivetrainState(NamedTuple):
-    """What the drivetrain remembers."""
+    """State of a drivetrain."""
 
     past: np.ndarray  # (delay_slots, n) commands of the ticks before, newest first
     steps_s: np.ndarray  # (delay_slots,) how long each was in force

@@ -11,7 +11,7 @@ from baqueano.vehicles.effort import Effort
 
 
 class VehicleState(NamedTuple):
-    """Where a vehicle is and how it moves, at the end of a tick."""
+    """Pose, velocity and acceleration of a vehicle at the end of a tick."""
 
     eta: np.ndarray  # (3,) x, y [m], ψ [rad] wrapped, map frame
     nu: np.ndarray  # (3,) velocity, body frame [m/s, m/s, rad/s]
@@ -20,13 +20,13 @@ class VehicleState(NamedTuple):
 
 
 class Vehicle(Protocol):
-    """What the loop, the estimators and the fit ask of a vehicle. n = `commands`."""
+    """A vehicle, as the loop, the estimators and the fit use it. n = `commands`."""
 
     commands: ClassVar[int]  # n, the length of the command
 
     @property
     def drivetrain(self) -> Drivetrain:
-        """What lies between the command and the body."""
+        """Return the drivetrain, between the command and the body."""
         ...
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
@@ -46,12 +46,12 @@ class Vehicle(Protocol):
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """One tick under the command `u` (n,); `noise` (3,) are unit normals."""
+        """Advance the vehicle by a tick under the command `u` (n,); `noise` (3,) are unit normals."""
         ...
 
 
 class DynamicVehicle(Vehicle, Protocol):
-    """One with an acceleration, which a kinematic vehicle has not: `optional.is_dynamic` tells."""
+    """A vehicle with an acceleration, which a kinematic one lacks: `optional.is_dynamic` tests it."""
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: Value = 0.0, /) -> np.ndarray:
         """ν̇ (3,) of ν (3,) under an effort, at the heading ψ."""

@@ -20,14 +20,14 @@ ON_THE_WAY_NS = 1_000_000  # from a command of the loop to the wheels: by USB it
 
 
 class AppliedWay(NamedTuple):
-    """One wheel in one direction: duty = dead_zone + slope · |request|."""
+    """The line of a wheel in one direction: duty = dead_zone + slope · |request|."""
 
     dead_zone: float = 0.0
     slope: float = 1.0
 
 
 class AppliedMotors(NamedTuple):
-    """What the firmware makes of a request."""
+    """The conversion from request to duty in the firmware."""
 
     slew_per_s: float = 1000.0
     ways: tuple[AppliedWay, ...] = (

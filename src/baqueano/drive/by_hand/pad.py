@@ -53,12 +53,12 @@ class Pad:
 
     @property
     def holds(self) -> bool:
-        """Whether it drives: a button of HOLD is held."""
+        """Return True if it drives: a button of HOLD is pressed."""
         return self._let_go and not self._lost and not self.gone and bool(self._down & HOLD)
 
     @property
     def said(self) -> str:
-        """What its driver is told."""
+        """Return the hint for its driver."""
         if self.holds:
             return "pad drives"
         return (
@@ -80,7 +80,7 @@ class Pad:
         self._let_go = self._let_go or (at_rest and not self._lost)
 
     def _happened(self, event: InputEvent) -> list[int]:
-        """One event; the button that it pressed."""
+        """Take an event, and return the button that it pressed."""
         kind, code, value = event
         if kind == SYN and code == DROPPED:
             self._lost = True
@@ -145,7 +145,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
 
 
 def lacking(device: InputDevice) -> str:
-    """What `device` lacks to be a pad, in words; "" where it is one."""
+    """Return what `device` lacks to be a pad, in words; "" where it is one."""
     if not {X, Y} <= device.axes:
         return "no stick"
     return "" if device.keys & HOLD else "no front buttons"

@@ -1,4 +1,4 @@
-"""What looks wrong in an imported recording.
+"""Errors that an imported recording may contain.
 
 Each signal alone (plausible.py), the truth by itself (truth.py), then all against each other (by_motion.py). An error
 contradicts the map: the import ends with the line to write, or goes on when the map lists it under `accept`.

@@ -112,7 +112,7 @@ def signal_map(
 
 
 def _shown(of: int, r: Relation, channel: MappedChannel, worth: float) -> Hypothesis:
-    """What a channel shows of one prediction."""
+    """The share of a prediction in a channel."""
     clear, size = r.is_clear(worth), abs(r.slope)
     if not clear or channel.low <= r.slope <= channel.high:
         return Hypothesis("", of, r, clear)

@@ -45,7 +45,7 @@ class Imported(NamedTuple):
 
     @property
     def noticed(self) -> "Imported":
-        """Without the doubts that every such import has."""
+        """Return the diagnostics without those of every such import."""
         return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
 
     def rows(self) -> list["TableRow"]:
@@ -88,7 +88,7 @@ class ImportedRuns(NamedTuple):
         return [{"run": one.run.name} | row for one in self.each for row in one.rows()]
 
     def table(self) -> str:
-        """One line per kind of doubt: in how many runs, and what the first of them says."""
+        """Return a line per kind of diagnostic: the number of runs, and the sentence of the first."""
         first: dict[tuple[str, str], Doubt] = {}
         seen: dict[tuple[str, str], int] = {}
         for one in self.each:
@@ -224,7 +224,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _within_a_turn(angle: np.ndarray) -> bool:
-    """Whether an angle begins again after each turn; one of a wheel that is counted on goes beyond."""
+    """Return True if an angle begins again after each turn; a wheel's angle may count on."""
     known = angle[np.isfinite(angle)]
     return len(known) > 0 and float(np.ptp(np.quantile(known, (0.01, 0.99)))) < 2.01 * np.pi
 
@@ -275,7 +275,7 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
 def _applied(
     m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """How many ticks had no command yet, the others, and (N, n) the command in force up to each."""
+    """Return the count of ticks without a command, the indices of the others, and the command (N, n) in force there."""
     t_ns, u = _known(m.command, sources[m.command.file], found)
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])

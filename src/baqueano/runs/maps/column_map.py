@@ -46,10 +46,10 @@ def maps_folder() -> Path:
 
 
 def data_folders() -> list[Path]:
-    """Where recordings are: BAQUEANO_DATA, else ../shared/data beside this folder or the repository."""
-    told = os.environ.get("BAQUEANO_DATA")
-    if told:
-        return [Path(told)]
+    """Return the folder of recordings: BAQUEANO_DATA, else ../shared/data beside this folder or the repository."""
+    from_environment = os.environ.get("BAQUEANO_DATA")
+    if from_environment:
+        return [Path(from_environment)]
     return [start.parent / "shared" / "data" for start in (Path.cwd(), Path(__file__).parents[4])]
 
 
@@ -95,14 +95,14 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
     fix, words = f"baqueano runs import MAP.toml {path}", str(error)
-    where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib has no other place for them
+    where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place in its text alone
     if where is None:
         return fault("map.recording", fix, path=path)
     return fault("map.recording-or-wrong", fix, path=path, line=int(where[1]), column=int(where[2]))
 
 
 def _beside(found: str, measures: str, derivative: bool) -> str:
-    """What beside its unit makes `measures` of an entry that measures `found`, for a message."""
+    """Return the line to add beside the unit so that an entry that measures `found` fits `measures`, for a message."""
     rate, rolls = "" if derivative else RATES.get(found, ""), "radius_m = …, that of the wheel"
     ways = {
         ROLLED.get(found): rolls,
@@ -142,7 +142,7 @@ class _Parser:
         )  # fmt: skip
 
     def command(self, spec: dict[str, Any]) -> tuple[ColumnSignal, tuple[str, ...], str, bool]:
-        """[command]: its signal, the names of its entries, when a row is in force, and whether it is told by wheels."""
+        """Read [command]: signal, names of the entries, when a row is in force, and True if it is given by wheels."""
         self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
         in_force = spec.get("in_force")
         if in_force not in ("from", "until"):
@@ -197,7 +197,7 @@ class _Parser:
         )  # fmt: skip
 
     def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
-        """The column of time and its unit; ("", "s") where the rows come at a rate that is told."""
+        """Read the column of time and its unit; ("", "s") where the rows come at a given rate."""
         in_bag, time = "topic" in spec, spec.get("time")
         if "rate_hz" in spec and time is None and not in_bag:
             if not spec["rate_hz"] > 0.0:
@@ -219,7 +219,7 @@ class _Parser:
         return time, str(time_unit)
 
     def rest(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
-        """The second column of a time that is told in two."""
+        """Read the second column of a time in two columns."""
         rest = spec.get("time_rest")
         if rest is None:
             return None
@@ -276,7 +276,7 @@ class _Parser:
             raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), str(error)) from error
 
     def entry(self, key: str, spec: object, measures: str | None) -> Entry:
-        """One entry of a signal."""
+        """Read an entry of a signal."""
         if not isinstance(spec, dict):
             raise self.wrong(key, spec, 'an entry like { column = "NAME", unit = "m/s" }')
         self.keys(key, spec, {
@@ -367,7 +367,7 @@ class _Parser:
         return spec
 
     def needed(self, spec: dict[str, Any], key: str, what: str) -> Any:
-        """What stands under `key`, and must not be left out."""
+        """Return the required value under `key`."""
         if not spec.get(key):
             raise self.wrong(key, spec.get(key), what)
         return spec[key]
@@ -389,7 +389,7 @@ class _Parser:
         return spec
 
     def wrong(self, place: str, found: object, wanted: str) -> FileError:
-        """What to raise: where, what was found, and what to write."""
+        """Return the error to raise: the place, the found value, and the line to write."""
         code = "map.missing" if found is None else "map.wrong"
         shown = repr(found)[:200]
         return FileError(fault(code, map=self.path.name, place=place, found=shown, expected=wanted))
