@@ -36,7 +36,7 @@ def test_a_right_model_is_never_warned_of():
 
 def test_a_wrong_model_is_warned_of_once():
     (text,) = said(6.0)
-    assert "2.4 times as far from the model as it foretells" in text
+    assert "2.4 times as far from the model as it predicts" in text
     assert "baqueano identify last" in text
 
 

@@ -63,7 +63,7 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Each with its first sentence, whole."""
+        """Return the first sentence of each, complete."""
         with formatter.section("Commands"):
             formatter.write_dl(
                 [(name, verb.get_short_help_str(WHOLE)) for name, verb in sorted(self.commands.items())]

@@ -130,7 +130,7 @@ class Listed:
     verdict: str = "USABLE"
 
     def rows(self) -> list["TableRow"]:
-        """What was found, as it is."""
+        """The error as it was found."""
         return self.found
 
     def table(self) -> str:

@@ -68,7 +68,7 @@ class Remote:
         self._hearing.start()
 
     def say(self, **words: Any) -> None:
-        """One word to the vehicle. RobotUnreachable where nobody takes it."""
+        """Send a message to the vehicle. RobotUnreachable where nobody takes it."""
         with self._lock:
             try:
                 self._to.write(encoded(words))
@@ -91,7 +91,7 @@ class Remote:
                     "systemctl status baqueano"
                 ) from None
             if said is None:
-                self.said.put(None)  # for whoever asks again
+                self.said.put(None)  # for the next reader
                 raise RobotUnreachable(
                     f"{self.name}: the connection was closed. The vehicle stops by itself. To see why, type: "
                     f"baqueano robot status {self.name}"
@@ -131,7 +131,7 @@ class Remote:
         told: Callable[["JsonObject"], Any] = lambda state: None,
     ) -> Run:
         """Drives a mission there; its run, which is then at `path`. `hand` gives the command that is wanted now, and
-        ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives what else is to be said, `told` gets the
+        ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives further messages to send, `told` gets the
         vehicle's state and "link_ms", the way there and back. SafetyStop if the vehicle was stopped; the run is
         there."""
         self._forget_others()
@@ -155,7 +155,7 @@ class Remote:
         words: Callable[[], list["TableRow"]],
         told: Callable[["JsonObject"], Any],
     ) -> "JsonObject":
-        """How the drive of this id ended; signs of life until then."""
+        """Return the end of the drive of this id; send signs of life until then."""
         begun, ending = time.monotonic(), False
         while True:
             try:
@@ -188,7 +188,7 @@ class Remote:
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
     def _forget_others(self) -> None:
-        """What was said until now is of other drives."""
+        """Drop the messages until now: they are of other drives."""
         while not self.said.empty():
             said = self.said.get()
             if said is None:  # the connection was closed, which still holds

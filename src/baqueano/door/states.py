@@ -1,4 +1,4 @@
-"""What the vehicle is allowed to do just now, and how it comes from one state to the next.
+"""The states of the vehicle, and the transitions between them.
 
     DISARMED ──ready──► READY ──mission──► MISSION ──done──► READY
         ▲                 │ └───manual───► MANUAL  ──done──► READY
@@ -56,7 +56,7 @@ class Machine:
 
     @property
     def advice(self) -> str:
-        """What a person can do about it."""
+        """Return the line by which a person can continue."""
         return {
             DoorState.DISARMED: "Mend that; it is checked again by itself.",
             DoorState.STOPPED: "Look at the vehicle, then type: baqueano robot clear",

@@ -1,6 +1,6 @@
 """Scales of the sensors from a return to a mark.
 
-Between two moments at which the vehicle stands on its mark, t₁ and t₂, it has turned by whole turns, whatever it did:
+Between two moments at which the vehicle stands on its mark, t₁ and t₂, it has turned by whole turns:
 
     s_ω = ∫ (z_ω − b) dt / (c · 2π k),   k = round(∫ (z_ω − b) dt / (s₀ c · 2π)) ≠ 0                       (1)
     σ(s_ω) = √(σ_mark² + (σ_b T)² + σ_w² T³/3 + σ_z² T δ) / (c · 2π |k|)                                   (2)

@@ -1,6 +1,6 @@
 """Agreement of the model with the vehicle, and of the sensors with the model.
 
-The filter foretells every measurement, and how far off it may be:
+The filter predicts every measurement and the variance of its error:
 
     NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
 
@@ -102,7 +102,7 @@ class Health:
         self.told = True
         return (
             f"for {WINDOW_S:.0f} s the sensors were {np.sqrt(nis):.1f} times as far from the model as it "
-            "foretells: it no longer fits this vehicle or this floor. Type: baqueano identify last"
+            "predicts: it no longer fits this vehicle or this floor. Type: baqueano identify last"
         )
 
 

@@ -2,7 +2,7 @@
 
 A template is a format string over the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit` brings
 the space before it, so that `{x:.3g}{unit}` holds without one; `of_run` names the run among several, and stands before
-the sentence. `{arg[use]}` names an argument, as whoever reads it writes it, and `{arg[use]:{sensor}}` gives it that
+the sentence. `{arg[use]}` names an argument in the reader's notation, and `{arg[use]:{sensor}}` gives it that
 value. What has no template, or other figures, is shown by its code: another version said it.
 """
 

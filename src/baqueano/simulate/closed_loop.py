@@ -153,7 +153,7 @@ def start_of(system: System) -> np.ndarray:
 
 
 def lasting(system: System) -> float:
-    """Return the time from the first tick to the end of the reference [s], whatever the vehicle does."""
+    """Return the time from the first tick to the end of the reference [s], for any motion of the vehicle."""
     low, high = -1, LONGEST_NS
     if not _done(system, high):
         raise UsageError("this guide never says that it is done: say how long, with duration_s.")

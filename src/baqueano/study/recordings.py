@@ -1,4 +1,4 @@
-"""Judged by recordings that others made of real vehicles: what is found in each, and the bar it is held to.
+"""Recordings that others made of real vehicles: the findings in each, and the bar for them.
 
 Each module of `recorded` knows one recording: it imports it by a map, fits a vehicle file that begins from guesses to
 one part of it, and judges the fit on another part. The recordings do not come with the package: they are read from the
@@ -24,7 +24,7 @@ RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What all recordings say."""
+    """The results on all recordings."""
 
     each: tuple["JsonObject", ...]
     left_out: tuple[str, ...]  # sentences on recordings that are not there
@@ -90,7 +90,7 @@ def files_of(maps: Sequence[str]) -> list[str]:
 
 
 def missing_of(asked: Sequence[str]) -> list[str]:
-    """Those that no folder of recordings holds; a name may have *."""
+    """Return the missing ones in all folders of recordings; a name may have *."""
     folders = data_folders()
     return [path for path in asked if not any(glob.glob(str(folder / path)) for folder in folders)]
 

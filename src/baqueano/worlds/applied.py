@@ -1,12 +1,12 @@
 """The duty that a motor had in a tick, known before the telemetry of the tick's end has come.
 
-    U(t) = ∫ d dτ       told by telemetry up to t_s, the time of the newest; t_s ≤ t by up to a period of it  (1)
+    U(t) = ∫ d dτ       known from telemetry up to t_s, the time of the newest; t_s ≤ t by up to a period of it  (1)
     x → c, |ẋ| ≤ slew,  d = sign(x) (dead zone + slope |x|)       after t_s: as the firmware follows commands (2)
     u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
 
-The mean that telemetry tells is that of its own span, which ended up to a period before the tick: taken for the tick's,
-a fit would find the motors quicker than they are, by 2 to 11 ms as the phases fall. What (2) foretells wrongly (a kick,
-dither, a late frame) is put right by (3) one tick later, so nothing adds up.
+The mean in telemetry is that of its own span, which ended up to a period before the tick: taken for the tick's,
+a fit would find the motors quicker than they are, by 2 to 11 ms as the phases fall. (3) corrects
+an error of (2) (a kick, dither, a late frame) one tick later, so nothing adds up.
 """
 
 from collections import deque

@@ -56,7 +56,7 @@ def command(
 
 @dataclass(frozen=True)
 class Driven:
-    """What a drive leaves."""
+    """The result of a drive."""
 
     run: "Run"
     path: Path
@@ -64,7 +64,7 @@ class Driven:
     verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """One row: where the run is, how long, how many marks, and what they tell."""
+        """Return one row: path of the run, duration, marks, and the scales from them."""
         from baqueano.drive.session import marks_of
 
         marks = len(marks_of(self.run))

@@ -96,7 +96,7 @@ def from_zero(clock: Iterable[int]) -> Iterator[int]:
 
 @contextmanager
 def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
-    """Stops the vehicle where the terminal hangs up or the program is told to end."""
+    """Stop the vehicle where the terminal hangs up or another process ends the program."""
     from baqueano.diagnostics import StopReason
     from baqueano.diagnostics import stop as because
 

@@ -1,4 +1,4 @@
-"""Where a verb drives: a simulation, the emulated vehicle, or the real one. The verbs know nothing of it."""
+"""Targets of a verb: a simulation, the emulated vehicle, or the real one. The verbs do not distinguish them."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ LIKE = 0.85  # part of its letters that a mistyped name of these has in common w
 
 
 class Place(Protocol):
-    """What `placed` gives."""
+    """The result of `placed`."""
 
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],

@@ -109,7 +109,7 @@ def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
 
 
 def _no_driver(name: str) -> UsageError:
-    """What to say to a name that is neither a shape nor a stored route."""
+    """Return the error for a name that is not a shape or a stored route."""
     stored = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
     near = nearest(name, [*SHAPES, "keys", *stored])
     return UsageError(fault("cli.driver-unknown", found=name, near=near))
@@ -117,7 +117,7 @@ def _no_driver(name: str) -> UsageError:
 
 @dataclass(frozen=True)
 class Stored:
-    """What a lesson leaves."""
+    """The result of a lesson."""
 
     route: "Route"
     path: Path
@@ -125,7 +125,7 @@ class Stored:
     verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """One row: where route and run are, how many poses, how long, whether closed."""
+        """Return one row: paths of route and run, number of poses, duration, and if it is closed."""
         return [
             {"route": str(self.path), "run": str(self.run), "poses": len(self.route.t_s),
              "duration_s": float(self.route.t_s[-1]), "closed": bool(self.route.closed)}

@@ -62,7 +62,7 @@ def settings(
     from baqueano.robot.workshop.exclusive_hardware import service_off, there
 
     wanted = typed(given)
-    uno_settings.changed(Settings(), wanted)  # what is wrong in them is told before anything is opened
+    uno_settings.changed(Settings(), wanted)  # a wrong one is reported before anything is opened
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
         with service_off(talk), connected(file.robot.port) as uno:
@@ -80,7 +80,7 @@ def settings(
 
 
 def typed(given: Mapping[str, Any]) -> dict[str, list[str]]:
-    """What was typed behind each option, by its name; nothing for one that was left out."""
+    """Return the typed values by the name of their option, without those left out."""
     found: dict[str, list[str]] = {}
     for name in (*NAMES, *WAYS):
         said = given[name.replace("-", "_")]

@@ -9,7 +9,7 @@ What it asks for besides a command goes two ways: `words` for a vehicle that is 
 `why` and `marked` for a world in this process. Either way the vehicle is stopped, and stays so, when
 
     the driver wants it (space, a button of the pad)         the terminal is gone: no answer for 0.35 s, or its end
-    the pad was unplugged                                    the program is told to end (SIGHUP, SIGTERM)
+    the pad was unplugged                                    another process ends the program (SIGHUP, SIGTERM)
 
 A terminal that answers no question cannot tell that it is there. It drives by the letters that it repeats, each for
 its time (key_hold.py), and no set-point is latched for it.
@@ -56,8 +56,8 @@ class Cockpit(Observer):
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` is the command (n,) that is wanted now.
 
     `hold`: the heading is held where it goes straight on, which is shown. `drivetrain`: that of the vehicle file, whose
-    dead zone is told where a command stays below it.
-    `trusted` False: whatever answers is not the terminal itself (tmux on the vehicle).
+    dead zone is reported where a command stays below it.
+    `trusted` False: something other than the terminal itself answers (tmux on the vehicle).
     """
 
     def __init__(

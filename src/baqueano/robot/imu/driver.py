@@ -94,7 +94,7 @@ def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> 
 
 
 def lines(imu: Mpu6050, found: Found) -> list[str]:
-    """What was found, for people."""
+    """Return the findings, for people."""
     s, band = imu.settings, imu.chip.bands[imu.settings.filter]
     axes = ", ".join(s.axes)
     warm = "" if np.isnan(found.temperature_c) else f", {found.temperature_c:.1f} °C"
@@ -136,7 +136,7 @@ def _rest(imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callabl
 
 
 def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]:
-    """What is odd. RobotUnreachable for an unknown chip whose numbers cannot be."""
+    """Return the oddities. RobotUnreachable for an unknown chip with impossible numbers."""
     odd = []
     if abs(accel / STANDARD_GRAVITY - 1.0) > GRAVITY_SLACK:
         odd.append(f"feels {accel:.2f} m/s², expected {STANDARD_GRAVITY:.2f} ± 15 % at rest")

@@ -19,9 +19,9 @@ belongs into the measurement model.
     transfer fails             once more at once; not if it had to wait            (counted)
     three calls fail           bus opened again, chip started again                restart
     chip forgot its registers  seen within 1 s; started again                      forgot
-    nothing for 0.5 s          chip started again, then each second; told once     silent, back
+    nothing for 0.5 s          chip started again, then each second; one event     silent, back
     words repeat for 0.1 s     held back, chip started again                       frozen
-    axis at its end for 0.1 s  told                                                saturated
+    axis at its end for 0.1 s  event                                               saturated
     FIFO full or out of step   emptied; what it held is lost                       overflow
     bus held low               clocked free where the vehicle stands (`free_bus`)  held
     chip runs again                                                                started
@@ -101,40 +101,40 @@ class Mpu6050:
 
     @property
     def running(self) -> bool:
-        """Whether the chip is started; not while it is being started again."""
+        """Return True if the chip is started; not while it is being started again."""
         return self._steps is None
 
     @property
     def silent(self) -> bool:
-        """Whether there has been nothing for 0.5 s: stop the motors."""
+        """Return True after 0.5 s without data: stop the motors."""
         return self._watch.silent
 
     @property
     def held(self) -> bool:
-        """Whether the last transfer found the bus held low."""
+        """Return True if the last transfer met a bus stuck low."""
         return self._watch.held
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Which chip it is, and what is odd about it, for the beginning of a run."""
+        """Return the chip and its oddities, for the beginning of a run."""
         found = self.found
         return (
             () if found is None else (f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X})", *found.warnings)
         )
 
     def events(self) -> list[ImuEvent]:
-        """What happened since the last call, in order."""
+        """Return the events since the last call, in order."""
         return self._watch.take()
 
     def free_bus(self) -> RecoveryOutcome | None:
-        """A held bus is clocked free beside whoever calls; for one that knows that the vehicle stands, at each look.
+        """Clock a stuck bus free beside the caller; at each look, for a caller who knows that the vehicle is at rest.
         What came of the last time, once. Meanwhile `read` gives nothing; then it starts the chip."""
         if self.silent and self.held:
             self._recovery.begin(self._now_ns())
         return self._recovery.taken()
 
     def start_again(self) -> None:
-        """Start the chip anew, by the reads that follow; for whoever has written its registers."""
+        """Start the chip anew, by the reads that follow; for a caller who has written its registers."""
         self._restart(self._now_ns())
 
     def close(self) -> None:
@@ -175,7 +175,7 @@ class Mpu6050:
         return [Sample(times[i], accel[i], gyro[i], celsius(row[3])) for i, row in enumerate(rows) if keep[i]]
 
     def _fresh(self, now: int) -> Batch:
-        """What has come, tried twice."""
+        """Return the new samples, tried twice."""
         try:
             return self._look(now)
         except OSError as error:
@@ -185,7 +185,7 @@ class Mpu6050:
             return self._look(now)
 
     def _look(self, now: int) -> Batch:
-        """What has come, after a look at the registers when it is time for one."""
+        """Return the new samples, after a look at the registers when it is time for one."""
         if now >= self._check_at:
             if not self._remembers(now):
                 return NOTHING
@@ -193,7 +193,7 @@ class Mpu6050:
         return self._from_fifo(now) if self.settings.mode == "fifo" else self._from_registers()
 
     def _from_fifo(self, now: int) -> Batch:
-        """All that waits in the FIFO, at most `MOST`."""
+        """Return the samples in the FIFO, at most `MOST`."""
         before = self._now_ns()
         count = int.from_bytes(self.device.read(FIFO_COUNT, 2), "big")
         after = self._now_ns()
@@ -230,18 +230,18 @@ class Mpu6050:
         return [WORD.unpack(data[1:])], [(earliest + before) // 2]
 
     def _none(self) -> Batch:
-        """No sample; when several are missing, the chip is asked for its registers at the next call."""
+        """Note a missing sample; after several, the next call reads the registers of the chip."""
         self._check_at = min(self._check_at, self._watch.last_ns + DROUGHT * SECOND // self.settings.rate_hz)
         return NOTHING
 
     def _registers(self) -> tuple[int, ...]:
-        """What SMPLRT_DIV and those after it must hold."""
+        """Return the expected content of SMPLRT_DIV and those after it."""
         s = self.settings
         own = (s.filter,) if self.chip.own_accel_filter else ()
         return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *own)
 
     def _remembers(self, now: int) -> bool:
-        """Whether the chip still has its registers; else it is being started again."""
+        """Return True if the chip still has its registers; else it is being started again."""
         wanted = bytes(self._registers())
         found = self.device.read(SMPLRT_DIV, len(wanted))
         control, power = self.device.read(USER_CTRL, 2)
@@ -287,7 +287,7 @@ class Mpu6050:
         self._index = self._odd = self._left = 0
 
     def _started(self, now: int) -> bool:
-        """Whether the chip runs; takes one step if it does not. OSError ends this attempt and plans another."""
+        """Return True if the chip runs; else take a step of its start. OSError ends this attempt and plans another."""
         if self._steps is None:
             return True
         if now < self._wait_until:

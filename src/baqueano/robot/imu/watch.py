@@ -1,4 +1,4 @@
-"""What an IMU's samples and errors say about its health, and the events that tell it: each once, when it begins.
+"""Health of an IMU from its samples and errors, and its events: each once, when it begins.
 
 A sensor's last bits never rest: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal words in a row are a
 matter of chance at the narrowest filter (5 Hz: about one row in a thousand), twenty such rows are not (10⁻⁶⁰).
@@ -66,7 +66,7 @@ class ImuWatch:
         self.held = held
 
     def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
-        """Which rows to believe, and whether the chip must be started again."""
+        """Return the rows to use, and if the chip must be started again."""
         keep, broken = [], False
         for row in rows:
             same, broken_now = self._repeats(now_ns, row)
@@ -101,7 +101,7 @@ class ImuWatch:
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
-        """Whether the row repeats the last one or is all zero, and whether that has just become a fault."""
+        """Return if the row repeats the last one or is all zero, and if that has just become a fault."""
         same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (any(row[:3]) or any(row[4:]))
         self._last = row
         if not same:

@@ -14,7 +14,7 @@ Line = tuple[str, Diagnostic]  # level, message
 
 @dataclass
 class Lateness:
-    """Return how late ticks began [ms], and how many were left out."""
+    """Delays of ticks [ms], and the count of missed ones."""
 
     worst_ms: float = 0.0
     over_half: int = 0  # later than half a period

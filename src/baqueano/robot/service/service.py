@@ -1,8 +1,8 @@
-"""What runs on the vehicle all day: it watches the hardware, drives missions, and stops for every reason there is.
+"""The service on the vehicle: it watches the hardware, drives missions, and stops for every reason there is.
 
     idle       telemetry, IMU and health are looked at IDLE_HZ; a mission that waits begins when the vehicle is READY
     mission    the loop of loop.py at the rate of the vehicle file, in the time of a steady clock, into a run on disk
-    watch      at each tick: the link and the firmware, health, whoever drives, systemd's watchdog
+    watch      at each tick: the link and the firmware, health, the operator, systemd's watchdog
 
 One thread drives. Others hear the Uno, hear people and write the run; none of them can hold up a tick. A power cut
 loses a second at most, and a disk that is full ends the recording, not the drive.
@@ -89,7 +89,7 @@ class Service:
             self.operator.stop(before)
 
     def run(self) -> None:
-        """Until `done`, or SIGTERM in the main thread."""
+        """Run until `done`, or SIGTERM in the main thread."""
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, lambda number, frame: self._leave())
         while not self.done.is_set():
@@ -101,7 +101,7 @@ class Service:
         self.uno.disarm()
 
     def idle(self) -> None:
-        """One look at everything while nothing drives."""
+        """Check everything once while nothing drives."""
         self._find_imu()
         for what in self._world.look(self.now_ns()):
             self._event("warning", what)
@@ -126,7 +126,7 @@ class Service:
         self._publish()
 
     def _cleared(self) -> bool:
-        """Whether a stop is over. Once a person said so the latch of the Uno is asked away at each look until telemetry
+        """Return True if a stop is over. After a request each look clears the latch of the Uno, until telemetry
         shows that it is gone: a frame may be lost."""
         asked, self.operator.clear_asked = self.operator.clear_asked, False
         trouble = self.uno.trouble
@@ -145,7 +145,7 @@ class Service:
 
     def _find_imu(self) -> None:
         """An IMU that did not answer is looked for each AGAIN_S; a chip that answers and gives no samples takes two
-        seconds of them. What is in the way is told once."""
+        seconds of them. An obstacle is reported once."""
         if self.imu is not None or self.find_imu is None or self.now_ns() < self._find_ns:
             return
         self.patience(FINDING_S)
@@ -162,8 +162,8 @@ class Service:
             self.say(text(found))
 
     def _free_bus(self) -> None:
-        """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
-        once."""
+        """Nothing drives: a held bus of the IMU is clocked free, beside this loop. A failure is tried again and
+        reported once."""
         if self.imu is None:
             return
         outcome = self.imu.free_bus()
@@ -189,7 +189,7 @@ class Service:
             self.tell({"is": "done", "id": name, "run": None, "why": why, "code": code})
             return
         self._run = path.name
-        self._publish(at_once=True)  # until it is prepared nothing more is told
+        self._publish(at_once=True)  # nothing more is published until it is prepared
         try:
             why, code = self._driven(mission, attended, path)
         finally:
@@ -328,7 +328,7 @@ class Service:
 
 
 class _Watching(Observer):
-    """What a service sees and says of one drive."""
+    """The observer of a drive for the service."""
 
     def __init__(self, service: Service, world: Robot, late: Lateness, attended: bool) -> None:
         self._service, self._world, self._late, self._attended = service, world, late, attended
@@ -366,7 +366,7 @@ class _Watching(Observer):
 
 
 def _motion_of(record: Record | None) -> JsonObject:
-    """What a person who drives wants to see of a tick."""
+    """Return the figures of a tick for the person who drives."""
     if record is None:
         return {}
     nu = record.estimate.nu.tolist()
@@ -377,7 +377,7 @@ def _motion_of(record: Record | None) -> JsonObject:
 
 
 def body_of(file: VehicleFile, uno: Uno, wait: Callable[[float], object]) -> Body:
-    """The body of a vehicle file, whose Uno is told what holds for a drive and asked what it keeps of its motors."""
+    """Return the body of a vehicle file; configure its Uno for a drive and read its motors' settings."""
     config = config_of(file.robot, uno.info)
     uno.configure(config, wait)
     ways = [AppliedWay(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
@@ -388,7 +388,7 @@ def body_of(file: VehicleFile, uno: Uno, wait: Callable[[float], object]) -> Bod
 
 
 def config_of(hardware: Hardware, info: Info | None) -> Config:
-    """What the firmware is told of [robot]."""
+    """Return the firmware's configuration by [robot]."""
     fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
     return Config(
         dead_man_ms=round(1e3 * hardware.dead_man_s),

@@ -25,7 +25,7 @@ FLASH_BYTES = 32_256  # without the boot-loader
 
 
 class Flashed(NamedTuple):
-    """What was written, and who answered then."""
+    """The written file, and the firmware that answered then."""
 
     port: str
     bytes: int
@@ -35,7 +35,7 @@ class Flashed(NamedTuple):
     verdict = "FLASHED"
 
     def rows(self) -> list["TableRow"]:
-        """One row."""
+        """Return one row."""
         return [self._asdict()]
 
     def table(self) -> str:

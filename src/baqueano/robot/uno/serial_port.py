@@ -41,7 +41,7 @@ class SerialPort:
 
     @property
     def is_open(self) -> bool:
-        """Whether the line is there, as far as is known."""
+        """Return True if the line is there, as far as one can tell."""
         return self._serial is not None
 
     def open(self) -> None:
@@ -66,7 +66,7 @@ class SerialPort:
         self._serial.write(data)
 
     def read(self) -> bytes:
-        """What came."""
+        """Return the bytes that came."""
         if self._serial is None:
             raise OSError(f"{self.path} is not open")
         try:
@@ -76,7 +76,7 @@ class SerialPort:
             raise
 
     def wait(self, seconds: float) -> None:
-        """Until something comes, at most so long."""
+        """Wait until something comes, at most for this time."""
         serial = self._serial
         if serial is None:
             time.sleep(seconds)

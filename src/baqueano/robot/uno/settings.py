@@ -1,4 +1,4 @@
-"""What an Uno keeps in its EEPROM of its vehicle, as people name it: read, changed, stored, read back.
+"""Settings of a vehicle in the EEPROM of an Uno, with names for people: read, changed, stored, read back.
 
     name          firmware                                 values
     bridge        Settings.driver                          l298n, tb6612, l293d
@@ -49,7 +49,7 @@ Wait = Callable[[float], object]
 
 @dataclass(frozen=True)
 class Kept:
-    """What an Uno has stored."""
+    """The stored settings of an Uno."""
 
     settings: Settings
 
@@ -59,7 +59,7 @@ class Kept:
         return "DEFAULT" if self.settings == Settings() else "SET"
 
     def rows(self) -> list["TableRow"]:
-        """One row of the whole, and one for each wheel and direction; duties as shares of full duty."""
+        """Return a row of the whole, and one for each wheel and direction; duties as shares of full duty."""
         s, whole = self.settings, {}
         for name, (field, kind) in KINDS.items():
             whole[name] = kind(getattr(s, field)).name.lower()
@@ -99,7 +99,7 @@ class Kept:
 
 
 def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
-    """What would be typed behind each name, from the `rows` of a Kept."""
+    """Return the values to type behind each name, from the `rows` of a Kept."""
     whole, *ways = rows
     said = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
     for name in OF_WAYS:
@@ -108,7 +108,7 @@ def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
 
 
 def as_typed(settings: Settings) -> str:
-    """The line after which an Uno keeps `settings`, whatever it keeps before.
+    """Return the line after which an Uno keeps `settings`, whatever it keeps before.
 
     >>> as_typed(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
@@ -175,7 +175,7 @@ def _number(name: str, text: str, said: str, layout: type, field: str, unit: int
 
 
 def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> Kept:
-    """What the Uno keeps after `wanted` of what it kept was written, read back from it. AnswerNo while a motor
+    """Write `wanted` of its settings to the Uno, and return them as read back from it. AnswerNo while a motor
     runs."""
     before = uno.settings(wait)
     settings = wanted(before)

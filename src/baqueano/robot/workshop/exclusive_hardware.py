@@ -55,7 +55,7 @@ def service_off(say: Say) -> Iterator[None]:
 def opened(
     hardware: "Hardware", say: Say, in_chip_axes: bool = False, motors: bool = True
 ) -> Iterator[Bench]:
-    """Uno and IMU of [robot], until whoever asked for them is gone: then KeyboardInterrupt. Without `motors` the Uno
+    """Open Uno and IMU of [robot], until their user is gone: then KeyboardInterrupt. Without `motors` the Uno
     may be missing."""
     from baqueano.robot.imu import driver as imu_driver
 

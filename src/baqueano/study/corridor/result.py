@@ -1,4 +1,4 @@
-"""Does the corridor that a filter claims hold the truth, and is it no wider than it must be?
+"""The claimed corridor of a filter: its coverage of the truth, and its width beyond need.
 
     d² = eᵀ P⁻¹ e of position (2) or heading (1),   coverage = share of vehicles with d² ≤ χ²(0.95)         (1)
     wider than needed = χ²(0.95) / (95 % quantile of d²): of the area of a position, of the variance of a heading   (2)

@@ -49,7 +49,7 @@ FAULTS = (*SOUND, *HARM, *STRUCTURES)
 
 
 class FaultJob(NamedTuple):
-    """One fault on one vehicle at one seed."""
+    """A fault on a vehicle at a seed."""
 
     fault: str
     vehicle: str
@@ -58,7 +58,7 @@ class FaultJob(NamedTuple):
 
 
 class FaultOutcome(NamedTuple):
-    """What came of it."""
+    """The verdict on it."""
 
     job: FaultJob
     verdict: str  # ERROR: the fit was not begun, and the message said why; CRASH: the program failed

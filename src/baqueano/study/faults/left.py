@@ -1,8 +1,7 @@
 """The sound run without what a fit leaves out of the damaged one: what could still be known of it.
 
 A damage that is noticed costs samples. How much of what a fit then errs by is the price of what is gone, and how
-much is harm that is left in the rest, is told by the sound run from which the very same samples are taken: samples
-are the same where they came at the same time.
+much is harm in the rest, is measured with the sound run, from which the same samples are taken: those of the same time.
 """
 
 from dataclasses import replace
