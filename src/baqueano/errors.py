@@ -18,15 +18,15 @@ USERS = "baqueano_user_"  # begins the name of a module that is a file of the us
 class BaqueanoError(Exception):
     """An end that was foreseen. Its text is for the reader; the command line shows no traceback.
 
-    `said`: a diagnostic, or a text. `about`: the diagnostic that a text speaks of.
+    `message`: a diagnostic, or a text. `about`: the diagnostic that a text speaks of.
     """
 
     exit_code = 1
 
-    def __init__(self, said: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
-        super().__init__(text(said))
-        self.said = said
-        self._about = said if isinstance(said, Diagnostic) else about
+    def __init__(self, message: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
+        super().__init__(text(message))
+        self.message = message
+        self._about = message if isinstance(message, Diagnostic) else about
 
     @property
     def diagnostic(self) -> Diagnostic:

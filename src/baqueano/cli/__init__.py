@@ -150,7 +150,7 @@ def _answered(args: list[str], debug: bool) -> int:
     except BaseException as error:
         import traceback
 
-        from baqueano.cli.endings import ending
+        from baqueano.cli.errors import command_error
         from baqueano.errors import in_users_file
 
         if isinstance(error, SystemExit) and not in_users_file(error):
@@ -159,6 +159,6 @@ def _answered(args: list[str], debug: bool) -> int:
             error = error.__cause__  # click takes every one for Ctrl-C
         if debug:
             talk("".join(traceback.format_exception(error)).rstrip("\n"))
-        end = ending(error, args)
+        end = command_error(error, args)
         talk(end.paragraph)
         return end.code

@@ -194,7 +194,7 @@ def own_block(file: "VehicleFile", room: str, kind: str | None) -> str | None:
 
 def ended(run: "Run", path: Path) -> None:
     """Raises what stopped a drive, if something did; the run is on disk."""
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop

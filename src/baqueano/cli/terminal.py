@@ -129,14 +129,14 @@ def clocked(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[fl
         _rewrite("")
         return
 
-    def seen(t_s: float) -> None:
+    def show(t_s: float) -> None:
         nonlocal done
         advance(max(0, round(10 * t_s) - done))
         done = max(done, round(10 * t_s))
 
     with progress(label, max(1, round(10 * duration_s))) as advance:
-        yield seen
-        seen(duration_s)
+        yield show
+        show(duration_s)
 
 
 class Say:

@@ -41,8 +41,8 @@ class Operator:
 
     # from outside
 
-    def heard(self, who: object) -> None:
-        """A sign of life of `who`."""
+    def sign_of_life(self, who: object) -> None:
+        """Take a sign of life of `who`."""
         if who is self._holder:
             self._heard_ns = self._now_ns()
 
@@ -51,7 +51,7 @@ class Operator:
         with self._lock:
             self._nobody_but(who)
             self._holder = who
-        self.heard(who)
+        self.sign_of_life(who)
 
     def release(self, who: object) -> None:
         """`who` has gone. The drive of a holder who did not say goodbye ends by (1)."""
@@ -85,7 +85,7 @@ class Operator:
             u = np.asarray(u, dtype=float)
             if u.ndim == 1 and np.all(np.isfinite(u)):
                 self._u, self._u_ns = u, self._now_ns()
-            self.heard(who)
+            self.sign_of_life(who)
 
     def mark(self, who: object) -> None:
         """The vehicle is on its mark now."""

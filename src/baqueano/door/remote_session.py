@@ -29,7 +29,7 @@ ENDING_S = 15.0  # for which the other end may put in order what it began
 STDIN = 0
 
 
-def said(command: list[str]) -> tuple[bytes, int]:
+def answer_of(command: list[str]) -> tuple[bytes, int]:
     """Return the answer of a program, and its exit code; show its messages as they come. Meanwhile signs of life
     go into its stdin. Ctrl-C ends them, and the program is waited for, so that its last words are heard; a second
     Ctrl-C leaves it."""

@@ -158,7 +158,7 @@ class Door:
         words: dict[str, Callable[[], object]] = {
             "mission": lambda: self._ask(guest, said),
             "hand": lambda: self.operator.want(guest, said["u"]),
-            "beat": lambda: self.operator.heard(guest),
+            "beat": lambda: self.operator.sign_of_life(guest),
             "mark": lambda: self.operator.mark(guest),
             "ping": lambda: guest.say({"is": "pong", "token": said.get("token")}),
             "end": lambda: self.operator.end(guest),

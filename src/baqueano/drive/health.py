@@ -42,7 +42,7 @@ class Health:
         self._sensors = sensors
         self._window: deque[tuple[int, float]] = deque()
         self._sum = 0.0
-        self.told = False
+        self.reported = False
 
     @property
     def degraded(self) -> tuple[Finding, ...]:
@@ -51,13 +51,13 @@ class Health:
 
     def lines(self, tick: Tick, estimate: Estimate) -> list[Line]:
         """Return the events of a tick."""
-        self.saw(tick)
-        noticed: list[Notice] = [] if self._sensors is None else self._sensors.heard(tick, estimate)
+        self.count(tick)
+        noticed: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         if (
             self._sensors is not None and self._sensors.suspect
         ):  # a fit to readings of a broken sensor helps nobody
             self._forget()
-        said = self.heard(tick.t_ns, estimate)
+        said = self.check(tick.t_ns, estimate)
         model = [(SOURCE, "warning", said)] if said else []
         return [*model, *((SENSORS_SOURCE, one.level, one.text) for one in noticed)]
 
@@ -75,14 +75,14 @@ class Health:
         """A sentence for each command and measurement that left the envelope."""
         return self._watch.flags("the run")
 
-    def saw(self, tick: Tick) -> None:
+    def count(self, tick: Tick) -> None:
         """Count a tick for `beyond`."""
-        self._watch.heard(tick)
+        self._watch.update(tick)
 
-    def heard(self, t_ns: int, estimate: Any) -> str:
+    def check(self, t_ns: int, estimate: Any) -> str:
         """A sentence when the model does not fit any more; "" else, and after it was said."""
         y, S = estimate.innovation, estimate.innovation_cov
-        if self.told or y is None or S is None:
+        if self.reported or y is None or S is None:
             return ""
         try:
             square = _nis(y.tolist(), S.tolist())
@@ -99,7 +99,7 @@ class Health:
         nis = self._sum / max(1, len(self._window))
         if nis <= TOO_LARGE:
             return ""
-        self.told = True
+        self.reported = True
         return (
             f"for {WINDOW_S:.0f} s the sensors were {np.sqrt(nis):.1f} times as far from the model as it "
             "predicts: it no longer fits this vehicle or this floor. Type: baqueano identify last"

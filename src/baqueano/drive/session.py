@@ -105,7 +105,7 @@ def drive(
 
     def driven(sink: RunSink) -> None:
         recording = Recording(sink, world, health, observers, _first_ns(ticking))
-        start, elsewhere = told_start(blocks.estimator, given.start)
+        start, elsewhere = initial_pose_for(blocks.estimator, given.start)
         recording.begin([*world.notes, *notes, *([] if elsewhere is None else [elsewhere])])
         _run(blocks, ticking, start, recording)
 
@@ -209,7 +209,7 @@ def _may_hang(block: object) -> bool:
     return not (optional.of(block, "as_written") or isinstance(block, Compiled))
 
 
-def told_start(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
+def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
     """The start (3,) or (6,) to tell the estimator, as much of it as its init() takes, None for one that
     takes none; and a diagnostic if that matters."""
     if takes := len(inspect.signature(estimator.init).parameters):

@@ -108,7 +108,7 @@ def closed_loop(
     output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
 ) -> Scan:
-    """The kernel of (1): a `scan` over Input, SystemState → Heard, or → output(Heard).
+    """The kernel of (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
 
     With `paths` into the system it takes the numbers there as θ.
     """
@@ -129,7 +129,7 @@ def closed_loop(
 
 
 def as_run(name: str, t_ns: np.ndarray, heard: Tree, told: dict[str, str]) -> Run:
-    """The run that N ticks of Heard amount to."""
+    """The run that N ticks of LoopOutput amount to."""
     record, truth = heard.record, heard.truth
     est, ref = record.estimate, record.reference
     return Run(

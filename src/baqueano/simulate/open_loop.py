@@ -38,7 +38,7 @@ class OpenLoopState(NamedTuple):
     noise: DrawnNoise | None  # unit normals; None: no noise at all
 
 
-class Said(NamedTuple):
+class Readings(NamedTuple):
     """The outputs of a tick."""
 
     truth: Motion
@@ -100,13 +100,13 @@ def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
 def open_loop(
     model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
 ) -> Scan:
-    """The kernel of (1): a `scan` over Driven, WorldState → Said."""
+    """The kernel of (1): a `scan` over Driven, WorldState → Readings."""
     dt_s = 1.0 / rate_hz
 
-    def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Said]:
+    def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Readings]:
         unit = quiet(sensors) if x.noise is None else x.noise
         state, truth, slots = world_step(model, sensors, state, x.u, dt_s, unit)
-        return state, Said(truth, slots)
+        return state, Readings(truth, slots)
 
     example = OpenLoopState(np.zeros(model.commands), quiet(sensors) if noise else None)
     return scan(step, world_init(model, sensors), example, backend=backend)

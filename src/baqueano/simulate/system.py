@@ -52,7 +52,7 @@ class SystemState(NamedTuple):
     u: np.ndarray  # (n,) the command in force
 
 
-class Heard(NamedTuple):
+class LoopOutput(NamedTuple):
     """The outputs of a simulated loop at each tick."""
 
     record: loop.Record
@@ -70,12 +70,12 @@ def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
     return SystemState(world, loop.init(system.blocks, eta0), np.zeros(system.model.commands))
 
 
-def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, Heard]:
+def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
     """Advance the world by a tick under the command in force, then the loop: pure."""
     noise = quiet(system.sensors) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
-    return SystemState(world, states, record.command.u), Heard(record, truth)
+    return SystemState(world, states, record.command.u), LoopOutput(record, truth)
 
 
 def sizes(system: System, paths: Sequence[str]) -> list[int]:

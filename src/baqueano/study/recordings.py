@@ -38,7 +38,7 @@ class Recorded:
     def reasons(self) -> tuple[str, ...]:
         """The bars that are missed."""
         return tuple(
-            f"{r['recording']}: {r['quantity']} is {said(r['value'])}" for r in self.each if not r["ok"]
+            f"{r['recording']}: {r['quantity']} is {shown(r['value'])}" for r in self.each if not r["ok"]
         )
 
     @property
@@ -53,7 +53,7 @@ class Recorded:
         for r in self.each:
             ok = "yes" if r["ok"] else "NO"
             lines.append(
-                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {said(r['value'])}"
+                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {shown(r['value'])}"
             )
         lines += self.left_out
         met = sum(bool(r["ok"]) for r in self.each)
@@ -106,7 +106,7 @@ def check_present() -> None:
         )
 
 
-def said(value: object) -> str:
+def shown(value: object) -> str:
     """A value of a row as text."""
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -70,11 +70,11 @@ def arrived(
     """Return the state at the end of a tick under `effort`, and what sensors see of it: ν̇ of that instant, and for
     those with a low-pass the tick, ν as a curve of third degree and the effort as a line."""
 
-    def seen(eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
+    def at(eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
         return Motion(eta, nu, model.nu_dot(nu, effort, eta[2]), model.gravity(eta[2]))
 
-    now = seen(eta, nu, effort.last)
-    begin, end = seen(before.eta, before.nu, effort.start), seen(eta, nu, effort.end)
+    now = at(eta, nu, effort.last)
+    begin, end = at(before.eta, before.nu, effort.start), at(eta, nu, effort.end)
     halfway = 0.5 * (before.nu + nu) + 0.125 * dt_s * (begin.nu_dot - end.nu_dot)
-    tick = begin, seen(eta, halfway, effort.mean), end
+    tick = begin, at(eta, halfway, effort.mean), end
     return VehicleState(eta, nu, now.nu_dot, drivetrain), now._replace(tick=tick)

@@ -82,7 +82,7 @@ class Applied:
         """A command has left."""
         self._commands.append((now_ns + ON_THE_WAY_NS, (left, right)))
 
-    def heard(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
+    def update(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
         """Telemetry: the mean duty (2,) since the one before, that of now, and whether nothing drives."""
         if self._told_ns >= 0:
             self._integral = self._integral + np.array(mean) * ((t_ns - self._told_ns) * NS)

@@ -63,7 +63,7 @@ class WheelLink(Protocol):
         """Duties in [-1, 1], once: nothing sends them again."""
         ...
 
-    def heard(self) -> list[Telemetry]:
+    def receive(self) -> list[Telemetry]:
         """Return the telemetry since the last call, in order."""
         ...
 
@@ -77,8 +77,8 @@ class HardwareEvent(Protocol):
     """An event of the hardware."""
 
     @property
-    def said(self) -> Diagnostic | str:
-        """Its message."""
+    def message(self) -> Diagnostic | str:
+        """Return its message."""
         ...
 
 
@@ -151,7 +151,7 @@ class Robot(World):
         """The time of the host [ns] that is 0 in this world; what was heard before is forgotten."""
         self._start_ns = now_ns
         self._extras, self._events = [], []  # of a drive that ended within a tick
-        self._last = (self._wheels.heard() or [self._last])[-1]
+        self._last = (self._wheels.receive() or [self._last])[-1]
         self._encoders = SilentEncoders()
         if self._last is not None:
             self._hear(self._last)
@@ -162,7 +162,7 @@ class Robot(World):
 
     def read(self, t_ns: int) -> list[Tick]:
         """Return one tick of all the data since the last one."""
-        said = self._wheels.heard()
+        said = self._wheels.receive()
         before, self._last = self._last, said[-1] if said else self._last
         if said:
             self.battery_v = said[-1].battery_v
@@ -171,7 +171,7 @@ class Robot(World):
         for s in said:
             self._hear(s)
         u = unmix(self._body.mixing, self._applied.mean(self._start_ns + t_ns))  # (2)
-        self._events += [(t_ns, text) for s in said for text in self._encoders.heard(s)]
+        self._events += [(t_ns, text) for s in said for text in self._encoders.update(s)]
         imu = self._felt(t_ns)
         names = tuple(self._sensors._fields)
         slots = (self._slot(t_ns, getattr(self._sensors, name), imu, before) for name in names)
@@ -214,13 +214,13 @@ class Robot(World):
 
     def _hear(self, said: Telemetry) -> None:
         now = said.applied if said.now is None else said.now
-        self._applied.heard(said.t_ns, said.applied, now, said.stopped is not None)
+        self._applied.update(said.t_ns, said.applied, now, said.stopped is not None)
 
     def _felt(self, t_ns: int) -> Slot | None:
         """(a_x, a_y, ω_z) of the body and its age, that of the chip's filter too; None where no sample came.  (3)"""
         samples = self._imu.read() if self._imu is not None else []
         if self._imu is not None:
-            self._events += [(t_ns, event.said) for event in self._imu.events()]
+            self._events += [(t_ns, event.message) for event in self._imu.events()]
         if not samples:
             return None
         felt = np.mean([s.accel for s in samples], axis=0)

@@ -24,7 +24,7 @@ class SilentEncoders:
         self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
         self._told: set[int] = set()
 
-    def heard(self, now: "Telemetry") -> list[Diagnostic]:
+    def update(self, now: "Telemetry") -> list[Diagnostic]:
         """Return which encoders fell silent; each is said once until the firmware takes its flag back."""
         before, self._before = self._before, now
         for wheel in range(2):

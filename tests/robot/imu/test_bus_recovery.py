@@ -170,8 +170,8 @@ def test_a_user_outside_the_group_is_told_how_to_join_it(lines):
 def test_where_there_is_no_pinctrl_it_is_told_what_to_type(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     outcome = recover(BUS)
-    assert (outcome.freed, outcome.said.code) == (False, "bus.no-pinctrl")
-    assert outcome.said.fix == "sudo apt install raspi-utils"
+    assert (outcome.freed, outcome.message.code) == (False, "bus.no-pinctrl")
+    assert outcome.message.fix == "sudo apt install raspi-utils"
 
 
 def test_pins_of_another_board_or_bus_are_not_touched(lines):
@@ -256,7 +256,7 @@ def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_ag
     held.put(bits=[0] * 7)
     bench.bus.held = held
     loop(bench, imu, 0.3)
-    assert imu.held
+    assert imu.bus_stuck
     assert imu.free_bus() is None, "not silent for half a second: perhaps it is a disturbance"
     imu._recovery.wait()
     assert held.read()["calls"] == []
@@ -276,9 +276,9 @@ def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_ag
     samples = loop(bench, imu, 1.0)
     assert len(samples) > 100
     assert np.linalg.norm(np.mean([s.accel for s in samples], axis=0)) == pytest.approx(9.81, abs=0.1)
-    assert "imu.back" in [event.said.code for event in imu.events()]
+    assert "imu.back" in [event.message.code for event in imu.events()]
     assert imu.free_bus() is None
-    assert not imu.held
+    assert not imu.bus_stuck
     assert as_it_was(held)
 
 

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
+from baqueano.cli.driving.manual_drive import (
+    by_hand,
+    ended_by_hand,
+    hold_option,
+    pad_option,
+    scales_from_marks,
+)
 from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import Verdict, note
 
@@ -47,7 +53,7 @@ def command(
     run = by_hand(file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
     talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot)
-    said, values = told_by_marks(run, file, length_m)
+    said, values = scales_from_marks(run, file, length_m)
     answer(Driven(run, path, values), as_json)
     talk(said)
     if values and update:

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
+from baqueano.cli.driving.manual_drive import (
+    by_hand,
+    ended_by_hand,
+    hold_option,
+    pad_option,
+    scales_from_marks,
+)
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.diagnostics import Verdict, fault, nearest, note
@@ -83,7 +89,7 @@ def command(
         talk(note("cli.route-replaced", path=options.route_path(route)))
     answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
     if driver == "keys":
-        talk(told_by_marks(run, file, None)[0])
+        talk(scales_from_marks(run, file, None)[0])
     talk(
         note("cli.taught", repeat=f"baqueano repeat {route}", tune=f"baqueano tune --route {route} --update")
     )

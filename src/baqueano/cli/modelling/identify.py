@@ -92,7 +92,7 @@ def command(
     over_time: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
     page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
     from baqueano.identify.data.unused import unused
@@ -172,9 +172,9 @@ def _refused(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bo
 def _named(table: Path | None) -> None:
     """UsageError before the work, where --table has an ending that is not written."""
     if table is not None:
-        from baqueano.report.tables import ending_of
+        from baqueano.report.tables import suffix_of
 
-        ending_of(table)
+        suffix_of(table)
 
 
 def _lap(route: str | None) -> "Route | None":

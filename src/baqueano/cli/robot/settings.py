@@ -75,7 +75,7 @@ def settings(
         words = [f"--{name}={text}" for name, texts in wanted.items() for text in texts]
         words += ["--defaults"] if defaults else []
         words += [] if watch_s is None else [f"--watch={watch_s:g}"]
-        kept = uno_settings.Kept.of(there(host, "robot", "settings", "--vehicle", VEHICLE, *words))
+        kept = uno_settings.StoredSettings.of(there(host, "robot", "settings", "--vehicle", VEHICLE, *words))
     answer(kept, as_json)
 
 

@@ -165,8 +165,8 @@ class Cockpit(Observer):
         )
         self.status.degraded = shown(record.degraded)
 
-    def told(self, state: JsonObject) -> None:
-        """The state that a vehicle tells, for the screen."""
+    def show(self, state: JsonObject) -> None:
+        """Take the state of a vehicle for the screen."""
         s = self.status
         s.state, s.why = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
@@ -178,7 +178,7 @@ class Cockpit(Observer):
 
     def say(self, line: str) -> None:
         """A line for the driver."""
-        self.status.said = line
+        self.status.line = line
 
     def _held_by(self, requested: Sequence[float] | np.ndarray) -> None:
         """Return the request to the motors where the driver wants straight on, for the screen."""
@@ -243,7 +243,7 @@ class Cockpit(Observer):
                 )
             if self._pad.gone:
                 self.stop(stop(StopReason.PAD_UNPLUGGED))
-            self.status.pad = self._pad.said
+            self.status.pad = self._pad.hint
 
     def _hear(self, event: KeyEvent, now_s: float) -> None:
         if event.kind == ALIVE:

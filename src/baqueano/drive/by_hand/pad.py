@@ -57,7 +57,7 @@ class Pad:
         return self._let_go and not self._lost and not self.gone and bool(self._down & HOLD)
 
     @property
-    def said(self) -> str:
+    def hint(self) -> str:
         """Return the hint for its driver."""
         if self.holds:
             return "pad drives"

@@ -43,7 +43,7 @@ class Status:
     pad: str = ""
     degraded: str = ""  # which sensor has disagreed for long
     still: str = ""  # why nothing moves although something is wanted
-    said: str = ""  # the last thing anybody said
+    line: str = ""  # the last message to the driver
 
 
 def lines(s: Status, columns: int = 80) -> list[str]:
@@ -68,7 +68,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         *([f"   {s.pad}"] if s.pad else []),
         "   arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch",
         "   SPACE stops the vehicle | m on the mark now | q ends the drive",
-        f"   {s.why or s.degraded or s.still or s.said}",
+        f"   {s.why or s.degraded or s.still or s.line}",
     ]
     return [one_line(row)[: columns - 1] for row in rows]
 

@@ -42,12 +42,12 @@ class RecoveryOutcome(NamedTuple):
     """Result of a recovery."""
 
     freed: bool
-    said: Diagnostic
+    message: Diagnostic
 
     @property
     def text(self) -> str:
         """Return its sentence."""
-        return text(self.said)
+        return text(self.message)
 
 
 class BusLine(NamedTuple):

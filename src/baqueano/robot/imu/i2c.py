@@ -82,7 +82,7 @@ class Device:
                     raise
 
 
-def is_held(error: OSError) -> bool:
+def is_stuck_low(error: OSError) -> bool:
     """Return True if the error means a bus stuck low, and not a silent device."""
     return error.errno in HELD
 

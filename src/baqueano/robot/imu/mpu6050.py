@@ -41,9 +41,9 @@ from baqueano.diagnostics import Severity, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
-from baqueano.robot.imu.i2c import Device, is_held
+from baqueano.robot.imu.i2c import Device, is_stuck_low
 from baqueano.robot.imu.sample_clock import SampleClock
-from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, Found, ImuEvent, ImuSettings
+from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, ImuEvent, ImuSettings, OpenedImu
 from baqueano.robot.imu.watch import ImuWatch, Row
 from baqueano.worlds.robot import Sample
 
@@ -69,7 +69,7 @@ class Mpu6050:
     ) -> None:
         self.device, self.chip, self.settings = device, chip, settings
         self.counts = Counts()
-        self.found: Found | None = None  # what `imu.open` saw
+        self.found: OpenedImu | None = None  # what `imu.open` saw
         self.clock = SampleClock(SECOND / settings.rate_hz)
         self._now_ns = now_ns
         chip_from_body = settings.body_from_chip().T
@@ -110,9 +110,9 @@ class Mpu6050:
         return self._watch.silent
 
     @property
-    def held(self) -> bool:
+    def bus_stuck(self) -> bool:
         """Return True if the last transfer met a bus stuck low."""
-        return self._watch.held
+        return self._watch.bus_stuck
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -129,7 +129,7 @@ class Mpu6050:
     def free_bus(self) -> RecoveryOutcome | None:
         """Clock a stuck bus free beside the caller; at each look, for a caller who knows that the vehicle is at rest.
         What came of the last time, once. Meanwhile `read` gives nothing; then it starts the chip."""
-        if self.silent and self.held:
+        if self.silent and self.bus_stuck:
             self._recovery.begin(self._now_ns())
         return self._recovery.taken()
 
@@ -179,7 +179,7 @@ class Mpu6050:
         try:
             return self._look(now)
         except OSError as error:
-            if is_held(error):
+            if is_stuck_low(error):
                 raise
             self.counts.retries += 1
             return self._look(now)
@@ -327,18 +327,20 @@ class Mpu6050:
 
 
 def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
-    """The device that answers WHO_AM_I, its answer, and a sentence if the bus was held and had to be clocked free.
+    """The device that answers WHO_AM_I, its answer, and a sentence if the bus was stuck and had to be clocked free.
     RobotUnreachable if none does."""
     outcome: RecoveryOutcome | None = None
-    found, held = _asked(path, addresses)
-    if found is None and held:
+    found, stuck = _asked(path, addresses)
+    if found is None and stuck:
         outcome = recover(path)
         if outcome.freed:
-            found, held = _asked(path, addresses)
+            found, stuck = _asked(path, addresses)
     if found is not None:
         return *found, () if outcome is None else (outcome.text,)
-    if held and outcome is not None:
-        raise RobotUnreachable(note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.said))
+    if stuck and outcome is not None:
+        raise RobotUnreachable(
+            note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.message)
+        )
     asked = " and ".join(f"0x{address:02X}" for address in addresses)
     raise RobotUnreachable(
         f"No IMU answers at {asked} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
@@ -347,18 +349,18 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
 
 
 def _asked(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
-    """The device that answers WHO_AM_I with its answer, and whether the bus was held."""
-    held = False
+    """The device that answers WHO_AM_I with its answer, and if the bus was stuck."""
+    stuck = False
     for address in addresses:
         device = Device(path, address)
         device.open()
         for _ in range(2):
             try:
-                return (device, device.read(WHO_AM_I, 1)[0]), held
+                return (device, device.read(WHO_AM_I, 1)[0]), stuck
             except OSError as error:
-                held = held or is_held(error)
+                stuck = stuck or is_stuck_low(error)
         device.close()
-    return None, held
+    return None, stuck
 
 
 def chip_at(device: Device, who_am_i: int) -> Chip:

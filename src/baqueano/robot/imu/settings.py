@@ -17,15 +17,15 @@ BURST_BITS = 156  # of 14 bytes on the bus
 
 
 class ImuEvent(NamedTuple):
-    """Something that the log should tell."""
+    """An event for the log."""
 
     t_ns: int
-    said: Diagnostic
+    message: Diagnostic
 
     @property
     def text(self) -> str:
         """Return its sentence."""
-        return text(self.said)
+        return text(self.message)
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Counts:
 
 
 @dataclass(frozen=True)
-class Found:
+class OpenedImu:
     """The state of the IMU when it was opened."""
 
     chip: str

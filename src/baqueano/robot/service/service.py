@@ -32,7 +32,7 @@ from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_fil
 from baqueano.loop import Record
 from baqueano.messages import templates, text
 from baqueano.robot.imu.bus_recovery import RecoveryOutcome
-from baqueano.robot.service.drive_figures import Lateness, imu_told, line_told, uno_told
+from baqueano.robot.service.drive_figures import Lateness, imu_losses, line_losses, uno_losses
 from baqueano.robot.service.health import ComputerHealth
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
@@ -169,7 +169,7 @@ class Service:
         outcome = self.imu.free_bus()
         if outcome is not None and (outcome.freed or outcome != self._bus):
             self._bus = outcome
-            self._event("warning", outcome.said)
+            self._event("warning", outcome.message)
             self.say(outcome.text)
         elif not self.imu.silent and self._bus is not None and not self._bus.freed:
             self._bus = None
@@ -283,11 +283,11 @@ class Service:
 
     def _mute(self) -> Diagnostic:
         """Return the last diagnostic of an IMU that is silent."""
-        if not self.imu.held:
+        if not self.imu.bus_stuck:
             return stop(StopReason.IMU_SILENT)
         if self._bus is None or self._bus.freed:  # that was another time
             return stop(StopReason.IMU_BUS_HELD)
-        return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.said)
+        return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.message)
 
     def _publish(self, world: Robot | None = None, at_once: bool = False) -> None:
         now_ns = self.now_ns()
@@ -301,7 +301,7 @@ class Service:
                 "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
                 "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
-                "imu_bus": self._bus.said if self._bus else None,
+                "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 **_motion_of(self._seen if world is not None else None),
             }
@@ -353,11 +353,11 @@ class _Watching(Observer):
     def ended(self, why: Diagnostic | None) -> list[LastLine]:
         self.over, self.stopped, s, now = True, why, self._service, self._service.uno.statistics
         last: list[LastLine] = [
-            (CLOCK_SOURCE, *self._late.told()), (LINE_SOURCE, *line_told(self._before, now, s.uno.trouble)),
-            (UNO_SOURCE, *uno_told(self._before, now)),
+            (CLOCK_SOURCE, *self._late.line()), (LINE_SOURCE, *line_losses(self._before, now, s.uno.trouble)),
+            (UNO_SOURCE, *uno_losses(self._before, now)),
         ]  # fmt: skip
         if s._counted is not None:
-            last.append((IMU_SOURCE, *imu_told(s._counted, s.imu.counts)))
+            last.append((IMU_SOURCE, *imu_losses(s._counted, s.imu.counts)))
         for _, level, what in last:
             s._event(level, what)
         s.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits

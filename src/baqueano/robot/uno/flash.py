@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.uno.frames import PROTOCOL
-from baqueano.robot.uno.serial_port import connected, found
+from baqueano.robot.uno.serial_port import connected, find_port
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -98,7 +98,7 @@ def flash(
             "avrdude is not installed here. Type: sudo apt-get install avrdude. Where there is no internet, plug the "
             "Uno into a computer that has it, and type there: baqueano robot flash"
         )
-    where = found(port)
+    where = find_port(port)
     say(f"{where}: writing {size} bytes ({path.name}, {checksum(path)})")
     _written(avrdude, where, path)
     with connected(where) as uno:

@@ -155,7 +155,7 @@ class Uno:
     def _lasts(self) -> bool:
         return self.trouble is not None and self.trouble.code in LASTING
 
-    def heard(self) -> list[Telemetry]:
+    def receive(self) -> list[Telemetry]:
         """Telemetry since this was last asked, in order."""
         self.pump()
         return [self._telemetry.popleft() for _ in range(len(self._telemetry))]

@@ -93,7 +93,7 @@ def roused(file: Path) -> Callable[[], object]:
     Nothing happens where file or line are not found; who needs them says so."""
     try:
         hardware = tomllib.loads(file.read_text(encoding="utf-8")).get("robot", {})
-        line = os.open(found(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        line = os.open(find_port(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except (BaqueanoError, OSError, ValueError, AttributeError, TypeError, RecursionError):
         return lambda: None
     return partial(os.close, line)
@@ -114,7 +114,7 @@ def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     """
     from baqueano.robot.uno.link import Uno
 
-    path = found(port)
+    path = find_port(port)
     line = SerialPort(path, baud)
     try:
         line.open()
@@ -165,8 +165,8 @@ def introduce(uno: "Uno", path: str) -> Info:
     return info
 
 
-def found(port: str) -> str:
-    """The line that is meant; "auto" is the only one there is."""
+def find_port(port: str) -> str:
+    """Return the path of the line; for "auto" that of the only one."""
     if port != "auto":
         return port
     there = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))

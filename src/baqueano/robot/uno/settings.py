@@ -48,7 +48,7 @@ Wait = Callable[[float], object]
 
 
 @dataclass(frozen=True)
-class Kept:
+class StoredSettings:
     """The stored settings of an Uno."""
 
     settings: Settings
@@ -74,7 +74,7 @@ class Kept:
         return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *ways)]
 
     @classmethod
-    def of(cls, rows: list["TableRow"]) -> "Kept":
+    def of(cls, rows: list["TableRow"]) -> "StoredSettings":
         """The inverse of `rows`, from JSON."""
         return cls(changed(Settings(), _said(rows)))
 
@@ -99,7 +99,7 @@ class Kept:
 
 
 def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
-    """Return the values to type behind each name, from the `rows` of a Kept."""
+    """Return the values to type behind each name, from the `rows` of a StoredSettings."""
     whole, *ways = rows
     said = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
     for name in OF_WAYS:
@@ -113,7 +113,7 @@ def as_typed(settings: Settings) -> str:
     >>> as_typed(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
     """
-    default, said = _said(Kept(Settings()).rows()), _said(Kept(settings).rows())
+    default, said = _said(StoredSettings(Settings()).rows()), _said(StoredSettings(settings).rows())
     words = [f"--{name}={text}" for name in said for text in said[name] if text not in default[name]]
     return " ".join(["baqueano robot settings --defaults", *words])
 
@@ -174,7 +174,7 @@ def _number(name: str, text: str, said: str, layout: type, field: str, unit: int
     return round(value * unit)
 
 
-def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> Kept:
+def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> StoredSettings:
     """Write `wanted` of its settings to the Uno, and return them as read back from it. AnswerNo while a motor
     runs."""
     before = uno.settings(wait)
@@ -184,13 +184,13 @@ def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.
         uno.disarm()
         wait(0.05)
         uno.keep(settings, wait)
-    return Kept(uno.settings(wait))
+    return StoredSettings(uno.settings(wait))
 
 
 def _at_rest(uno: "Uno", wait: Wait) -> None:
-    uno.heard()
+    uno.receive()
     wait(TELEMETRY_S)
-    said = uno.heard()
+    said = uno.receive()
     if any(duty for telemetry in said[-1:] for duty in telemetry.applied):
         left, right = said[-1].applied
         raise AnswerNo(
@@ -204,7 +204,7 @@ def watch(uno: "Uno", seconds: float, say: Callable[[str], object], wait: Wait =
     before = None
     for _ in range(round(seconds / LOOK_S)):
         wait(LOOK_S)
-        for told in uno.heard()[-1:]:
+        for told in uno.receive()[-1:]:
             if (told.counts, told.marks) != before:
                 before = (told.counts, told.marks)
                 say(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from baqueano.door.remote_session import attended, said
+from baqueano.door.remote_session import answer_of, attended
 from baqueano.door.ssh import ssh
 from baqueano.door.states import DoorState
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
@@ -86,7 +86,7 @@ def there(host: str, *verb: str) -> list["TableRow"]:
 
     Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.
     """
-    answer, code = said(ssh(host, shlex.join(["baqueano", *verb, "--json"])))
+    answer, code = answer_of(ssh(host, shlex.join(["baqueano", *verb, "--json"])))
     try:
         rows = words(json.loads(answer)["rows"])
         if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):

@@ -65,7 +65,7 @@ class Bench:
         while not done and (t_s := (self.now_ns() - start) * 1e-9) < seconds:
             self.uno.drive(*duties(t_s))
             self.wait(STEP_S)
-            heard_ns = self.now_ns() if self.uno.heard() else heard_ns
+            heard_ns = self.now_ns() if self.uno.receive() else heard_ns
             new = self.imu.read()
             samples += new
             done = any(until(sample) for sample in new)

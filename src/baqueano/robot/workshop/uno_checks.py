@@ -27,10 +27,10 @@ QUIETER = "Keep the USB cable away from the motors' wires, and 100 nF across eac
 def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
     """The line, who answers on it, how fast, and what was lost in two seconds."""
     from baqueano.robot.uno.frames import AskInfo, Info
-    from baqueano.robot.uno.serial_port import connected, found
+    from baqueano.robot.uno.serial_port import connected, find_port
 
     try:
-        where = found(port)
+        where = find_port(port)
         with connected(where) as link:
             yield Check("serial line", "ok", where)
             time.sleep(FIRST_S)
@@ -55,7 +55,7 @@ def answers(
     """Check a link that has listened for a while, since its statistics were `before`."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
 
-    info, heard = link.info, link.heard()
+    info, heard = link.info, link.receive()
     if info is None:
         yield Check(
             "firmware", "bad", "the Uno was reset while it was asked", "Look at its supply, and try again"

@@ -29,7 +29,7 @@ def judged(found: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
     if left:
         cures = [d.cure for d in left]
         lines = " ".join(
-            f"{d.said if d.cure not in cures[k + 1 :] else d.text}." for k, d in enumerate(left)
+            f"{d.advice if d.cure not in cures[k + 1 :] else d.text}." for k, d in enumerate(left)
         )  # a cure of several stands after the last
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in left)}))
         raise FileError(

@@ -56,7 +56,7 @@ class Imported(NamedTuple):
                 "level": d.level,
                 "doubt": d.code,
                 "t_s": None if d.t_ns is None else (d.t_ns - start) * 1e-9,
-                "text": d.said,
+                "text": d.advice,
             }
             for d in self.doubts
         ]
@@ -68,7 +68,7 @@ class Imported(NamedTuple):
         for k, d in enumerate(self.doubts):
             n = many[d.level, d.code]
             tail = f" (and {n - 1} more such)" if n > ALIKE else ""
-            line = f"{d.level:8} {d.code:20} {d.said}{tail}"
+            line = f"{d.level:8} {d.code:20} {d.advice}{tail}"
             lines.setdefault((d.level, d.code) if tail else k, line)
         return "\n".join(lines.values())
 
@@ -96,7 +96,7 @@ class ImportedRuns(NamedTuple):
                 first.setdefault((d.level, d.code), d)
                 seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
         lines = [
-            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.said}"
+            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.advice}"
             for (level, code), d in first.items()
         ]
         return "\n".join(lines or ["nothing was doubted"])
@@ -189,7 +189,7 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
         found.append(Doubt("no command yet", "info", int(t_ns[0]), text, usual=usual))
     found += cross_checks.look(run, m)
     judged = cross_checks.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
-    events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.said}") for d in judged)
+    events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.advice}") for d in judged)
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
     return Imported(run, judged)
 

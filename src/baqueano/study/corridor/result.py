@@ -101,16 +101,16 @@ def squared(one: Instant, quantity: str) -> float:
     return float(one.error[k] @ np.linalg.solve(one.cov[k, k], one.error[k]))
 
 
-def known(one: Instant) -> bool:
-    """Return whether the claimed heading is one."""
+def has_heading(one: Instant) -> bool:
+    """Return True if the claimed heading is useful."""
     return bool(one.cov[2, 2] <= LOST_RAD**2)
 
 
 def gathered(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
     """Return the corridors of instants with their names, in the order in which these come first."""
     names = list(dict.fromkeys(name for name, _ in named))
-    instants = {n: tuple(one for name, one in named if name == n and known(one)) for n in names}
-    lost = {n: sum(1 for name, one in named if name == n and not known(one)) for n in names}
+    instants = {n: tuple(one for name, one in named if name == n and has_heading(one)) for n in names}
+    lost = {n: sum(1 for name, one in named if name == n and not has_heading(one)) for n in names}
     return Corridors({n: x for n, x in instants.items() if x}, lost, vehicles, tuple(refused))
 
 

@@ -13,7 +13,7 @@ from baqueano.runs.run import Run
 from baqueano.vehicle_file import VehicleFile
 
 
-def left_of(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
+def undamaged(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
     """The `sound` run with NaN for the readings that are left out of the `damaged` one, and which part they are;
     None where samples came at other times, so that none are the same."""
     pieces, _ = mended([damaged], file, file.sensors._asdict())
