@@ -18,7 +18,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.unknown-verb": "'{path} {found}' does not exist. {near}.",
     "cli.no-such-verb": "'{path} {found}' does not exist. {near}. To see what each does: {fix}",
-    "cli.unknown-backend": "The environment has BAQUEANO_BACKEND={found}: expected one of {known}. Type: {fix}",
+    "cli.unknown-setting": "The environment has {variable}={found}: expected one of {known}. Type: {fix}",
     "report.table-ending": "{found}: expected a name that ends in .csv or .tex. Type: {fix}",
     "next.put-right": "Type: {fix}",
     "next.near-file": "Did you mean {meant}? Type: {fix}",
