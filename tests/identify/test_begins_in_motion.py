@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.setup import records_of
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load

@@ -3,7 +3,7 @@
 import numpy as np
 
 from baqueano.identify import FitOptions
-from baqueano.identify.residuals.speed_dependent_noise import spread_and_profile
+from baqueano.identify.residuals.noise_level import profile_by_speed
 
 
 def drawn(kappa, seed, n=4000):
@@ -16,7 +16,7 @@ def drawn(kappa, seed, n=4000):
 def test_the_growth_of_the_noise_is_found_among_outliers():
     r, v, true = drawn(1.5, 0)
     r[::20] += 30.0
-    sigma, (profile,) = spread_and_profile([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
+    sigma, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
     np.testing.assert_allclose(sigma[0] * profile[:, 0], true, rtol=0.25)
     np.testing.assert_allclose(np.mean(profile**2), 1.0)
 
@@ -25,7 +25,7 @@ def test_steady_noise_stays_steady_at_19_of_20_seeds():
     steady = 0
     for seed in range(20):
         r, v, _ = drawn(0.0, seed)
-        _, (profile,) = spread_and_profile([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
+        _, (profile,) = profile_by_speed([r[:, None]], [np.ones((len(r), 1))], [v], np.array([1e-9]))
         steady += np.ptp(profile) == 0.0
     assert steady >= 19
 

@@ -15,7 +15,7 @@ from baqueano.cli import main
 from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.selection.held_out import Score, paired
 from baqueano.identify.selection.information import not_separated
 from baqueano.identify.selection.selection import choose

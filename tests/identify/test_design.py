@@ -17,9 +17,8 @@ from baqueano.identify.design import (
 )
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.belief import Cloud
-from baqueano.identify.design.inside import alternatives
 from baqueano.identify.design.pieces import GENTLE, MotionPiece, PieceShape, gentler, moved
-from baqueano.identify.design.room import SIDEWAYS_M_S2
+from baqueano.identify.design.room import SIDEWAYS_M_S2, alternatives
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
 from tests.codes import of_code

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import against_file
 from baqueano.simulate import simulate
 

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import against_file
 
 

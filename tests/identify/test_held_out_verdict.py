@@ -11,7 +11,7 @@ import pytest
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.judged import judge
-from baqueano.identify.selection.independent import pieces_of, turning_points
+from baqueano.identify.selection.held_out import pieces_of, turning_points
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
 from baqueano.study.truth import TruthWorld, drawn

@@ -13,7 +13,7 @@ from baqueano.blocks import check
 from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.design import designed, room_of
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.selection.selection import choose

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation import search
 from baqueano.identify.parameters.free import chosen, with_room
 from baqueano.messages import texts

@@ -9,8 +9,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.record import record_of
+from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.design.signals import random_steps
 from baqueano.identify.estimation import prediction_error as prediction
 from baqueano.identify.estimation.prediction_error import FloorNoise, Prediction, most_likely, tail

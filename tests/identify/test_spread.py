@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.identify.residuals.huber import spread, telling
+from baqueano.identify.residuals.noise_level import spread, telling
 
 
 def test_rows_in_which_an_encoder_stands_do_not_make_the_noise_small():

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import Severity, note
 from baqueano.identify import identify
-from baqueano.identify.result.lines import marks, verdict_lines
+from baqueano.identify.result.fit_result import marks, verdict_lines
 from baqueano.messages import grouped
 
 MOST = 15  # lines beside the table of parameters and the channels

@@ -8,8 +8,7 @@ from baqueano.identify import FitOptions
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.estimation.least_squares import Evaluation, Solution
 from baqueano.identify.estimation.prediction_error import FloorNoise, Likely
-from baqueano.identify.result.left_out import LeftOut
-from baqueano.identify.result.objective_choice import preferred
+from baqueano.identify.result.objective_choice import LeftOut, preferred
 from tests.codes import of_code
 
 QUIET = np.ones(1)

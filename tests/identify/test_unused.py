@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.identify.data.unused import unused
+from baqueano.identify.dataset import unused
 from baqueano.runs.run import Channel
 from baqueano.vehicle_file import load
 

@@ -10,8 +10,8 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.covariance.jackknife import with_blocks
 from baqueano.identify.covariance.scale_uncertainty import of_tolerance, scales_of, zero_of
-from baqueano.identify.residuals import low_frequency_noise as slow_noise
-from baqueano.identify.residuals.wiener_filter import slow_part
+from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
+from baqueano.identify.residuals.noise_level import profile_of_slow
 from baqueano.identify.without_encoders import imu_is_all, without_encoders
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -194,12 +194,28 @@ def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
     np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
 
 
+def test_a_led_fit_is_searched_by_the_solver_that_was_given(fitted):
+    class Asked(Exception):
+        pass
+
+    def solver(*args, **how):
+        raise Asked
+
+    file, run, _ = fitted
+    with pytest.raises(Asked):
+        identify(run, file, use=("imu",), solver=solver)
+
+
 def test_what_a_led_fit_would_not_heed_is_refused(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, check=of_code("led.others", others="clocks, sigma")):
         identify(
             run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
         )
+    with pytest.raises(UsageError, check=of_code("led.others", others="segment_s")):
+        without_encoders(run, file, options=FitOptions(segment_s=5.0))
+    with pytest.raises(UsageError, check=of_code("led.others", others="residuals")):
+        identify(run, file, residuals=GyroAidedResiduals, options=FitOptions(gyro_leads=True))
     with pytest.raises(UsageError, check=of_code("led.not-an-imu")):
         identify(run, file, use=("imu", "odometer"), options=FitOptions(gyro_leads=True))
     with pytest.raises(UsageError, match="odometer"):
@@ -212,7 +228,7 @@ def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less(
     slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
     left = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
     has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
-    sigma, profile = slow_noise.spread_and_profile(left, has, v, dt, np.zeros(2))
+    sigma, profile = profile_of_slow(left, has, v, dt, np.zeros(2))
     assert sigma[0] == pytest.approx(1.0, abs=0.12)
     expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over as long as they last
     assert sigma[1] == pytest.approx(expected, rel=0.15)
@@ -223,9 +239,7 @@ def test_noise_that_grows_with_speed_is_weighed_by_speed():
     rng, n = np.random.default_rng(2), 8000
     v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
     left = [(v * rng.normal(size=n))[:, None]]
-    sigma, profile = slow_noise.spread_and_profile(
-        left, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1)
-    )
+    sigma, profile = profile_of_slow(left, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
     ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
     assert np.all((ratio > 0.8) & (ratio < 1.3))
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import all_parameters
 from baqueano.report.tables import csv_text, latex_text, save_table, symbol, with_error
 from baqueano.sensors import Imu

@@ -21,13 +21,12 @@ from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.data.segments import without
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.prediction_error import Likely, Prediction, most_likely
-from baqueano.identify.identifiability.finished import FinishedFit
+from baqueano.identify.identifiability.identifiable import FinishedFit
 from baqueano.identify.parameters.free import FLOOR, described, value
 from baqueano.identify.residuals.block_arrow import Evaluation, dense
 from baqueano.identify.result.assemble import believed_of, fit_of, known_of, only_coloured
 from baqueano.identify.result.fit_result import Fit
-from baqueano.identify.result.left_out import LeftOut, left_out
-from baqueano.identify.result.objective_choice import Preferred, preferred
+from baqueano.identify.result.objective_choice import LeftOut, Preferred, left_out, preferred
 from baqueano.symbolic import put
 
 

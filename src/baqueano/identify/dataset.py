@@ -6,19 +6,26 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.data.hand_measurements import with_tape
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.rest import with_gyro_at_rest
 from baqueano.identify.data.truth import TRUTH, with_truth
+from baqueano.identify.data.voltage import CHANNEL
 from baqueano.identify.diagnostics import mended
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import acts_alone, chosen
 from baqueano.identify.parameters.setup import Parameters, unknowns
 from baqueano.identify.residuals.simulation import chosen_sensors
-from baqueano.runs.run import Run
+from baqueano.runs.maps.columns import KINDS
+from baqueano.runs.run import Channel, Run
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+NO_MOTION = (CHANNEL, "imu_temperature")  # of the vehicle's state: voltage.py, `runs noise`
+BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,3 +138,21 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
                 raise UsageError(fault("use.unreadable", found=one))
             only.setdefault(name, []).append(int(entry.rstrip("]")))
     return only
+
+
+def unused(runs: Sequence[Run], file: "VehicleFile") -> list[str]:
+    """A sentence on each sensor of the runs that takes no part, and how it would."""
+    held: dict[str, Channel] = {}
+    for run in runs:
+        held |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
+    return [
+        f"the run has '{name}', the vehicle file {file.name} has not: it is not used. To use it, write into the file: "
+        f'[sensors.{name}] and below it kind = "{_kind(name, channel)}"'
+        for name, channel in held.items()
+        if name not in file.sensors._fields and name not in NO_MOTION
+    ]
+
+
+def _kind(name: str, channel: Channel) -> str:
+    """What a sensor of that name, else of so many channels, is likely to be."""
+    return name if name in KINDS else BY_SIZE.get(channel.z.shape[1], "…")

@@ -17,22 +17,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.diagnostics import note
+from baqueano.diagnostics import fault, note
+from baqueano.errors import UsageError
 from baqueano.identify import without_encoders
 from baqueano.identify.by_innovations import fit_by_innovations, fit_by_simulation
 from baqueano.identify.covariance.scale_uncertainty import covariance_by_zeros
 from baqueano.identify.data.record import beginning
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
-from baqueano.identify.estimation.duty_step import PATH, duty_step
+from baqueano.identify.estimation.delay import PATH, best_search_of_all, bounds_of, duty_step
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.finished import FinishedFit
-from baqueano.identify.identifiability.fixing import without_the_unseen
+from baqueano.identify.identifiability.identifiable import FinishedFit, without_the_unseen
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import acts_alone
 from baqueano.identify.parameters.setup import Parameters, given_sigma
-from baqueano.identify.residuals.huber import believed, smallest_spread
+from baqueano.identify.residuals.noise_level import believed, smallest_spread
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
@@ -72,8 +71,12 @@ def identify(
     0.61 kg, USABLE
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    if residuals is Residuals and without_encoders.gyro_leads(vehicle_file, runs, use, free, options):
-        return without_encoders.without_encoders(runs, vehicle_file, free, use, options=options, say=say)
+    own = residuals is not Residuals
+    if own and options.gyro_leads:
+        raise UsageError(fault("led.others", others=["residuals"]))
+    if not own and without_encoders.gyro_leads(vehicle_file, runs, use, free, options):
+        how = {"options": options, "solver": solver, "say": say}
+        return without_encoders.without_encoders(runs, vehicle_file, free, use, **how)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
     problem = residuals.of(parameters, options.backend)

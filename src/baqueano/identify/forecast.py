@@ -22,8 +22,7 @@ from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.record import record_of
+from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.parameters.free import value, with_numbers
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text, texts

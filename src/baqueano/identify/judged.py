@@ -24,7 +24,7 @@ block on both sides tells nothing of chance, and the sentence says so. α is hal
 REFUSED is a channel that the model explains by less than 0 and by more than chance (5): of what a true model leaves,
 the mean of the run takes away no more, and a true model leaves no more than s². What a fit leaves of own runs that it
 does not explain is no noise: then n is the white part alone. CANNOT TELL: nothing speaks against the model, and a
-command that moved in the fit has fewer than LEAST independent pieces in the held-out runs (selection/independent.py).
+command that moved in the fit has fewer than LEAST independent pieces in the held-out runs (selection/held_out.py).
 """
 
 from collections.abc import Sequence
@@ -45,9 +45,8 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.setup import POSE_S
 from baqueano.identify.result.channel_units import channel_unit, percent, times
 from baqueano.identify.result.fit_result import ChannelFit, Fit, asked_for
-from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S
-from baqueano.identify.selection.independent import LEAST as ENOUGH_PIECES
-from baqueano.identify.selection.independent import pieces_of
+from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
+from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
 from baqueano.messages import verdict_line
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose

@@ -30,12 +30,12 @@ class FitOptions:
     biases: bool = True  # of the IMU, estimated run by run; of a car the gyro's is that at rest (rest.py)
     # data
     at_rest: bool = False  # the runs begin at rest
-    clocks: Sequence[str] = ()  # sensors whose stamps may be off by ± 0.25 s, run by run (clock_offset.py)
+    clocks: Sequence[str] = ()  # sensors whose stamps may be off by ± 0.25 s, run by run (data/record.py)
     segment_s: float | None = None  # length of segments with a start of their own; poses: 5 s unasked
     measured: Sequence[str] = ()  # by hand: "end: 2.31 m, 95 deg" (hand_measurements.py)
     # noise and cost
     sigma: Mapping[str, Any] | None = None  # sensor → (m,) std of its noise; None: estimated
-    speed_noise: bool = False  # the noise may grow with the speed (speed_dependent_noise.py)
+    speed_noise: bool = False  # the noise may grow with the speed (noise_level.py)
     cost: str = "simulation"  # or "innovations", with the floor's noise (prediction_error.py)
     gyro_leads: bool | None = None  # the simulation (without_encoders.py); None: of a car with an IMU alone
     # the rest

@@ -1,7 +1,7 @@
 """A vehicle from its commands and its IMU alone: no encoder, no camera.
 
 The simulation is led by the gyro (gyro_aided.py) and each channel weighed by what it knows of slow motion
-(low_frequency_noise.py). Beside what the model asks for, the place of the IMU along the vehicle is free: it acts on
+(noise_level.py). Beside what the model asks for, the place of the IMU along the vehicle is free: it acts on
 a_x by −l ν_ψ² and on a_y by l ν̇_ψ, is hardly ever measured, and taken for granted it becomes friction. Of a car
 the delay of the commands is free too, unless others are asked for in place of what it needs: a wrong one spoils what
 a_x says.
@@ -29,16 +29,15 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.covariance.information import Information, information
 from baqueano.identify.covariance.jackknife import jackknife, with_blocks
 from baqueano.identify.covariance.scale_uncertainty import scales_of, with_systematic, zero_of
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
+from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.finished import FinishedFit
-from baqueano.identify.identifiability.fixing import without_the_unseen
-from baqueano.identify.identifiability.identifiable import Seen
+from baqueano.identify.identifiability.identifiable import FinishedFit, Seen, without_the_unseen
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     DELAY,
@@ -51,7 +50,7 @@ from baqueano.identify.parameters.free import (
 )
 from baqueano.identify.parameters.setup import unknowns
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_led
-from baqueano.identify.residuals.huber import smallest_spread, spread
+from baqueano.identify.residuals.noise_level import smallest_spread, spread
 from baqueano.identify.result.assemble import fit_of
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
@@ -73,15 +72,19 @@ def without_encoders(
     *,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     tolerance: Mapping[str, float] | None = None,
+    solver: Minimiser = minimise,
     say: Callable[[str], object] | None = None,
 ) -> Fit:
     """Return the parameters of `vehicle_file` that explain what an IMU measured in `runs`.
 
-    `free` and `options` as in `identify`, which does this by itself for a car with an IMU alone. `use` names the IMU,
+    `free`, `solver` and of `options` those in GOES_WITH as in `identify`, which does this by itself for a car with an
+    IMU alone. `use` names the IMU,
     else the file's only one. `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1;
     left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no
     IMU.
     """
+    if others := _others(options):
+        raise UsageError(fault("led.others", others=others))
     imu = _imu(vehicle_file, use)
     scales = scales_of(vehicle_file, imu, tolerance or {})
     data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
@@ -95,7 +98,7 @@ def without_encoders(
     problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
     begin = parameters.first, parameters.low, parameters.high
-    task = Task(problem, *begin, floor, None, by_speed=True, say=say)
+    task = Task(problem, *begin, floor, None, by_speed=True, say=say, minimise=solver)
     within, found = _settled(task)
     found, sight, info = without_the_unseen(within, found, parameters.free)
     found = bounds_of(task, found)
@@ -163,14 +166,15 @@ def gyro_leads(
     file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
     options: FitOptions,
 ) -> bool:  # fmt: skip
-    """Return whether the gyro leads the fit: where the options say so, else of a car that has an IMU alone. UsageError
-    where other options contradict that."""
-    others = [name for name in options.changed if name not in GOES_WITH]
-    if options.gyro_leads and others:
-        raise UsageError(fault("led.others", others=others))
+    """Return whether the gyro leads the fit: where the options say so, else of a car that has an IMU alone."""
     if options.gyro_leads is not None:
         return options.gyro_leads
-    return not others and imu_is_all(file, runs, use, free)
+    return not _others(options) and imu_is_all(file, runs, use, free)
+
+
+def _others(options: FitOptions) -> list[str]:
+    """Return the names of options that do not go with a gyro that leads."""
+    return [name for name in options.changed if name not in GOES_WITH]
 
 
 def imu_is_all(

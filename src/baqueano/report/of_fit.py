@@ -6,8 +6,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify.result.channel_units import percent
-from baqueano.identify.result.fit_result import Fit, rounded
-from baqueano.identify.result.lines import marks
+from baqueano.identify.result.fit_result import Fit, marks, rounded
 from baqueano.messages import ended, texts
 from baqueano.report import figures
 from baqueano.report.page import Headline, Page, Section, Table, draw

@@ -95,7 +95,7 @@ def command(
     from baqueano.cli.errors import Interrupted
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
-    from baqueano.identify.data.unused import unused
+    from baqueano.identify.dataset import unused
 
     _meant(over_time, choose, unseen=bool(held_out))
     _named(table)
@@ -350,7 +350,7 @@ def _over_time(
 
 def _written(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
     if table is not None:
-        from baqueano.identify.blocks import FittedBlocks
+        from baqueano.identify.data.record import FittedBlocks
         from baqueano.report.tables import save_table
 
         blocks = FittedBlocks(file.vehicle, file.sensors)

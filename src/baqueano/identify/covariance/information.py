@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.parallel import each, gram
-from baqueano.identify.residuals.huber import FEW
+from baqueano.identify.residuals.noise_level import FEW
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
 WINDOW_S = 5.0
@@ -72,7 +72,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
         bread, meat = _white(np.where(few & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
         if coloured:
             scored = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))
-            meat = _coloured(scored, has, d, record.dt_s)
+            meat = coloured_scores(scored, has, d, record.dt_s)
             meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
@@ -156,7 +156,7 @@ def _products(r: np.ndarray, there: np.ndarray) -> np.ndarray:
     return out
 
 
-def _coloured(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+def coloured_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     """B (p, p) of scores ψ (N, m) with slopes d (N, m, p) under the autocovariance of ψ.  (2)"""
     n, m, p = d.shape
     lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))

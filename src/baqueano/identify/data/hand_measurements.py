@@ -30,7 +30,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, Motion, seconds, sensor_slots
 from baqueano.symbolic import scan

@@ -8,6 +8,9 @@ measurement belongs to the tick that ended at its own time stamp (not at its arr
 one tick the last one counts. Left out are entries that are not finite, what diagnostics/samples.py found to be no
 measurement among them, what was measured before the first tick, where the model has not begun, and, counted, those at
 the end of the sensor's range.
+
+Where a sensor's clock is not the commands', what it showed at t happened at t + o, |o| ≤ CLOCK_S: a measurement is read
+CLOCK_S after its stamp, and the model's h at the age of t + o from a line of the rows before (vehicles/delay.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,14 +22,14 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.data.clock_offset import CLOCK_S
 from baqueano.runs.run import Channel, Run
-from baqueano.signals import seconds
+from baqueano.signals import ByName, seconds
 
 LONG_STEP = 2.5  # median steps, above which a step is a gap
 JUST = 1e-6  # of a row: rounding
 ROW_S, MORE = 0.02, 0.25  # the longest row; of it, what a tick may last longer and stay one
 LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
+CLOCK_S = 0.25  # the largest offset of a clock that a fit looks for
 
 
 class Measured(NamedTuple):
@@ -200,3 +203,15 @@ def range_of(block: Tree) -> np.ndarray | None:
         return None
     step = np.array([block.accel_step, block.accel_step, block.gyro_step])
     return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step
+
+
+def slots_for(dt_s: np.ndarray) -> int:
+    """Rows of the past that offsets of ± CLOCK_S need, with steps `dt_s` (N,)."""
+    return int(np.ceil(2.0 * CLOCK_S / float(np.median(dt_s)))) + 2
+
+
+class FittedBlocks(NamedTuple):
+    """The part of a vehicle that a fit sees, by the tables of its file."""
+
+    model: Tree
+    sensors: ByName[Tree]  # NamedTuple of sensor blocks

@@ -13,8 +13,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.record import FitRecord, Measured
+from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.symbolic import put

@@ -7,9 +7,8 @@ safe = contained(u, file, room)           # any other signal, kept inside by the
 
 from baqueano.identify.design.belief import PlannedBelief, believed
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.inside import Contained, contained
 from baqueano.identify.design.plan import Plan, designed
-from baqueano.identify.design.room import Room, body_radius, room_of
+from baqueano.identify.design.room import Contained, Room, body_radius, contained, room_of
 
 __all__ = [
     "Contained",

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import default_free, value
 from baqueano.simulate.many import bounds, lanes_kernel

@@ -1,14 +1,15 @@
 """The experiment for this vehicle in this room: `designed`.
 
-Pieces by chance, composed; then, some rounds long, children of the pieces that were chosen join the library
-and what is better takes its place. So far a few of the possible vehicles drive every piece. They allow more
-than all of them would, the more so the longer one searches: so all VEHICLES drive the best of the library, and
-with their paths it is composed again. A piece ends with a coast in which COVERED of the way that a vehicle at
-full command still rolls is covered; the composition counts on the rest of that way too, but not on what the
-speed that is left does to the next piece. So the plan is driven as a whole (driven.py), by as many others that had no
-part in the search, in three orders: as composed, and by how far its pieces reach, up and down. The one that then tells
-most is the plan, and where those others go is told with it. The numbers of pieces and rounds are fixed, not
-the time: the same seed gives the same plan everywhere.
+Pieces by chance, composed; then, some rounds long, children of the pieces that were chosen join the library and what
+is better takes its place. So far a few of the possible vehicles drive every piece. They allow more than all of them
+would, the more so the longer one searches: so all VEHICLES drive the best of the library, and with their paths it is
+composed again. A piece ends with a coast in which COVERED of the way that a vehicle at full command still rolls is
+covered; the composition counts on the rest of that way too, but not on what the speed that is left does to the next
+piece. So the plan is driven as a whole by as many others that had no part in the search, in three orders: as
+composed, and by how far its pieces reach, up and down. The one that then tells most is the plan, and where those
+others go is told with it. The numbers of pieces and rounds are fixed, not the time: the same seed gives the same plan
+everywhere. A piece that is not allowed (room.py, (4)) waits, and one that would come later has its turn; last comes
+the one of the library that is worth most beside the others.
 """
 
 from collections.abc import Callable
@@ -21,11 +22,11 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.design.belief import Cloud, PlannedBelief, believed
 from baqueano.identify.design.compose import Composer
-from baqueano.identify.design.driven import driven
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.inside import COAST_S, SAMPLE_S, VEHICLES, contained
 from baqueano.identify.design.pieces import MotionPiece, PieceShape, children, drawn, gentler
+from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contained, first_allowed
 from baqueano.identify.parallel import each
+from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ FIRST, ROUNDS, EACH = 240, 5, 60  # pieces at first; rounds of children, and how
 KEPT, FINAL = 300, 120  # pieces from round to round, and those that all the vehicles drive
 WEIGHED = 3  # possible vehicles over which J is the mean
 TURNS = 8  # pieces that have different noise
+PRICES = (1.0, 5.0, 25.0)  # in J, for a whole room of reach, by which those that are tried are ordered
+TRIED = 6  # for each of these prices, and pieces driven at once
 
 
 class Plan(NamedTuple):
@@ -226,3 +229,47 @@ class PlanSearch:
         """The geometric mean of the standard errors after what is composed so far."""
         F = self.composer.F[self.composer.chosen].sum(axis=0)[0]
         return mean_error(self.informant.relative_sd(F))
+
+
+def driven(
+    composer: Composer,
+    order: list[int],
+    commands: Callable[[int], np.ndarray],
+    cloud: Cloud,
+    room: Room,
+    rest: int,
+) -> list[int]:
+    """The pieces that the vehicles of `cloud` may drive one after the other where those of `order` were meant, after
+    `rest` ticks of standing still; `commands` gives (T, n) of a piece.  (1)"""
+    state, tick, chosen = cloud.at(room.start), rest, list(order)
+    if rest:
+        state, _ = cloud.drive(state, np.zeros((rest, commands(0).shape[1])))
+    for place in range(len(chosen)):
+        at = commands, cloud, room, state, tick
+        later = list(dict.fromkeys(chosen[place:]))
+        found = _first(later[:1], *at) or _first(later[1:], *at)
+        if found:
+            chosen.insert(place, chosen.pop(chosen.index(found[0], place)))
+        else:
+            others = composer.instead(chosen, place, state.eta[: composer.path.shape[1]], PRICES, TRIED)
+            found = _first([*others, 0], *at)
+        chosen[place], state = found or (0, cloud.drive(state, commands(0), tick)[0])
+        tick += len(commands(0))
+    return chosen
+
+
+def _first(
+    some: list[int],
+    commands: Callable[[int], np.ndarray],
+    cloud: Cloud,
+    room: Room,
+    state: VehicleState,
+    tick: int,
+) -> tuple[int, VehicleState] | None:
+    """The first of the pieces that is allowed, and the cloud after it."""
+    for at in range(0, len(some), TRIED):
+        us = [commands(k) for k in some[at : at + TRIED]]
+        found = first_allowed(cloud, room, state, us, tick)
+        if found:
+            return some[at + found[0]], found[1]
+    return None

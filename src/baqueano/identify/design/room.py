@@ -1,36 +1,46 @@
-"""The room in which an experiment takes place, and whether a cloud of drives stays in it.
+"""The room in which an experiment takes place: whether a cloud of drives stays in it, and a signal that does.
 
 The origin of the map is the middle of the room, x along its width. With mean m(t) and standard deviation
-s(t) of the position over the vehicles that the plan believes possible, and the radius ρ of the body,
+s(t) of the position over the vehicles x_l that the plan believes possible, and the radius ρ of the body,
 
     |m_x(t)| + k s_x(t) + ρ ≤ w/2,   |m_y(t)| + k s_y(t) + ρ ≤ h/2,   k = 3                               (1)
     m_v(t) + k s_v(t) ≤ fastest,     m_r(t) + k s_r(t) ≤ fastest turn,     m_vr(t) + k s_vr(t) ≤ sideways  (2)
+    |m_x(t) + c (x_l(t) − m_x(t))| + ρ ≤ w/2,   y alike,   c = 1.5, of every single vehicle               (3)
+    allowed(x, chunk)  ⇔  (1)-(3) hold of x under (chunk, then no command for COAST_S)                    (4)
 
-The cloud is not linearised: once the heading is lost it is a ring, of which k = 3 standard deviations are
-twice the radius. v, r and the acceleration v r towards the middle of a curve are read off neighbouring poses. No model
-here knows where tyres slide: a vehicle that does goes straight on, into a wall. So v r stays below SIDEWAYS_M_S2.
-
-Means and deviations know nothing of a tail: every single vehicle of the cloud is asked as well, and may go half as far
-again from the mean, as one in ten thousand does of normal positions where a cloud of 128 holds 2.6 deviations:
-
-    |m_x(t) + c (x_l(t) − m_x(t))| + ρ ≤ w/2,   y alike,   c = 1.5                                        (3)
+No model here knows where tyres slide, so v r stays below SIDEWAYS_M_S2. Where a chunk of a signal is not allowed, the
+first of these takes its place that is: the chunk with signs turned, of all channels, of the first, of the others; all
+at a half, then at a quarter; no command, which is the rest of what (4) allowed before.
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.identify.design.belief import Cloud, believed
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
+if TYPE_CHECKING:
+    from baqueano.identify.design.room import Room
+    from baqueano.vehicle_file.file import VehicleFile
+    from baqueano.vehicles import VehicleState
 
 DEVIATIONS = 3.0  # k of (1): one normal position in 370 lies further out
 TAIL = 1.5  # c of (3)
 SIDEWAYS_M_S2 = 3.0  # half of what rubber holds on a smooth floor, 0.6 g: below it tyres hardly slip
+CHUNK_S = 0.5
+COAST_S = 2.0  # without command, in which a small vehicle comes to rest
+RESERVE_M = 0.01  # that a chunk leaves for what the floor does to a vehicle that waits, and between samples
+SAMPLE_S = 0.05  # between the poses that are looked at: with 10 m/s² a path bulges by 3 mm between them
+SIZES = (1.0, 0.5, 0.25)
+VEHICLES = 128  # that are believed possible: the standard deviation of their place is then known to 6 %
+AT_ONCE = 2  # alternatives that are driven to their end together: mostly the first is allowed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,3 +149,100 @@ def body_radius(vehicle_file: "VehicleFile") -> float:
 def _upper(x: np.ndarray) -> np.ndarray:
     """Max over time of mean + k sd over the cloud (…, L, T)."""
     return np.max(x.mean(axis=-2) + DEVIATIONS * x.std(axis=-2), axis=-1)
+
+
+class Contained(NamedTuple):
+    """A signal that stays in a room."""
+
+    u: np.ndarray  # (N, n)
+    margin_m: float  # least distance between the corridor and the walls, (1) of room.py
+    replaced: float  # part of the chunks that were not driven as asked
+    eta: np.ndarray  # (L, N, 3) where the possible vehicles go
+
+
+def contained(
+    u: np.ndarray,
+    vehicle_file: "VehicleFile",
+    room: "Room",
+    *,
+    cloud: Cloud | None = None,
+    seed: int = 0,
+    backend: str = "auto",
+) -> Contained:
+    """`u` (N, n), one row a tick, with all that could leave `room` replaced.  (1)
+
+    `cloud`: the vehicles that it might be, else those of `vehicle_file`, drawn by `seed`. UsageError for another shape;
+    AnswerNo where they leave the room even without a command.
+
+    >>> from baqueano.identify.design import room_of
+    >>> from baqueano.vehicle_file import load
+    >>> small = load("small")
+    >>> safe = contained(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on
+    >>> print(safe.u.shape, f"{100 * safe.replaced:.0f} % replaced, {safe.margin_m > 0.0}")
+    (200, 3) 50 % replaced, True
+    """
+    u = np.array(u, dtype=float)
+    if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
+        raise UsageError(fault("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands))
+    if cloud is None:
+        cloud = Cloud(vehicle_file, believed(vehicle_file, vehicles=VEHICLES), seed, backend)
+    state, rate = cloud.at(room.start), vehicle_file.rate_hz
+    chunk = max(1, round(CHUNK_S * rate))
+    out, poses, changed = np.empty_like(u), [], 0
+    for begin in range(0, len(u), chunk):
+        asked = u[begin : begin + chunk]
+        options = alternatives(asked)
+        best, state, driven = _first_allowed(cloud, room, state, options, begin)
+        out[begin : begin + chunk] = options[best]
+        poses.append(driven)
+        changed += not np.array_equal(options[best], asked)
+    eta = np.concatenate(poses, axis=1)
+    margin = float(room.margin(eta))
+    if margin < 0.0:
+        raise AnswerNo(
+            f"the vehicle cannot be kept in a room of {room.width_m:g} × {room.height_m:g} m: its corridor "
+            f"passes the wall by {-margin:.2f} m even where no command is given. Give a larger room, or start "
+            f"further from the wall."
+        )
+    return Contained(out, margin, changed / len(poses), eta)
+
+
+def alternatives(asked: np.ndarray) -> np.ndarray:
+    """(C, T, n): what may stand for a chunk (T, n), in order; the last is no command."""
+    n = asked.shape[1]
+    first = np.where(np.arange(n) == 0, -1.0, 1.0)
+    signs = (np.ones(n), -np.ones(n), first, -first)
+    both = [size * sign * asked for size in SIZES for sign in signs]
+    return np.stack([*both, np.zeros_like(asked)])
+
+
+def first_allowed(
+    cloud: Cloud, room: "Room", state: "VehicleState", options: Sequence[np.ndarray], tick: int
+) -> tuple[int, "VehicleState", np.ndarray] | None:  # fmt: skip
+    """The first of the options (T, n) that is allowed, the cloud after it and its poses (L, T, 3). None if none
+    is.  (1)"""
+    stride = max(1, round(SAMPLE_S * cloud.rate_hz))
+    rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
+    drives = cloud.under([state] * len(options), options, tick)
+    seen = [eta[:, ticks % stride :: stride] for _, eta in drives]
+    may = [k for k, eta in enumerate(seen) if room.margin(eta) >= RESERVE_M]
+    still = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
+    for at in range(0, len(may), AT_ONCE):
+        some = may[at : at + AT_ONCE]
+        coasts = cloud.under([drives[k][0] for k in some], [still] * len(some), tick + ticks)
+        for k, (_, eta) in zip(some, coasts, strict=True):
+            whole = np.concatenate([seen[k], eta[:, ::stride]], axis=1)
+            if room.margin(whole) >= RESERVE_M and room.slow(whole, rate_hz):
+                return k, *drives[k]
+    return None
+
+
+def _first_allowed(
+    cloud: Cloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
+) -> tuple[int, "VehicleState", np.ndarray]:
+    """Which of the options (C, T, n) is driven, the cloud after it, and the poses (L, T, 3) during it."""
+    for begin, end in ((0, 1), (1, len(options))):  # mostly what is asked is allowed
+        found = first_allowed(cloud, room, state, list(options[begin:end]), tick)
+        if found is not None:
+            return begin + found[0], *found[1:]
+    return len(options) - 1, *cloud.drive(state, options[-1], tick)

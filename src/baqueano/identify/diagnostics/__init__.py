@@ -25,7 +25,7 @@ from baqueano.identify.parallel import each
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
-    from baqueano.identify.identifiability.finished import FinishedFit
+    from baqueano.identify.identifiability.identifiable import FinishedFit
     from baqueano.vehicle_file import VehicleFile
 
 __all__ = ["afterwards", "mended", "widened"]
@@ -66,7 +66,7 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 def afterwards(
     end: "FinishedFit", sd: np.ndarray, told: np.ndarray
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return all that a finished search (finished.FinishedFit) leaves to doubt, its data too, with the errors `sd` (p,)
+    """Return all that a finished search leaves to doubt, its data too, with the errors `sd` (p,)
     of θ and the noise `told` (m,) by the file; and by how much each parameter, by path, may be off for it."""
     problem, theta, kept = end.task.problem, end.found.solution.theta, end.sight.kept
     s = problem.layout.shared

@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import entries, value
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get

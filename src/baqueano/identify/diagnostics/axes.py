@@ -9,7 +9,7 @@ asked. Readings are clipped at 4 standard deviations of their own about the medi
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.residuals.huber import MAD
+from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.runs.diagnostics.signal_map import MappedChannel, signal_map
 

@@ -21,8 +21,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.record import FitRecord
+from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.voltage import VOLTAGE, at_voltage
 from baqueano.identify.diagnostics.forces import COMMANDED, Force, commanded, driven, forces, moved
 from baqueano.identify.parallel import ahead, each

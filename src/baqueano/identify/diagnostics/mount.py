@@ -19,15 +19,14 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.record import FitRecord, beginning
+from baqueano.identify.data.record import FitRecord, FittedBlocks, beginning
 from baqueano.identify.diagnostics import against_file, axes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.runs.diagnostics.signal_map import NO_RELATION, relations
 
 if TYPE_CHECKING:
-    from baqueano.identify.identifiability.finished import FinishedFit
+    from baqueano.identify.identifiability.identifiable import FinishedFit
 
 MOST = 3000  # rows of each run
 WORTH = 0.1  # of the logarithm of σ, a reading of the IMU
@@ -55,7 +54,7 @@ WAYS = (
 
 
 def told(end: "FinishedFit", found: list[Diagnostic]) -> list[Diagnostic]:
-    """`found` about a finished search (finished.FinishedFit), and which way an IMU is mounted where that is the
+    """`found` about a finished search, and which way an IMU is mounted where that is the
     reason: then it stands before the doubts about axes and signs that say the same, in place of the others."""
     task, blocks = end.task, end.blocks
     if type(task.problem) is not Residuals or all(one.severity == Severity.INFO for one in found):

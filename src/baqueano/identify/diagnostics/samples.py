@@ -35,7 +35,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.residuals.huber import MAD
+from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.run import Channel
 

@@ -29,11 +29,11 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics.features import Believed, Said, believed, probes
 from baqueano.identify.diagnostics.probes import Left, ProbeResult, ask, ask_parts, left_over
 from baqueano.identify.parameters.free import DELAY
-from baqueano.identify.residuals.huber import MAD
+from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
 
 # of Student's t at 1.25e-5 on each side, by degrees of freedom

@@ -31,7 +31,7 @@ from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.identify.identifiability.finished import FinishedFit
+    from baqueano.identify.identifiability.identifiable import FinishedFit
     from baqueano.vehicle_file import VehicleFile
 
 CURVE = "gyro.or-accelerometer"  # the code of a doubt that names two suspects
@@ -78,7 +78,7 @@ def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
 
 def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
-    search (finished.FinishedFit), and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
+    search, and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
     explains it with the file's own gains. Where the search began tells nothing of it.  (1), (3)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     told = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.told]

@@ -13,16 +13,24 @@ Within a tick δ the cost is smooth but for the corners of dead zones. Where (4)
 sides, the least cost is at the tick itself, and the search has converged although its slope is not 0. The first grid
 is that of half a period of the fastest command that a small vehicle follows, 20 Hz; where a tick is much shorter than
 that, it is halved about d_0 until MOST ticks are left for (2).
+
+A timer of 8 bits rounds a duty to 1/255, behind a dead zone more than the noise of a gyro. Its steps are looked for by
+
+    C(θ; u) − C(θ; steps · round(u / steps)) > CLEAR    at the θ that was fitted without them             (5)
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.identify.covariance.information import information
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.search import ROUGH, Search, Task, best_search, search
 from baqueano.identify.parameters.free import DELAY
+from baqueano.identify.residuals.simulation import Residuals
+from baqueano.vehicles.drivetrain import mix, quantised
 
 SCAN_S = 0.025
 PART = 1e-2  # of the least cost: what (1) leaves to be gained at the other delays of its grid
@@ -31,6 +39,9 @@ MOST = 6  # ticks that (2) looks into
 MOST_EACH = 8  # evaluations at one delay: the next begins where they end
 INSIDE = 1e-6  # of a tick, from whole ones: where the slope is one-sided
 STEPS = 6  # ticks that (4) may walk
+PATH = "model.drivetrain.duty_step"
+TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
+CLEAR = 25.0
 
 
 def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
@@ -199,3 +210,23 @@ def _put(theta: np.ndarray, i: int, value: float) -> np.ndarray:
     out = theta.copy()
     out[i] = value
     return out
+
+
+def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
+    """Return how many steps the duties seem to have; None if none are seen, or the file tells.  (5)"""
+    drivetrain: Tree = getattr(blocks.model, "drivetrain", None)
+    n = blocks.model.commands
+    if getattr(drivetrain, "mixing", "none") != "two_wheels" or drivetrain.duty_step > 0.0:
+        return None
+    if max(float(np.max(np.abs(u[:, 0]) + np.abs(u[:, 2]))) for u in (r.u for r in problem.records)) > 2.0:
+        return None  # no duties
+
+    def rounded(steps: int, rows: np.ndarray) -> np.ndarray:
+        left, right = quantised(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)
+        u = np.stack([0.5 * (left + right), rows[:, 2], 0.5 * (right - left)], axis=1)
+        return np.concatenate([rows[:, :1], u, rows[:, 1 + n :]], axis=1)
+
+    before = problem.cost(theta, lambda rows: rows)
+    gains = {steps: before - problem.cost(theta, lambda rows, k=steps: rounded(k, rows)) for steps in TIMERS}
+    best = max(gains, key=lambda steps: gains[steps])
+    return best if gains[best] > CLEAR else None

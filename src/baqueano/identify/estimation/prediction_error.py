@@ -30,9 +30,14 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.covariance import information as intervals
-from baqueano.identify.covariance.information import Information, covariance_of
+from baqueano.identify.covariance.information import (
+    COLOUR,
+    Information,
+    autocorrelation,
+    coloured_scores,
+    covariance_of,
+)
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
 from baqueano.identify.parallel import each
 from baqueano.identify.residuals.block_arrow import Evaluation, add, begun, dense, places_of
@@ -154,8 +159,8 @@ class Prediction:
         A, B = np.zeros((len(x), len(x))), np.zeros((len(x), len(x)))
         channels = np.zeros((self.channels, len(x)))
         has, records = self.simulation.has, self.simulation.records
-        colour = intervals.autocorrelation(self.innovations(x), has)
-        coloured = bool(np.any(np.abs(colour) > intervals.COLOUR))
+        colour = autocorrelation(self.innovations(x), has)
+        coloured = bool(np.any(np.abs(colour) > COLOUR))
         pieces = zip(self.simulation.rows, self._places(), has, records, strict=True)
         for rows, places, there, record in pieces:
             one = self._slopes(rows, x, places)
@@ -163,7 +168,7 @@ class Prediction:
             A[at] += _square(slope(one.e), one.e_slopes) + _square(0.25 * BETA, one.s_slopes)
             channels[:, one.places] += np.einsum("tmp,tmp->mp", one.e_slopes, one.e_slopes)
             if coloured:
-                B[at] += intervals._coloured(psi, there, one.e_slopes, record.dt_s)
+                B[at] += coloured_scores(psi, there, one.e_slopes, record.dt_s)
                 B[at] += _square(0.25 * (BETA - psi * one.e) ** 2, one.s_slopes)
             else:
                 U = np.einsum("tm,tmp->tp", psi, one.e_slopes) + 0.5 * BETA * one.s_slopes.sum(axis=1)

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance import information as intervals
+from baqueano.identify.covariance.information import COLOUR, autocorrelation
 from baqueano.identify.estimation.least_squares import MOST, Minimiser, Solution, minimise
-from baqueano.identify.residuals.huber import spread, telling
+from baqueano.identify.residuals.noise_level import spread, telling
 from baqueano.identify.residuals.simulation import Residuals
 
 ROUNDS = 15  # of σ
@@ -39,7 +39,7 @@ class Task(NamedTuple):
     high: np.ndarray  # (p,)
     floor: np.ndarray  # (m,) least σ
     given: np.ndarray | None  # (m,) σ, where it is known
-    by_speed: bool = False  # whether the noise may grow with speed: speed_dependent_noise.py
+    by_speed: bool = False  # whether the noise may grow with speed: noise_level.py
     say: Callable[[str], object] | None = None  # told how far it is; True from it ends the search
     believed: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
     again: bool = True  # whether a search that leaves doubts is begun again: not of data that are refused
@@ -52,14 +52,14 @@ class Search(NamedTuple):
     problem: Residuals  # weighed by the noise that was found
     solution: Solution
     sigma: np.ndarray  # (m,)
-    colour: np.ndarray  # (m,) see intervals.autocorrelation
+    colour: np.ndarray  # (m,) `autocorrelation` of the residuals
     evaluations: int
     profile: list[np.ndarray] | None = None  # per piece (N, m), of mean square 1: σ where it is not the same
     stopped: bool = False  # from outside: not converged if there was more to do
 
     def sound(self, signal: np.ndarray) -> bool:
         """Whether there is nothing left to look for, in channels of size `signal` (m,)."""
-        lacking = (np.abs(self.colour) > intervals.COLOUR) & (self.sigma > LACKING * signal)
+        lacking = (np.abs(self.colour) > COLOUR) & (self.sigma > LACKING * signal)
         return self.solution.converged and not lacking.any()
 
     def badness(self, counts: np.ndarray) -> float:
@@ -130,7 +130,7 @@ def search(
             found = found._replace(converged=False)
             break
         sigma, near, turn = now, moved < NEAR, turn + 1
-    colour = intervals.autocorrelation(problem.residuals(found.theta), problem.has)
+    colour = autocorrelation(problem.residuals(found.theta), problem.has)
     return Search(problem, found, problem.sigma, colour, count, profile, stopped)
 
 

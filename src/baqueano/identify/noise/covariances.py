@@ -9,7 +9,7 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
 z − h are the residuals of the fit, clipped at 4 σ, so that an outlier counts as a large residual and no
 more. Where they are coloured the model has drifted, which is R's business: then Q is half the covariance of
 the differences of successive residuals, in which a drift does not show. g is that of the estimator, in its
-mode (prediction_errors.py). (3) is the likelihood of the innovations y of the extended Kalman filter with their
+mode (most_likely.py). (3) is the likelihood of the innovations y of the extended Kalman filter with their
 covariance S (most_likely.py).
 
 Both are symmetric positive definite, always: variances are lifted to a floor, eigenvalues of the
@@ -33,9 +33,8 @@ from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import standing
 from baqueano.identify.noise.accepted import Accepted, accepted
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
-from baqueano.identify.noise.most_likely import most_likely
+from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_errors
 from baqueano.identify.noise.not_fitted import not_fitted
-from baqueano.identify.noise.prediction_errors import FLOOR, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.result.channel_units import channel_unit
 from baqueano.identify.result.fit_result import Fit

@@ -28,7 +28,7 @@ from baqueano.estimators.augmented.state import FORWARD, TURNING, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import slopes
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
-from baqueano.identify.residuals.huber import MAD
+from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import get, put, scan

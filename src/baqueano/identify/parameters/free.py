@@ -21,7 +21,7 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.freedoms import AXES, kept, rates, slopes

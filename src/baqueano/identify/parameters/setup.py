@@ -9,9 +9,15 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.clock_offset import CLOCK_S, slots_for
-from baqueano.identify.data.record import FitRecord, Measured, past_of, record_of
+from baqueano.identify.data.record import (
+    CLOCK_S,
+    FitRecord,
+    FittedBlocks,
+    Measured,
+    past_of,
+    record_of,
+    slots_for,
+)
 from baqueano.identify.data.segments import ThetaLayout, cut
 from baqueano.identify.data.voltage import VOLTAGE, with_voltage
 from baqueano.identify.options import FitOptions

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import value, with_numbers
 from baqueano.sensors.sampling import Signal, begun, shown
 from baqueano.signals import ByName, Motion

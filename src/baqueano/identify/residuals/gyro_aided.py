@@ -3,14 +3,13 @@
     ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s and its slope                             (1)
     r_x, r_y = z − h(ν, ν̇)   of the two accelerometers, at the velocity of (1)                            (2)
     r_ψ = z − h(ν_ψ)   of the gyro, at the ν_ψ that the commands make of the ν_x of (1)                   (3)
+    e = ω_z − h(ν_ψ),   S_e(f) = N (1 + ρ P_τ(f)),   N, ρ, τ by Whittle's likelihood                       (4)
+    ω̂ = h(ν_ψ) + F⁻¹ [ρ P_τ/(1 + ρ P_τ)] F e,   P_τ of an Ornstein-Uhlenbeck process of variance 1         (5)
 
-What tells such a vehicle's speed is a_y = ν_x ν_ψ. Under (1) an error of the steering, which is coloured and
-large on any real car, does not reach the speed by way of ν_ψ. The price is the gyro's noise in a regressor, which
-draws towards 0 what it multiplies: a lever arm of 75 mm came out 16 mm short. So the gyro leads only the first
-search; from then on, `following`, what gyro and model together know of the yaw rate does (wiener_filter.py).
-
-The three channels do not agree about a real vehicle, so each is weighed by what it knows of slow motion
-(low_frequency_noise.py).
+Under (1) an error of the steering does not reach the speed by way of ν_ψ. A noisy ω_z in a regressor would draw what it
+multiplies towards 0, so it leads the first search alone; then ω̂, the mean of the true rate given gyro and model, does
+("regression calibration"). Where the model's rate is right, ρ = 0 and the model leads. Channels are weighed by
+noise_level.py, (4). Sources: Carroll, Ruppert, Stefanski and Crainiceanu 2006; Whittle 1953; Wiener 1949.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,14 +22,12 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.record import FitRecord, Measured
+from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
 from baqueano.identify.data.voltage import at_voltage
 from baqueano.identify.parameters.free import DELAY, with_numbers
 from baqueano.identify.parameters.theta import Shape, beginning, example, vehicle_at_start
-from baqueano.identify.residuals import low_frequency_noise as slow_noise
+from baqueano.identify.residuals.noise_level import MAD, profile_of_slow
 from baqueano.identify.residuals.simulation import Residuals, kept_kernel
-from baqueano.identify.residuals.wiener_filter import slow_part
 from baqueano.sensors.sampling import Signal, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
@@ -38,6 +35,11 @@ from baqueano.symbolic.scan import Scan
 
 SETTLED = 3.0  # time constants after which a motor has forgotten
 EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its slope, at the end of the row
+RATIOS = np.geomspace(1.0 / 64.0, 1024.0, 33)  # ρ, and τ in ticks
+LASTS = np.geomspace(0.5, 256.0, 19)
+FAR = 6.0
+GAIN = 2.0
+FEWEST = 64  # rows of a piece, below which the gyro leads alone
 
 
 class GuidedMotion(NamedTuple):
@@ -91,7 +93,7 @@ class GyroAidedResiduals(Residuals):
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, by which channels are weighed."""
         dt_s = [record.dt_s for record in self.records]
-        return slow_noise.spread_and_profile(left, self.has, self.speeds(theta), dt_s, floor)
+        return profile_of_slow(left, self.has, self.speeds(theta), dt_s, floor)
 
     def slope(self, theta: np.ndarray, c: int, scale: float, shift: float) -> np.ndarray:
         """The gradient (p,) at θ if channel c had been measured smaller, by `scale`, and larger by `shift`."""
@@ -221,3 +223,41 @@ def can_be_led(blocks: FittedBlocks) -> bool:
 def _width(shape: Shape, n: int) -> int:
     """q: entries of a row with `n` commands."""
     return 7 + n + sum(shape.early) + shape.volts + EXTRA
+
+
+def slow_part(e: np.ndarray) -> np.ndarray:
+    """s (N,) of residuals e (N,) at steady ticks.  (4), (5)"""
+    n = len(e)
+    if n < FEWEST:
+        return e
+    far = FAR * MAD * float(np.median(np.abs(e - np.median(e))))
+    kept = np.clip(e, np.median(e) - far, np.median(e) + far)
+    both = np.fft.rfft(np.concatenate([kept, kept[::-1]]))  # mirrored, so that its ends meet
+    ratio = _ratio(np.abs(np.fft.rfft(kept - kept.mean()))[1:] ** 2 / n, n)
+    if ratio is None:
+        return np.zeros(n)
+    power = ratio[0] * _shape(ratio[1], 2 * n)
+    return np.asarray(np.fft.irfft(both * (power / (1.0 + power)), 2 * n)[:n])
+
+
+def _ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
+    """ρ and τ of a periodogram without its mean; None where white noise says it as well.  (4)"""
+    white = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
+    best, found = white - GAIN, None
+    for lasts in LASTS:
+        relative = 1.0 + RATIOS[:, None] * _shape(float(lasts), n)[None, 1:]
+        costs = np.sum(np.log(relative), axis=1)
+        noise = np.mean(periodogram / relative, axis=1)
+        costs = costs + len(periodogram) * np.log(np.maximum(noise, 1e-300))
+        k = int(np.argmin(costs))
+        if costs[k] < best:
+            best, found = float(costs[k]), (float(RATIOS[k]), float(lasts))
+    return found
+
+
+def _shape(lasts: float, n: int) -> np.ndarray:
+    """P_τ (n/2 + 1,) at the frequencies of a transform of n ticks, of a process that lasts `lasts` ticks.  (5)"""
+    a = np.exp(-1.0 / lasts)
+    return np.asarray(
+        (1.0 - a * a) / (1.0 - 2.0 * a * np.cos(2.0 * np.pi * np.arange(n // 2 + 1) / n) + a * a)
+    )

@@ -20,7 +20,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import correct, moved
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.voltage import at_voltage
 from baqueano.identify.parameters.free import value, with_numbers
 from baqueano.identify.parameters.theta import Shape, beginning

@@ -5,7 +5,7 @@
 
 W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W),
 and for sensors whose stamps lie between ticks the part of the step by which they do; there
-h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free, h is read from a line of the past (clock_offset.py).
+h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free, h is read from a line of the past (data/record.py).
 The model is simulated from its start to the end without ever looking at a measurement: the paper's cost,
 `equ:cost_function`, simulation error.
 
@@ -24,17 +24,15 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.record import FitRecord
+from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import ThetaLayout
 from baqueano.identify.data.voltage import VOLTAGE, at_voltage
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import with_numbers
 from baqueano.identify.parameters.theta import Shape, beginning, example, shown_by, vehicle_at_start
-from baqueano.identify.residuals import speed_dependent_noise as by_speed
 from baqueano.identify.residuals.block_arrow import Evaluation, add, places_of
 from baqueano.identify.residuals.block_arrow import begun as begun_arrow
-from baqueano.identify.residuals.huber import telling
+from baqueano.identify.residuals.noise_level import profile_by_speed, telling
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
 from baqueano.symbolic import put, scan
@@ -102,7 +100,7 @@ class Residuals:
 
     @classmethod
     def of(cls, parameters: Any, backend: str = "auto") -> Self:
-        """Return the residuals of `parameters` (posed.Parameters) over all their rows."""
+        """Return the residuals of `parameters` (setup.Parameters) over all their rows."""
         return cls(parameters.blocks, parameters.shape, parameters.records, backend)
 
     @property
@@ -230,7 +228,7 @@ class Residuals:
     ) -> tuple[np.ndarray, list[np.ndarray]]:
         """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, where the noise grows with speed."""
         has = telling(left, self.has, self.z)
-        return by_speed.spread_and_profile(left, has, self.speeds(theta), floor)
+        return profile_by_speed(left, has, self.speeds(theta), floor)
 
     def sensitivities(
         self, theta: np.ndarray, last: bool = False

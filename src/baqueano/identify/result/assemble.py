@@ -7,21 +7,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Verdict, note
-from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.covariance.information import COLOUR, covariance_of, inverse
 from baqueano.identify.covariance.jackknife import jackknife, no_smaller
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.truth import MOUNT, TRUTH
 from baqueano.identify.diagnostics import afterwards, widened
 from baqueano.identify.identifiability.advice import missing_command, unobservable, weakly
-from baqueano.identify.identifiability.finished import FinishedFit
-from baqueano.identify.identifiability.fixing import one_mean
+from baqueano.identify.identifiability.identifiable import FinishedFit, one_mean
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import DELAY, Free, value, with_numbers
 from baqueano.identify.parameters.theta import STARTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
-from baqueano.identify.result.operating_range import envelope_of
-from baqueano.identify.result.to_vehicle_file import better_known
+from baqueano.identify.result.to_vehicle_file import better_known, envelope_of
 from baqueano.identify.result.verdict import Evidence, judge, noted
 
 if TYPE_CHECKING:

@@ -2,25 +2,28 @@
 
 from dataclasses import dataclass, field
 from datetime import date
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.blocks import closest
-from baqueano.diagnostics import Diagnostic, Verdict, fault
+from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import UsageError
+from baqueano.identify.covariance.information import QUANTILE_95
 from baqueano.identify.parameters.free import described, entries
 from baqueano.identify.result.channel_units import channel_unit, percent
-from baqueano.identify.result.lines import QUANTILE_95, marks, verdict_lines
 from baqueano.identify.result.verdict import short
+from baqueano.messages import grouped, text
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.identify.blocks import FittedBlocks
+    from baqueano.identify.data.record import FittedBlocks
     from baqueano.vehicle_file import VehicleFile
     from baqueano.vehicle_file.envelope import Envelope
 
 LISTED = 8  # runs, above which a table tells them together
+REASONS, UNSEEN, NOTES = 5, 3, 4  # lines of each: with the verdict and the word on the others at most 14
+MEANS = {Verdict.REFUSED: note("verdict.refused"), Verdict.WARN: note("verdict.warn")}
 
 
 class ChannelFit(NamedTuple):
@@ -134,7 +137,7 @@ class Fit:
         return out
 
     def table(self, reported: bool = False) -> str:
-        """For people; what is said below it is a part of the whole (lines.py). `reported`: the whole is in a report,
+        """For people; what is said below it is a part of the whole. `reported`: the whole is in a report,
         which need not be asked for."""
         wide = max(len(short(name)) for name in self.names)
         lines = [f"{'parameter':{wide}}  {'estimate':>12}   {'± sd':>10}  unit"]
@@ -228,3 +231,34 @@ def rounded(value: float, sd: float | None) -> float:
     if sd is None or not sd > 0.0:
         return value
     return round(value, 3 - int(np.floor(np.log10(sd))))
+
+
+def marks(row: dict[str, Any]) -> str:
+    """What a row of `Fit.rows()` should not be read without, "" for nothing."""
+    value, sd = row["estimate"], row["sd"]
+    if value is None:
+        return "not seen"
+    said = [f"at its {row['bound']} bound"] if row["bound"] else []
+    said += ["weakly seen"] if row["observable"] == "weak" else []
+    if sd is None:
+        said.append("its error is not known")
+    elif abs(value) < QUANTILE_95 * sd:
+        said.append("may be 0")
+    elif abs(value) < 2.0 * QUANTILE_95 * sd:
+        said.append(f"roughly, ± {100.0 * QUANTILE_95 * sd / abs(value):.0f} %")
+    return ", ".join(said)
+
+
+def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
+    """Return the verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
+    reasons, unseen, notes = map(grouped, (fit.reasons, fit.unobservable, fit.never + fit.notes))
+    if len(reasons) == 1:
+        lines = [f"{fit.verdict}: {reasons[0]}"]
+    else:
+        lines = [f"{fit.verdict}: {text(MEANS.get(fit.verdict))}"]
+        lines += [f"- {one}" for one in reasons[:REASONS]]
+    lines += [f"- {one}" for one in (*unseen[:UNSEEN], *notes[:NOTES])]
+    more = sum(max(0, len(said) - n) for said, n in ((reasons, REASONS), (unseen, UNSEEN), (notes, NOTES)))
+    if not more:
+        return lines
+    return [*lines, text(note("verdict.more-in-report" if reported else "verdict.more", more=more))]

@@ -1,30 +1,40 @@
-"""Which of the two costs to believe, in one sentence with its figures.
+"""Which of the two costs to believe: θ̂ of the simulation error or θ̃ of the innovations.
 
-Three things decide: whether a moving floor explains the run better than a still one (prediction_error.py, (4)), whether
-both answers are one, and which has the smaller error in open loop on segments that it has not used (left_out.py).
+    θ_b − θ = (A − A_b)⁻¹ g_b        of either answer, without block b of BLOCK_S (sandwich.py)           (1)
+    D_b = C_b(θ̃_b) − C_b(θ̂_b),      z = Σ D_b / √(n var D_b)   over n blocks                              (2)
+    t_i = (θ̂ − θ̃)_i / √((n − 1)/n Σ_b (δ_b − δ̄)_i²),   δ_b = θ̂_b − θ̃_b                                   (3)
+
+C_b is the cost of an open-loop simulation of a block that neither has used. (3) is Hausman's test: both are consistent
+where the model is right, and a model that lacks something has two answers.
 
     floor still                               the simulation: both say the same, and it is the harder test of a model
-    floor moves, one answer, smaller error    the innovations: the simulation's errors are a walk, neighbours no news
+    floor moves, one answer, ΣD_b below 0     the innovations: the simulation's errors are a walk, neighbours no news
     floor moves, one answer, larger by chance the simulation: nothing is gained
     two answers, or a larger error            neither, the simulation rather: what the model lacks passes for a floor
 
-A floor explains what a simulation leaves where it moves, the innovations are white, none of the three contradicts, and
-the noise of each sensor without the floor's part is not far above that in the file.
+A floor explains what a simulation leaves where it moves, none of these contradicts, and the sensors' own noise is not
+far above the file's. Sources: Stone 1974 for (2); Hausman 1978 for (3); Quenouille 1956 for (1).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.estimation.prediction_error import Likely
-from baqueano.identify.result.left_out import LeftOut
+from baqueano.identify.covariance.clusters import students
+from baqueano.identify.covariance.jackknife import FEWEST, LEAST, block_of, edges_of, slopes_of
+from baqueano.identify.data.segments import slopes_without_start
+from baqueano.identify.estimation.prediction_error import BETA, Likely, Prediction, Slopes, slope, weight
+from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.identify.result.verdict import ABOVE_NOISE
 
 RARE = 1e-3  # chance below which a still floor is not believed
 UNITS = ("m/s", "m/s", "rad/s")
+WORSE = 0.05  # chance below which the left-out error of the innovations' answer is larger by more than chance
+TWO = 0.01  # chance below which two answers are not one
 
 
 class Preferred(NamedTuple):
@@ -36,7 +46,7 @@ class Preferred(NamedTuple):
     contradicted: bool = False  # the floor, by two answers or by a larger error
 
 
-def preferred(likely: Likely, axes: Sequence[int], both: LeftOut | None, times: np.ndarray) -> Preferred:
+def preferred(likely: Likely, axes: Sequence[int], both: "LeftOut | None", times: np.ndarray) -> Preferred:
     """Return which to believe; `times` (m,) is the noise of the sensors without the floor in units of the file's, 0
     where that tells none."""
     odds: JsonObject = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
@@ -55,7 +65,7 @@ def preferred(likely: Likely, axes: Sequence[int], both: LeftOut | None, times: 
     return Preferred("simulation", note("cost.simulation", **told), explains)
 
 
-def _open_loop(both: LeftOut) -> Diagnostic:
+def _open_loop(both: "LeftOut") -> Diagnostic:
     """Return how the answer by the innovations does on segments that were left out."""
     if not np.isfinite(both.percent):
         return note("cost.runs-away")
@@ -75,3 +85,146 @@ def _floor(likely: Likely, axes: Sequence[int]) -> str:
 
 def _chance(p: float) -> str:
     return f"{p:.2g}" if p >= 1e-6 else "< 1e-6"
+
+
+class LeftOut(NamedTuple):
+    """Both answers, block by block."""
+
+    more: np.ndarray  # (n,) D_b of (2)
+    cost: float  # Σ C_b(θ̂_b)
+    apart: np.ndarray  # (k,) |t_i| of (3)
+    names: Sequence[str]  # (k,)
+
+    @property
+    def z(self) -> float:
+        """Σ D_b in its standard errors; inf where the model ran away.  (2)"""
+        if not np.isfinite(self.more).all():
+            return float("inf")
+        return float(self.more.sum() / max(np.sqrt(len(self.more) * np.var(self.more, ddof=1)), 1e-300))
+
+    @property
+    def percent(self) -> float:
+        """By how much of its cost the innovations' answer is worse, below 0 for better."""
+        return 100.0 * float(self.more.sum()) / max(self.cost, 1e-300)
+
+    @property
+    def better(self) -> bool:
+        """Return True if the innovations' answer has the smaller error on the blocks that were left out."""
+        return bool(self.more.sum() < 0.0)
+
+    @property
+    def worse(self) -> bool:
+        """Return True if it has the larger one, by more than chance."""
+        return self.z > students(1.0 - WORSE, len(self.more) - 1)
+
+    @property
+    def limit(self) -> float:
+        """Beyond it two answers are not one: the largest of k by chance (Bonferroni)."""
+        return students(1.0 - 0.5 * TWO / max(1, len(self.names)), len(self.more) - 1)
+
+    @property
+    def furthest(self) -> tuple[float, str]:
+        """The largest of (3), and whose it is."""
+        if not len(self.apart):
+            return 0.0, ""
+        k = int(np.argmax(self.apart))
+        return float(self.apart[k]), self.names[k]
+
+
+class _Block(NamedTuple):
+    """A block's gradient and Hessian at an answer, and the slopes of its open-loop residuals."""
+
+    g: np.ndarray  # (q,)
+    A: np.ndarray  # (q, q)
+    at: np.ndarray  # (q,) where they stand in the answer
+    r: np.ndarray  # (N m,)
+    d: np.ndarray  # (N m, s) by the entries `of`
+    of: np.ndarray  # (s,)
+
+
+def left_out(
+    problem: Residuals,
+    theta: np.ndarray,
+    kept: np.ndarray,
+    prediction: Prediction,
+    x: np.ndarray,
+    free: np.ndarray,
+) -> LeftOut | None:
+    """Return θ = `theta` (p,) with the entries `kept`, against `x` with the entries `free`; None of too few blocks."""
+    one = list(_of_simulation(problem, theta))
+    other = list(_of_innovations(problem, prediction, x))
+    if len(one) < FEWEST:
+        return None
+    without = _without(one, kept), _without(other, free)
+    cost = [_cost(block, moved) for block, moved in zip(one, without[0], strict=True)]
+    more = [_cost(block, moved) for block, moved in zip(other, without[1], strict=True)]
+    names = problem.shape.shared
+    both = np.intersect1d(kept, free)
+    both = both[both < len(names)]
+    delta = without[0][:, both] - without[1][:, both]
+    n = len(delta)
+    sd = np.sqrt((n - 1) / n * np.sum((delta - delta.mean(axis=0)) ** 2, axis=0))
+    apart = np.abs(theta[both] - x[both]) / np.maximum(sd, 1e-300)
+    return LeftOut(np.subtract(more, cost), float(np.sum(cost)), apart, [names[k] for k in both])
+
+
+def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_Block]:
+    block_s = block_of(problem)
+    for (r, d, at), record in zip(slopes_of(problem, theta), problem.records, strict=True):
+        for a, b in pairwise(edges_of(record, block_s, len(r))):
+            e, slopes = r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2])
+            inside = slopes[np.abs(e) < HUBER]
+            g = np.clip(e, -HUBER, HUBER) @ slopes
+            yield _Block(g, inside.T @ inside, at, e, slopes, at)
+
+
+def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -> Iterator[_Block]:
+    block_s, p = block_of(problem), problem.size
+    pieces = zip(
+        slopes_of(problem, x[:p]), prediction.slopes(x), problem.records, strict=True
+    )  # fmt: skip
+    for (r, d, of), one, record in pieces:
+        one = _without_start(one, problem) if d.shape[2] < np.sum(one.places < p) else one
+        for a, b in pairwise(edges_of(record, block_s, len(r))):
+            e, by_e, by_s = (
+                one.e[a:b].ravel(),
+                *(s[a:b].reshape(-1, s.shape[2]) for s in (one.e_slopes, one.s_slopes)),
+            )
+            g = (weight(e) * e) @ by_e + 0.5 * BETA * by_s.sum(axis=0)
+            A = (slope(e)[:, None] * by_e).T @ by_e + 0.25 * BETA * by_s.T @ by_s
+            yield _Block(g, A, one.places, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), of)
+
+
+def _without_start(one: Slopes, problem: Residuals) -> Slopes:
+    """The slopes of a piece without its start."""
+    start = (one.places >= problem.layout.starts) & (one.places < problem.size)
+    w = np.maximum(slope(one.e), 0.0)
+    return one._replace(
+        e_slopes=slopes_without_start(one.e_slopes, w, start),
+        s_slopes=one.s_slopes[..., ~start],
+        places=one.places[~start],
+    )
+
+
+def _without(blocks: Sequence[_Block], kept: np.ndarray) -> np.ndarray:
+    """(n, p) by which an answer moves without each block; only the entries `kept` do.  (1)"""
+    place = np.full(1 + max(int(max(block.at.max(), block.of.max())) for block in blocks), -1)
+    place[kept] = np.arange(len(kept))
+    g, A = np.zeros((len(blocks), len(kept))), np.zeros((len(blocks), len(kept), len(kept)))
+    for k, block in enumerate(blocks):
+        inside = place[block.at] >= 0
+        at = place[block.at[inside]]
+        g[k, at], A[k][np.ix_(at, at)] = block.g[inside], block.A[np.ix_(inside, inside)]
+    root = np.sqrt(np.maximum(np.diagonal(A.sum(axis=0)), 1e-300))
+    g, A = g / root, A / np.outer(root, root)
+    rest, out = A.sum(axis=0) + LEAST * np.eye(len(root)) - A, np.zeros((len(blocks), len(place)))
+    out[:, kept] = np.linalg.solve(rest, g[:, :, None])[:, :, 0] / root
+    return out
+
+
+def _cost(block: _Block, moved: np.ndarray) -> float:
+    """C_b of the open-loop residuals once the answer has moved."""
+    with np.errstate(invalid="ignore", over="ignore"):  # a model that ran away
+        r = np.abs(block.r + block.d @ moved[block.of])
+        clipped = np.minimum(r, HUBER)
+        return float(np.sum(clipped * (r - 0.5 * clipped)))

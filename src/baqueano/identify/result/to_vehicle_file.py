@@ -6,6 +6,9 @@ A bias b ± s that a run has for itself is not written where the file knows it b
 
 A floor that disturbs the vehicle shows a bias of its gyro to a few hundredths of a rad/s. Where the file is
 contradicted, b is written, with s in the place of s₀.
+
+The envelope is the range of each command and of each channel whose h follows ν, without what is beyond OUTLIER
+standard deviations of the model.
 """
 
 from collections.abc import Sequence
@@ -14,10 +17,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.data.record import FitRecord
+from baqueano.identify.data.rest import shows_speed
 from baqueano.identify.data.truth import MOUNT
+from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.parameter import parameters
+from baqueano.signals import ByName
 from baqueano.symbolic import get, put
+from baqueano.vehicle_file.envelope import Envelope
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, Tree
@@ -25,6 +34,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 FAR = 4.0  # standard deviations, as the gates of the filters have
+OUTLIER = 4.0
 
 
 class Prior(NamedTuple):
@@ -118,3 +128,26 @@ def _fields(fit: "Fit", kept: Sequence[str]) -> "JsonObject":
             out[field] = np.full(np.shape(get(fit.blocks, field)), np.nan)
         out[field][_index(path)] = said[path]
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in out.items()}
+
+
+def envelope_of(
+    records: Sequence[FitRecord],
+    channels: Sequence[ChannelFit],
+    sensors: ByName[Tree],
+    commands: Sequence[str],
+) -> Envelope:
+    """The envelope of a fit to `records`, whose `commands` are in the order of u."""
+    u = np.concatenate([record.u[record.lead :] for record in records])
+    ranges = {name: (float(u[:, k].min()), float(u[:, k].max())) for k, name in enumerate(commands)}
+    for name, sensor in sensors._asdict().items():
+        for entry in np.flatnonzero(shows_speed(sensor)):
+            same = [c for c in channels if (c.sensor, c.entry) == (name, entry) and np.isfinite(c.explained)]
+            z = [c.measured[np.abs(c.measured - c.predicted) <= OUTLIER * c.sigma] for c in same]
+            if sum(map(len, z)):
+                ranges[f"{name}[{entry}]"] = (
+                    min(x.min() for x in z if len(x)),
+                    max(x.max() for x in z if len(x)),
+                )
+    low, high = np.array(list(ranges.values())).T
+    runs = dict.fromkeys(record.name for record in records)
+    return Envelope(tuple(ranges), low, high, ", ".join(runs))

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.terms import Term
 from baqueano.messages import text
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.identify.blocks import FittedBlocks
+    from baqueano.identify.data.record import FittedBlocks
     from baqueano.identify.result.fit_result import Fit
     from baqueano.identify.selection.terms import Term
     from baqueano.vehicle_file import VehicleFile

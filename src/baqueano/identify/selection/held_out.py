@@ -19,6 +19,12 @@ zone is everything near it and nothing far from it), their mean is that of the l
 what every block says. c keeps blocks out in which both errors are below a third of the noise. A term that is not
 there makes held-out errors larger on average, by the noise that it fits, so that mean g < 0 and the test is safer
 than α.
+
+A command moves one way between two of its turning points, swings below SWING of its range left out:
+
+    pieces = Σ_runs min(1 + turning points, max(1, T / SHORT_S)),   2^−pieces ≤ CHANCE ⟺ pieces ≥ LEAST   (4)
+
+are independent pieces of motion, of which the sign test needs LEAST (Bienaymé 1874 on turning points).
 """
 
 from collections.abc import Sequence
@@ -29,9 +35,8 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.covariance.clusters import students
-from baqueano.identify.data.record import FitRecord, Measured
+from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.theta import Shape
@@ -46,6 +51,9 @@ FLOOR = 0.1  # of the variance of the noise
 GAP_S = 1.0  # on either side of a block that is held out
 DONE = 1e-3  # decrement: no parameter moves by more than 3 % of its standard error
 PATIENCE = 25  # evaluations
+SWING = 0.1
+CHANCE = 0.05
+LEAST = int(np.ceil(-np.log2(CHANCE)))
 
 
 class Score(NamedTuple):
@@ -242,3 +250,32 @@ def _masked(record: FitRecord, kept: np.ndarray) -> FitRecord:
         name: Measured(said.z, said.has * kept[:, None], said.early) for name, said in record.sensors.items()
     }
     return record._replace(sensors=sensors)
+
+
+def pieces_of(runs: Sequence[Run], command: int) -> float:
+    """Independent pieces of motion of one command over all runs; 0 where it does not move.  (4)"""
+    u = [run.applied[np.isfinite(run.applied[:, command]), command] for run in runs]
+    every = np.concatenate([np.zeros(1), *u])
+    swing = SWING * float(np.ptp(every))
+    out = 0.0
+    for run, x in zip(runs, u, strict=True):
+        if np.any(x != 0.0):
+            out += min(1.0 + turning_points(x, swing), max(1.0, _lasts(run) / SHORT_S))
+    return out
+
+
+def _lasts(run: Run) -> float:
+    """Return the length of all its ticks [s], the first one too."""
+    return run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)
+
+
+def turning_points(x: np.ndarray, swing: float) -> int:
+    """Return the number of turning points of x (N,), without swings smaller than `swing`."""
+    count, way, low, high = 0, 0, x[0], x[0]
+    for value in x[np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)]:
+        low, high = min(low, value), max(high, value)
+        if way >= 0 and high - value > swing:
+            count, way, low, high = count + (way > 0), -1, value, value
+        elif way <= 0 and value - low > swing:
+            count, way, low, high = count + (way < 0), 1, value, value
+    return count

@@ -31,8 +31,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
-from baqueano.identify.data.record import past_of
+from baqueano.identify.data.record import FittedBlocks, past_of
 from baqueano.identify.data.rest import begins_at_rest, with_gyro_at_rest
 from baqueano.identify.data.voltage import CHANNEL, with_voltage
 from baqueano.identify.dataset import sensors_of
@@ -43,7 +42,7 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import DELAY, LAG, LEAST_LAG, acts_alone, chosen, with_room
 from baqueano.identify.parameters.setup import first_theta, for_sensors, records_of, shape_of
 from baqueano.identify.residuals.block_arrow import dense
-from baqueano.identify.residuals.huber import smallest_spread
+from baqueano.identify.residuals.noise_level import smallest_spread
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.choice import Choice, Decision, JudgedTerm, channels_of
 from baqueano.identify.selection.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only

@@ -28,7 +28,7 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.blocks import FittedBlocks
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
     DELAY,
     LAG,

@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.identify.design import Room, believed, contained, designed, mean_error
 from baqueano.identify.design.belief import Cloud
 from baqueano.identify.design.information import NUISANCE_SD, unknowns
-from baqueano.identify.design.inside import VEHICLES
+from baqueano.identify.design.room import VEHICLES
 from baqueano.identify.design.signals import KINDS, excitation
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, Drawn

@@ -1,0 +1,179 @@
+"""Noise level of each channel, from residuals of which a few may be wrong; steady, or growing with the speed v.
+
+    σ = 1.4826 median |r|                                                                                 (1)
+    σ(v)² = σ₀² (1 + (κ v)²),   κ = arg min Σ_t log σ(v_t) + ½ min((r_t / σ(v_t))², FAR_BY_SPEED²)         (2)
+    y_b = (Σ_t∈b r_t)² / n_b   over blocks b of BLOCK_S,   E y_b = S(v) = S₀ (1 + (κ v)²)                  (3)
+    σ(v)² = max(S(v), variance of the single residuals at v)                                              (4)
+
+(1) over rows in which something happens (`telling`): an encoder that stands says 0 without noise. σ is never below what
+the converter's steps and the numbers themselves allow; of FEW measurements it is that of the vehicle file. (2) is the
+likelihood of a scale: gears, wheels and floor shake a vehicle the more, the faster it goes. (4) weighs a channel by
+what it knows of slow motion, in which friction and force are seen; of white residuals (4) is (2). A profile has mean
+square 1, and stays what it is while the parameters are searched.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from baqueano.contracts import optional
+from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree
+from baqueano.signals import ByName
+
+MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
+SMALLEST = 1e-7  # of the largest measurement of a channel
+STILL = 1e-3  # of the largest measurement of a channel
+FEW = 30  # measurements, below which the sensor's own σ is believed
+SPEED_RATIOS = np.array([0.0, *np.geomspace(0.125, 32.0, 17)])  # κ times the root mean square of the speed
+FAR_BY_SPEED = 3.0  # standard deviations
+ENOUGH = 50  # measurements of a channel, below which its noise is taken for steady
+GAIN = 5.0  # of the log-likelihood, that a growth must bring to be believed
+BLOCK_S = 1.0  # longer than a servo's or motor's lag, shorter than a manoeuvre
+FAR_OF_SLOW = 4.0
+FULL = 1.0 / 3.0  # part of a block that must have been measured
+FEWEST = 12  # blocks for (2)
+SLOW_RATIOS = np.array([0.0, *np.geomspace(0.25, 16.0, 13)])  # κ times the root mean square of the speed
+
+
+def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
+    """σ (m,) of residuals (N, m) of several runs, in their own unit.  (1)"""
+    m = residuals[0].shape[1]
+    sigma = np.zeros(m)
+    for c in range(m):
+        x = np.concatenate([r[there[:, c] > 0.0, c] for r, there in zip(residuals, has, strict=True)])
+        x = np.abs(x[np.isfinite(x)])
+        sigma[c] = MAD * np.median(x) if len(x) else 0.0
+    return np.maximum(sigma, floor)
+
+
+def telling(
+    residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], z: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """`has` (N, m), 0 also where the measurement z is exactly 0 and the model says so to STILL of the largest; as it
+    is for a channel that would be left with fewer than FEW rows."""
+    largest = np.max(
+        [np.max(np.abs(v * there), axis=0, initial=0.0) for v, there in zip(z, has, strict=True)], axis=0
+    )
+    out = [
+        there * ~((v == 0.0) & (np.abs(r) <= STILL * largest))
+        for r, there, v in zip(residuals, has, z, strict=True)
+    ]
+    enough = np.sum([there.sum(axis=0) for there in out], axis=0) >= FEW
+    return [np.where(enough, moved, there) for moved, there in zip(out, has, strict=True)]
+
+
+def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
+    """(m,) below which no σ is believed: 1/√12 of a converter's step, and SMALLEST of the largest value."""
+    steps = np.concatenate([_steps(block) for block in blocks])
+    largest = np.max(
+        [np.max(np.abs(v * there), axis=0, initial=0.0) for v, there in zip(z, has, strict=True)], axis=0
+    )
+    return np.maximum(steps / np.sqrt(12.0), np.maximum(SMALLEST * largest, 1e-12))
+
+
+def believed(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
+    """(m,) σ of the sensors' own covariance for channels with FEW measurements or less; 0 for the others."""
+    count = np.sum([there.sum(axis=0) for there in has], axis=0)
+    own = [
+        np.zeros(b.size) if (Q := optional.of(b, "cov")) is None else np.sqrt(np.maximum(np.diagonal(Q), 0.0))
+        for b in blocks
+    ]
+    return np.where(count < FEW, np.concatenate(own), 0.0)
+
+
+def _steps(block: Tree) -> np.ndarray:
+    """(m,) steps of a sensor's converter, 0 where none is told."""
+    if not has_field(block, "accel_step"):
+        return np.zeros(block.size)
+    return np.array([block.accel_step, block.accel_step, block.gyro_step])
+
+
+def profile_by_speed(
+    left: Sequence[np.ndarray], has: Sequence[np.ndarray], speeds: Sequence[np.ndarray], floor: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """σ (m,), and its profile (N, m) per piece, of residuals (N, m) at speeds (N,)."""
+    v = np.concatenate(speeds)
+    typical = max(float(np.sqrt(np.mean(v**2))), 1e-9)
+    profile = [np.ones_like(r) for r in left]
+    sigma = np.zeros(len(floor))
+    for c in range(len(floor)):
+        there = [w[:, c] > 0.0 for w in has]
+        r = np.concatenate([x[t, c] for x, t in zip(left, there, strict=True)])
+        at = np.concatenate([x[t] for x, t in zip(speeds, there, strict=True)])
+        kappa = _growth_by_speed(r, at, typical, floor[c]) / typical if len(r) >= ENOUGH else 0.0
+        mean = np.sqrt(1.0 + kappa**2 * np.mean(at**2)) if len(at) else 1.0
+        for k, x in enumerate(speeds):
+            profile[k][:, c] = np.sqrt(1.0 + (kappa * x) ** 2) / mean
+        scaled = [(x[:, c] / p[:, c])[:, None] for x, p in zip(left, profile, strict=True)]
+        sigma[c] = spread(scaled, [w[:, c : c + 1] for w in has], floor[c : c + 1])[0]
+    return sigma, profile
+
+
+def _growth_by_speed(r: np.ndarray, v: np.ndarray, typical: float, floor: float) -> float:
+    """κ times `typical` of (2)."""
+    costs = []
+    for ratio in SPEED_RATIOS:
+        g = np.sqrt(1.0 + (ratio * v / typical) ** 2)
+        base = spread([(r / g)[:, None]], [np.ones((len(r), 1))], np.array([floor]))[0]
+        far = np.minimum((r / (base * g)) ** 2, FAR_BY_SPEED**2)
+        costs.append(float(np.sum(np.log(g)) + 0.5 * np.sum(far)) + len(r) * np.log(base))
+    best = int(np.argmin(costs))
+    return float(SPEED_RATIOS[best]) if costs[0] - costs[best] > GAIN else 0.0
+
+
+def profile_of_slow(
+    left: Sequence[np.ndarray],
+    has: Sequence[np.ndarray],
+    speeds: Sequence[np.ndarray],
+    dt_s: Sequence[np.ndarray],
+    floor: np.ndarray,
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """σ (m,), and its profile (N, m) of mean square 1 per piece, of residuals (N, m) at speeds (N,).  (3)"""
+    sigma, profile = profile_by_speed(left, has, speeds, floor)
+    out, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
+    for c in range(len(sigma)):
+        single = [(sigma[c] * p[:, c]) ** 2 for p in profile]
+        far = [FAR_OF_SLOW * np.sqrt(one) for one in single]
+        left_c = [np.clip(r[:, c], -x, x) for r, x in zip(left, far, strict=True)]
+        sums, squares = _blocks(left_c, [w[:, c] for w in has], speeds, dt_s)
+        if len(sums) < FEWEST:
+            continue
+        s_0, kappa = _growth_of_slow(sums, squares, max(typical, 1e-9))
+        both = [
+            np.sqrt(np.maximum(s, s_0 * (1.0 + (kappa * v) ** 2)))
+            for s, v in zip(single, speeds, strict=True)
+        ]
+        there = np.concatenate([b[w[:, c] > 0.0] for b, w in zip(both, has, strict=True)])
+        out[c] = np.sqrt(np.mean(there**2))
+        for p, b in zip(profile, both, strict=True):
+            p[:, c] = b / out[c]
+    return out, profile
+
+
+def _blocks(
+    left: Sequence[np.ndarray],
+    has: Sequence[np.ndarray],
+    speeds: Sequence[np.ndarray],
+    dt_s: Sequence[np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """y (B,) of (1) and the mean of v² (B,), over the blocks of all pieces."""
+    sums, squares = [], []
+    for r, w, v, dt in zip(left, has, speeds, dt_s, strict=True):
+        block = (np.cumsum(dt) / BLOCK_S).astype(int)
+        n, rows = np.bincount(block, w), np.bincount(block)
+        full = n >= max(2.0, FULL * float(np.median(rows)))
+        sums.append((np.bincount(block, r * w)[full]) ** 2 / n[full])
+        squares.append(np.bincount(block, v * v)[full] / rows[full])
+    return np.concatenate(sums), np.concatenate(squares)
+
+
+def _growth_of_slow(y: np.ndarray, v_squared: np.ndarray, typical: float) -> tuple[float, float]:
+    """S₀ and κ.  (2)"""
+    best = (np.inf, float(np.mean(y)), 0.0)
+    for ratio in SLOW_RATIOS:
+        kappa = ratio / typical
+        g = 1.0 + kappa**2 * v_squared
+        s_0 = float(np.mean(y / g))
+        best = min(best, (float(np.sum(np.log(g))) + len(y) * np.log(max(s_0, 1e-300)), s_0, kappa))
+    return best[1], best[2]
