@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.covariance.clusters import students
+from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.judged import Figure, Judged, _against, _Left, judge
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate

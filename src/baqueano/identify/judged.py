@@ -36,7 +36,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import students
+from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.data.truth import MOUNT

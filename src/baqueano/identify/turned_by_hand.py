@@ -23,8 +23,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
 from baqueano.identify.against_truth import GAP_S, Calibration, Known, TruthSignal, channel_of
-from baqueano.identify.covariance.clusters import students
-from baqueano.identify.covariance.information import QUANTILE_95
+from baqueano.identify.covariance.quantiles import QUANTILE_95, students
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
 from baqueano.runs.run import Run

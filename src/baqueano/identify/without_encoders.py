@@ -9,7 +9,7 @@ a_x says.
 The scales of gyro and accelerometers cannot be known from the IMU itself: twice the gyro's scale and half the
 speed fit as well. They are held, and so is the zero of a car's gyro, which looks like a steering that is a little off;
 what they may be off by goes into the error bars (scale_uncertainty.py), and so does what parts of the run disagree
-about (jackknife.py). Another yaw rate that leads makes another delay likely, so that both are searched in turn until
+about (sandwich.py). Another yaw rate that leads makes another delay likely, so that both are searched in turn until
 they stay: a fit that is repeated from its own answer ends there.
 
 Measured: a real car, `baqueano study without-encoders`. A car of the independent truth, driven for 60 s on a floor
@@ -22,6 +22,7 @@ the encoder.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,15 +30,14 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import Information, information
-from baqueano.identify.covariance.jackknife import jackknife, with_blocks
-from baqueano.identify.covariance.scale_uncertainty import scales_of, with_systematic, zero_of
+from baqueano.identify.covariance.information import information
+from baqueano.identify.covariance.scale_uncertainty import moved_by_scales, scales_of, zero_of
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.identifiable import FinishedFit, Seen, without_the_unseen
+from baqueano.identify.identifiability.identifiable import FinishedFit, without_the_unseen
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     DELAY,
@@ -102,12 +102,15 @@ def without_encoders(
     within, found = _settled(task)
     found, sight, info = without_the_unseen(within, found, parameters.free)
     found = bounds_of(task, found)
-    info = _with_all_errors(found, sight, info, (scales, zero))
+    at = np.flatnonzero(sight.kept)
+    assert isinstance(found.problem, GyroAidedResiduals)
+    slope = partial(found.problem.slope, found.solution.theta)
+    systematic = moved_by_scales(slope, scales, zero, at, info.bread)
     left = found.problem.left(found.solution.theta)
     found = found._replace(sigma=spread(left, found.problem.has, floor))
     end = FinishedFit(
         data.file, blocks, task._replace(problem=found.problem), list(parameters.wanted), list(parameters.frozen),
-        found, sight, info, data.note, data.findings,
+        found, sight, info, systematic, data.note, data.findings,
     )  # fmt: skip
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
@@ -149,17 +152,6 @@ def _still(before: np.ndarray, found: Search) -> bool:
     """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
     moved = found.solution.theta - before
     return float(moved @ information(found.problem, found.solution.theta).bread @ moved) < STILL**2
-
-
-def _with_all_errors(
-    found: Search, sight: Seen, info: Information, unknown: tuple[np.ndarray, float]
-) -> Information:
-    """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
-    problem, theta, kept = found.problem, found.solution.theta, np.flatnonzero(sight.kept)
-    assert isinstance(problem, GyroAidedResiduals)
-    cov = jackknife(problem, theta, kept, info.bread)
-    info = info if cov is None else with_blocks(info, kept, cov)
-    return with_systematic(info, lambda *changed: problem.slope(theta, *changed), *unknown)
 
 
 def gyro_leads(

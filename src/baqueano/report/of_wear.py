@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.identify.covariance.information import QUANTILE_95
+from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.messages import text
 from baqueano.report.lab import pyplot
 from baqueano.report.page import Headline, Page, Section, Table, draw

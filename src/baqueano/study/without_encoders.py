@@ -23,7 +23,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.identify.covariance.information import QUANTILE_95
+from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.without_encoders import without_encoders
 from baqueano.runs.importing import import_run
 from baqueano.study.recorded.bars import row

@@ -1,66 +1,38 @@
 """Error bars of a regression whose residuals are coloured, and how far they may be trusted.
 
     x̂ = arg min Σ_i ρ(y_i − h_i(x)),   A = Σ_i ρ''_i ∂h_iᵀ ∂h_i                                            (1)
-    s_b = Σ_{i in batch b} ρ'_i ∂h_iᵀ,   cov x̂ = A⁻¹ (Σ_b s_b s_bᵀ) A⁻¹ B/(B − p)                        (2)
+    s_b = Σ_{i in batch b} ρ'_i ∂h_iᵀ,   cov x̂ = Σ_b d_b d_bᵀ,   d_b = (A − A_b)⁻¹ s_b                   (2)
     interval: x̂ ± t_{B−p} √cov                                                                             (3)
 
 Residuals of neighbouring windows share their samples and the vehicle's own slow errors. Sums over batches that
 are longer than both are as good as independent, whatever the colour inside: (2) is the sandwich with batches
-for clusters. With few batches its scatter is not small, so the quantile is Student's.
-Source: Liang and Zeger 1986; Cornish and Fisher for Student's quantile (3e-3 from 7 degrees of freedom on; exact
-below 5).
+for clusters (sandwich.py). With few batches its scatter is not small, so the quantile is Student's.
+Source: Liang and Zeger 1986.
 """
-
-from statistics import NormalDist
 
 import numpy as np
 
+from baqueano.identify.covariance.sandwich import without_each
 from baqueano.identify.residuals.simulation import HUBER
-
-
-def students(probability: float, freedom: float) -> float:
-    """The quantile of Student's t with `freedom` degrees of freedom, a whole number below 5."""
-    if freedom < 5:
-        return _students_of_few(probability, int(freedom))
-    z, n = NormalDist().inv_cdf(probability), float(freedom)
-    first = (z**3 + z) / (4.0 * n)
-    second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * n**2)
-    third = (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / (384.0 * n**3)
-    return z + first + second + third
-
-
-def _students_of_few(probability: float, freedom: int) -> float:
-    """The same for 1 to 4 degrees of freedom n, exact: the integral over θ = atan t/√n is known, and halved for."""
-    of = {
-        1: lambda x: x / np.pi,
-        2: lambda x: 0.5 * np.sin(x),
-        3: lambda x: (x + np.sin(x) * np.cos(x)) / np.pi,
-        4: lambda x: 0.5 * np.sin(x) * (1.0 + 0.5 * np.cos(x) ** 2),
-    }[freedom]
-    low, high = -0.5 * np.pi, 0.5 * np.pi
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if of(middle) < probability - 0.5 else (low, middle)
-    return float(np.sqrt(freedom) * np.tan(low))
 
 
 def batch_covariance(
     slopes: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
 ) -> np.ndarray:
-    """(p, p) of (2): `slopes` (N, p) of what was regressed on, `residuals` and `weights` (N,), `batch` (N,) the
-    number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, and have no ρ''. Infinite
-    where a direction has no slope."""
-    p, count = slopes.shape[1], len(np.unique(batch))
-    scale = np.sqrt(np.maximum(np.sum(slopes**2, axis=0), 1e-300))
-    J = slopes / scale
-    A = J[weights >= 1.0].T @ J[weights >= 1.0]
-    values, vectors = np.linalg.eigh(A)
-    if count <= p or values[0] < 1e-10 * values[-1]:
+    """Return (p, p) of (2): `slopes` (N, p) of what was regressed on, `residuals` and `weights` (N,), `batch` (N,) the
+    number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, and have no ρ''. Infinite where
+    a direction has no slope, or batches are no more than directions."""
+    p, numbers = slopes.shape[1], np.unique(batch)
+    scale = np.sqrt(np.maximum(np.sum(slopes[weights >= 1.0] ** 2, axis=0), 1e-300))
+    J, inside = slopes / scale, np.where(weights >= 1.0, 1.0, 0.0)[:, None]
+    J_b = [J * (batch == b)[:, None] for b in numbers]
+    A_b = np.array([(inside * x).T @ x for x in J_b])
+    values = np.linalg.eigvalsh(A_b.sum(axis=0))
+    if len(numbers) <= p or values[0] < 1e-10 * values[-1]:
         return np.full((p, p), np.inf)
-    scores = np.zeros((int(batch.max()) + 1, p))
-    np.add.at(scores, batch, (weights * residuals)[:, None] * J)
-    half = (vectors / values) @ vectors.T @ scores.T  # A⁻¹ s_b
-    return half @ half.T / np.outer(scale, scale) * (count / (count - p))
+    s = np.array([(weights * residuals) @ x for x in J_b])
+    moves = without_each(s, A_b, np.linalg.inv(A_b.sum(axis=0)), np.arange(p))
+    return moves.T @ moves / np.outer(scale, scale)
 
 
 def regress(slopes: np.ndarray, y: np.ndarray, rounds: int = 10) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import QUANTILE_95
+from baqueano.identify.covariance.quantiles import QUANTILE_95
 
 FEWEST = 16  # samples
 LEAST_FREEDOM = 1.0  # degrees of freedom, below which an average is not shown

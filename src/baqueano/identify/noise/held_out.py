@@ -19,7 +19,7 @@ from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
-from baqueano.identify.covariance.information import QUANTILE_95
+from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
 from baqueano.runs.run import Run
 from baqueano.signals import Tick

@@ -9,7 +9,7 @@ import numpy as np
 from baqueano.blocks import closest
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import QUANTILE_95
+from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.parameters.free import described, entries
 from baqueano.identify.result.channel_units import channel_unit, percent
 from baqueano.identify.result.verdict import short

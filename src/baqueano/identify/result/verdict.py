@@ -26,8 +26,8 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.identify.covariance.clusters import students
 from baqueano.identify.covariance.information import COLOUR
+from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.estimation.search import LACKING
 from baqueano.identify.result.channel_units import CHANNEL_UNITS
 

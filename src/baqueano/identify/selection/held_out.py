@@ -35,7 +35,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.clusters import students
+from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import each

@@ -3,7 +3,7 @@
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.covariance.information import QUANTILE_95
+from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.selection.terms import BATTERY, Term
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.identify.covariance.information import QUANTILE_95
+from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.study.identification.trials import CASES, SECONDS, TrialJob, TrialOutcome, work
 from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
