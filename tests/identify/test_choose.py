@@ -17,9 +17,8 @@ from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.selection.held_out import Score, paired
-from baqueano.identify.selection.information import not_separated
 from baqueano.identify.selection.selection import choose
-from baqueano.identify.selection.terms import BATTERY, Term, terms_of, without_terms
+from baqueano.identify.selection.terms import BATTERY, Term, not_separated, terms_of, without_terms
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate

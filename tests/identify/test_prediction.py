@@ -13,7 +13,7 @@ from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.design.signals import random_steps
 from baqueano.identify.estimation import prediction_error as prediction
 from baqueano.identify.estimation.prediction_error import FloorNoise, Prediction, most_likely, tail
-from baqueano.identify.parameters.theta import Shape
+from baqueano.identify.parameters.setup import Shape
 from baqueano.identify.residuals import innovations as prediction_kernel
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals

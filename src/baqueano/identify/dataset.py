@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, fault
 from baqueano.errors import UsageError
+from baqueano.identify.data.added_channels import CHANNEL, TRUTH, with_truth
 from baqueano.identify.data.hand_measurements import with_tape
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.rest import with_gyro_at_rest
-from baqueano.identify.data.truth import TRUTH, with_truth
-from baqueano.identify.data.voltage import CHANNEL
 from baqueano.identify.diagnostics import mended
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import acts_alone, chosen
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-NO_MOTION = (CHANNEL, "imu_temperature")  # of the vehicle's state: voltage.py, `runs noise`
+NO_MOTION = (CHANNEL, "imu_temperature")  # of the vehicle's state: added_channels.py, `runs noise`
 BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 

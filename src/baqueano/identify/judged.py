@@ -37,9 +37,9 @@ from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.data.added_channels import MOUNT
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import begins_at_rest
-from baqueano.identify.data.truth import MOUNT
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.setup import POSE_S

@@ -154,3 +154,28 @@ def _root(B: np.ndarray) -> np.ndarray:
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(B)
         return vectors * np.sqrt(np.maximum(values, little))
+
+
+def own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
+    """The least part of the information on the entries `at` that none of the `others` could take."""
+    if not np.all(np.diagonal(A)[at] > 0.0):
+        return 0.0
+    both = np.concatenate([at, others])
+    root = np.sqrt(np.diagonal(A)[both])
+    C = A[np.ix_(both, both)] / np.outer(root, root)
+    n = len(at)
+    values, vectors = np.linalg.eigh(C[n:, n:])
+    seen = values > 1e-12 * max(float(values[-1]), 1e-300) if len(values) else np.zeros(0, bool)
+    gain = C[:n, n:] @ vectors[:, seen]
+    own = C[:n, :n] - (gain / values[seen]) @ gain.T
+    return float(np.linalg.eigvalsh(own)[0])
+
+
+def own_sd(A: np.ndarray, at: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(q,) standard errors of the entries `at` of θ by the information A (p, p) on those that are `free` (p,)."""
+    used = np.flatnonzero((free | np.isin(np.arange(len(free)), at)) & (np.diagonal(A) > 0.0))
+    root = np.sqrt(np.diagonal(A)[used])
+    inverse = np.linalg.pinv(A[np.ix_(used, used)] / np.outer(root, root), hermitian=True)
+    sd = np.full(len(free), np.inf)
+    sd[used] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
+    return np.asarray(sd[at])

@@ -4,15 +4,15 @@
     d_b = (A − A_b)⁻¹ s_b,   cov = (t_{n−1}/z)² Σ_b d_b d_bᵀ + Σ_e d_e d_eᵀ                               (2)
     longer blocks where they disagree with shorter ones:   tr cov⁻¹ cov' / k > 1 + SURE √(2/(n k))        (3)
 
-d_b is by how much the fit moves without block b of BLOCK_S. A − A_b in place of A corrects for small samples: a fit
-draws scores to 0, the most where few rows count for much (jackknife, CR3); Student's t in
-place of z, as n blocks know their own scatter to 1/√(2n). What is coloured inside of a block, or
-comes with the motions that a model lacks, is in (2) whatever it is. d_e = A⁻¹ σ_e ∂g/∂e is the same of a scale or a
-zero that is held and known to σ_e only (scale_uncertainty.py). Of runs in pieces ∂r is without what the start of the
-piece makes up for (data/segments.py); a pose is coloured all along a piece, so (3) asks the n pieces over the k
-shared entries. Of fewer than FEWEST blocks, or where one tells nearly all that is known of something, a tape at the
-end, the blocks are single ticks (information.py). Where σ is
-that of slow motion (noise_level.py, (4)), no error is below A⁻¹. What was tried: docs/derivations/sandwich.md.
+d_b is by how much the fit moves without block b of BLOCK_S, or a regression without a batch. A − A_b in place of A
+corrects for small samples: a fit draws scores to 0, the most where few rows count for much (jackknife, CR3); Student's
+t in place of z, as n blocks know their own scatter to 1/√(2n). What is coloured inside of a block, or comes with the
+motions that a model lacks, is in (2) whatever it is. d_e = A⁻¹ σ_e ∂g/∂e is the same of a scale or a zero that is held
+and known to σ_e only (scale_uncertainty.py). Of runs in pieces ∂r is without what the start of the piece makes up for
+(data/segments.py); a pose is coloured all along a piece, so (3) asks the n pieces over the k shared entries. Of fewer
+than FEWEST blocks, or where one tells nearly all that is known of something, a tape at the end, the blocks are single
+ticks (information.py). Where σ is that of slow motion (noise_level.py, (4)), no error is below A⁻¹. What was tried:
+docs/derivations/sandwich.md.
 Sources: Liang and Zeger 1986; Quenouille 1956, Tukey 1958; Künsch 1989; Bell and McCaffrey 2002 for CR3.
 """
 
@@ -156,3 +156,35 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
             g[b] = np.clip(here, -HUBER, HUBER) @ x
             A[b] = gram(x) - gram(x[np.abs(here) >= HUBER])
     return g, A
+
+
+def batch_covariance(
+    slopes: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
+) -> np.ndarray:
+    """Return (p, p) by d_b of batches: `slopes` (N, p) of what was regressed on, `residuals` and `weights` (N,), and
+    `batch` (N,), the number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, without ρ''.
+    Infinite where a direction has no slope, or batches are no more than directions."""
+    p, numbers = slopes.shape[1], np.unique(batch)
+    scale = np.sqrt(np.maximum(np.sum(slopes[weights >= 1.0] ** 2, axis=0), 1e-300))
+    J, inside = slopes / scale, np.where(weights >= 1.0, 1.0, 0.0)[:, None]
+    J_b = [J * (batch == b)[:, None] for b in numbers]
+    A_b = np.array([(inside * x).T @ x for x in J_b])
+    values = np.linalg.eigvalsh(A_b.sum(axis=0))
+    if len(numbers) <= p or values[0] < 1e-10 * values[-1]:
+        return np.full((p, p), np.inf)
+    s = np.array([(weights * residuals) @ x for x in J_b])
+    moves = without_each(s, A_b, np.linalg.inv(A_b.sum(axis=0)), np.arange(p))
+    return moves.T @ moves / np.outer(scale, scale)
+
+
+def regress(slopes: np.ndarray, y: np.ndarray, rounds: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    """Huber's regression of y (N,) on `slopes` (N, p): estimate (p,) and weights (N,)."""
+    weights = np.ones(len(y))
+    x = np.zeros(slopes.shape[1])
+    for _ in range(rounds):
+        root = np.sqrt(weights)
+        x = np.linalg.lstsq(root[:, None] * slopes, root * y, rcond=None)[0]
+        left = np.abs(y - slopes @ x)
+        sigma = max(1.4826 * float(np.median(left)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
+        weights = np.minimum(1.0, HUBER * sigma / np.maximum(left, 1e-300))
+    return x, weights

@@ -1,21 +1,40 @@
-"""Does each channel of a sensor follow its own prediction, another's, or the opposite of its own?
+"""Does each channel of a sensor follow its own prediction, and is the IMU mounted as the model believes?
 
 The signal map (runs/diagnostics/signal_map.py) of what was measured and what the model says, of any scale. The gains of
-a fit bend to what was measured, so that an inverted sensor shows here only where another one contradicts it; else it is
-the file that does (against_file.py); and where no fit is left to compare with, the model as the search began with it is
-asked. Readings are clipped at 4 standard deviations of their own about the median.
+a fit bend to what was measured, so that an inverted sensor shows only where another one contradicts it; else it is the
+file that does (against_file.py). Where a channel does not follow what the file's own numbers say, the same search is
+asked with the axes otherwise: swapped, turned by a quarter or a half, one of them inverted,
+
+    gain = Σ_c n_c log σ_c(as it is) − Σ_c n_c log σ_c(other way),   over the n of the IMU                 (1)
+
+Turned ways cannot be told for a vehicle that may push anything along x and y. Mirrored ones can: the acceleration of a
+turn, ν_x ω, points to the left in a turn to the left; of four that leave the same the commands choose, by the file's
+signs. A way is named if it leaves a tenth less, a gain of n/10.
 """
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.identify.data.record import FitRecord, FittedBlocks, beginning
+from baqueano.identify.diagnostics import against_file
+from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.runs.diagnostics.signal_map import MappedChannel, signal_map
+from baqueano.runs.diagnostics.signal_map import NO_RELATION, MappedChannel, relations, signal_map
+
+if TYPE_CHECKING:
+    from baqueano.identify.identifiability.identifiable import FinishedFit
 
 MOST = 2000  # samples that are looked at, evenly
 FAR = 4.0
 RAN_AWAY = 1e6  # SI units, of a model
+MOST_ROWS = 3000  # rows of each run
+WORTH = 0.1  # of the logarithm of σ, a reading of the IMU
+ALIKE = 0.5  # of the largest gain: ways that bring so much are one by the data
+AXES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 
 
 def checked(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
@@ -63,3 +82,97 @@ def clipped(x: np.ndarray) -> np.ndarray:
             size = FAR * max(MAD * float(np.median(np.abs(known - middle))), 0.1 * float(np.std(known)))
             np.clip(column, middle - size, middle + size, out=column)
     return x
+
+
+class MountWay(NamedTuple):
+    """z of the IMU as it should be: its columns `order`, times `sign`."""
+
+    order: tuple[int, int, int]
+    sign: tuple[float, float, float]
+    code: str
+
+
+WAYS = (
+    MountWay((1, 0, 2), (1.0, 1.0, 1.0), "mount.swapped"),
+    MountWay((0, 1, 2), (-1.0, 1.0, 1.0), "mount.first-inverted"),
+    MountWay((0, 1, 2), (1.0, -1.0, 1.0), "mount.second-inverted"),
+    MountWay((0, 1, 2), (1.0, 1.0, -1.0), "mount.third-inverted"),
+    MountWay((0, 1, 2), (-1.0, -1.0, 1.0), "mount.half-turn"),
+    MountWay((1, 0, 2), (1.0, -1.0, 1.0), "mount.quarter-turn-second"),
+    MountWay((1, 0, 2), (-1.0, 1.0, 1.0), "mount.quarter-turn-first"),
+)  # fmt: skip
+
+
+def told(end: "FinishedFit", found: list[Diagnostic]) -> list[Diagnostic]:
+    """`found` about a finished search, and which way an IMU is mounted where that is the
+    reason: then it stands before the doubts about axes and signs that say the same, in place of the others."""
+    task, blocks = end.task, end.blocks
+    if type(task.problem) is not Residuals or all(one.severity == Severity.INFO for one in found):
+        return found
+    for name, block in blocks.sensors._asdict().items():
+        if has_field(block, "gyro_scale") and _astray(task, name) and (named := _named(end, name)):
+            kind = "axes.swapped" if named[0].order[0] else "axes.inverted"
+            rest = [one for one in found if one.code not in AXES or one.code == kind]
+            return [named[1], *rest]
+    return found
+
+
+def _astray(task: Task, name: str) -> bool:
+    """Whether some channel of the IMU does not follow what the file's numbers say of it, or another's more."""
+    found = relations(*of_sensor(task.problem, task.first, name))
+    rho = np.array([[one.correlation for one in row] for row in found])
+    own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
+    related = any(one.is_clear() for row in found for one in row)
+    return related and bool(np.any((own < NO_RELATION) | (own < any_of)))
+
+
+def _named(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
+    """The way that leaves less and does as the file says, and the sentence for it."""
+    task, blocks = end.task, end.blocks
+    records = [beginning(record, MOST_ROWS) for record in task.problem.records]
+    at = sum(task.problem.sizes[: task.problem.names.index(name)])
+    own = slice(at, at + 3)
+    n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)
+    begun = [
+        task.first,
+        np.where(np.isfinite(end.found.solution.theta), end.found.solution.theta, task.first),
+    ]
+    here = min(
+        (_searched(task, blocks, records, theta) for theta in begun), key=lambda one: _left(one, own, n)
+    )
+    ways = [
+        (way, _searched(task, blocks, [_other_way(r, name, way) for r in records], begun[0])) for way in WAYS
+    ]
+    gains = [_left(here, own, n) - _left(found, own, n[list(way.order)]) for way, found in ways]
+    best = max(gains)
+    if not best > WORTH * n.sum():
+        return None
+    for gain, (way, found) in zip(gains, ways, strict=True):
+        if gain > ALIKE * best and _as_in_the_file(task, blocks, found):
+            sigma = found.sigma[own][np.argsort(way.order)]  # of the columns as they are in the run
+            less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in zip(here.sigma[own], sigma, strict=True))
+            return way, note(way.code, Severity.ERROR, subject=name, less=less)
+    return None
+
+
+def _searched(task: Task, blocks: FittedBlocks, records: list[FitRecord], theta: np.ndarray) -> Search:
+    problem = Residuals(blocks, task.problem.shape, records, task.problem.scan.backend)
+    return search(task._replace(problem=problem, say=None), theta, rough=True)
+
+
+def _other_way(record: FitRecord, name: str, way: MountWay) -> FitRecord:
+    order, said = list(way.order), record.sensors[name]
+    z, has = said.z[:, order] * np.array(way.sign), said.has[:, order]
+    return record._replace(sensors={**record.sensors, name: said._replace(z=z, has=has)})
+
+
+def _left(found: Search, own: slice, n: np.ndarray) -> float:
+    """Σ n log σ over the channels of the IMU, of which there are n (3,).  (1)"""
+    left = float(n @ np.log(found.sigma[own]))
+    return left if np.isfinite(left) and np.isfinite(found.solution.at.cost) else np.inf
+
+
+def _as_in_the_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
+    names = task.problem.shape.shared
+    found = against_file.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
+    return not any(one.code in AXES for one in found)

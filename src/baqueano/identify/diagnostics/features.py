@@ -21,12 +21,12 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.data.voltage import VOLTAGE, at_voltage
 from baqueano.identify.diagnostics.forces import COMMANDED, Force, commanded, driven, forces, moved
 from baqueano.identify.parallel import ahead, each
 from baqueano.identify.parameters.free import DELAY, with_numbers
-from baqueano.identify.parameters.theta import Shape, beginning, example, shown_by
+from baqueano.identify.parameters.setup import Shape, beginning, example, shown_by
 from baqueano.identify.residuals.simulation import Residuals, kept_kernel
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan

@@ -1,16 +1,15 @@
-"""Does the gyro turn as fast as the others say, or 57.3 times as fast: °/s that were read as rad/s?
+"""Are commands and readings in the units of the file: held against physics, and the gyro against what else turns?
 
-    ω_w = (v_r − v_l)/b    of two wheels b apart             ω_z = r ω_w                                   (1)
-    a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (2)
-    ω_h = h(θ_0)           of the vehicle file's own numbers ω_z = r ω_h                                   (3)
+    |u_j| ≤ limit_j of the vehicle file        |ω_z| ≤ 35 rad/s, 2000 °/s        |a| ≤ 300 m/s²            (1)
+    mean of a_x, a_y at rest ≈ bias + 9.8 sin(tilt),  both small for an IMU that lies flat                (2)
+    ω_w = (v_r − v_l)/b    of two wheels b apart             ω_z = r ω_w                                   (3)
+    a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (4)
+    ω_h = h(θ_0)           of the vehicle file's own numbers ω_z = r ω_h                                   (5)
 
-Each is a signal map (runs/diagnostics/signal_map.py): of means over WINDOW_S or four samples, (3) of samples. r is 1
-where units are right, and 180/π or its inverse where they are not; wheels that skid, a floor that tilts and a file that
-was guessed to a factor of two are all nearer to 1 than to that, and a unit is named within NEAR of it. v of (2) is what
-odometer or wheels say; its sign does not matter, both sides change it.
-
-A gyro that turns as wheels or the model do is cleared, and nothing else accuses it. (2) alone does not tell a gyro in
-another unit from an accelerometer in another unit, or from one that points up, and names both.
+(3) to (5) are signal maps (runs/diagnostics/signal_map.py): of means over WINDOW_S or four samples, (5) of samples. r
+is 1 where units are right, 180/π or its inverse where they are not; a unit is named within NEAR of it, wheels that skid
+and a guessed file are nearer to 1. A gyro that turns as wheels or the model do is cleared. (4) alone does not tell a
+gyro from an accelerometer in another unit, and names both.
 """
 
 from typing import TYPE_CHECKING
@@ -18,20 +17,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.diagnostics import axes
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
+from baqueano.runs.diagnostics.plausible import FASTEST_RAD_S
 from baqueano.runs.diagnostics.signal_map import NOTHING, Hypothesis, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.runs.windows import means
-from baqueano.signals import NANOSECONDS
+from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
+    from baqueano.vehicle_file import VehicleFile
+if TYPE_CHECKING:
+    from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
 CURVE = "gyro.or-accelerometer"  # the code of a doubt that names two suspects
@@ -40,11 +43,16 @@ WINDOW_S, SAMPLES = 0.2, 4.0
 FEW = 20  # rows
 TOO_FAST = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # what the gyro is in, by r
 TOO_SLOW = {1.0 / r: unit for r, unit in TOO_FAST.items()}  # and by 1/r
+HARDEST_M_S2 = 300.0  # that anything on a small vehicle feels for long
+TILTED_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
+OVER = 1.2  # times the limit: rounding and trims are less
+FEW_AT_REST = 20  # ticks at rest
+FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
 def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
     """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
-    wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (1), (2)"""
+    wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (3), (4)"""
     known, turned, curves = file.sensors._asdict(), [], []
     for other, channel in run.sensors.items():
         block: Tree = known.get(other)
@@ -68,7 +76,7 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
 
 
 def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
-    """What a_y = v ω_z / r says: which of them is wrong, it does not know.  (2)"""
+    """What a_y = v ω_z / r says: which of them is wrong, it does not know.  (4)"""
     slope = abs(curve.relation.slope) or np.nan
     found = _found(name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=other))
     if found is None:
@@ -79,7 +87,7 @@ def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
 def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
     search, and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
-    explains it with the file's own gains. Where the search began tells nothing of it.  (1), (3)"""
+    explains it with the file's own gains. Where the search began tells nothing of it.  (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     told = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.told]
     by_file, _, _ = first_theta(end.blocks, told, problem.shape, problem.records, FitOptions())
@@ -144,3 +152,69 @@ def _windows(one: Log, other: Log) -> tuple[np.ndarray, np.ndarray] | None:
     same = np.intersect1d(both[0][0], both[1][0])
     first, second = (mean[np.searchsorted(windows, same)] for windows, mean in both)
     return first, second
+
+
+def implausible(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
+    """What no small vehicle does, or its file does not allow."""
+    found = _commands(run, file)
+    for name, block in sensors.items():
+        if (
+            has_field(block, "gyro_scale")
+            and name in run.sensors
+            and run.sensors[name].z.shape[1] == block.size
+        ):
+            found += _imu(run, name, block)
+            found += checked(run, file, name)
+    return found
+
+
+def _commands(run: Run, file: "VehicleFile") -> list[Diagnostic]:
+    found = []
+    for j, (name, limit) in enumerate(zip(file.command.names, file.command.limit, strict=True)):
+        most = float(np.nanmax(np.abs(run.applied[:, j]), initial=0.0))
+        if not np.isfinite(limit) or most <= OVER * limit or most == 0.0:
+            continue
+        if limit == 0.0:
+            found.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=most))
+            continue
+        guess = next((what for low, high, what in FULL if low <= most <= high), "V")
+        told = {"most": most, "limit": float(limit), "of_file": file.command.unit, "guess": guess}
+        found.append(note("command.unit", Severity.ERROR, subject=name, **told))
+    return found
+
+
+def _imu(run: Run, name: str, block: Tree) -> list[Diagnostic]:
+    z, found = run.sensors[name].z, []
+    size = np.abs(z[np.isfinite(z).all(axis=1)])
+    if not len(size):
+        return []
+    far = np.any(size > [HARDEST_M_S2, HARDEST_M_S2, FASTEST_RAD_S])
+    most = np.quantile(size, 0.99, axis=0) if far else np.zeros(3)
+    if most[2] > FASTEST_RAD_S:
+        rates: JsonObject = {"most_rad_s": float(most[2]), "fastest_rad_s": FASTEST_RAD_S}
+        found.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
+    for i in np.flatnonzero(most[:2] > HARDEST_M_S2):
+        said = {"subject": f"{name}[{i}]", "most_m_s2": float(most[i])}
+        found.append(note("accelerometer.unit", Severity.ERROR, **said))
+    return found + _gravity(run, name, block)
+
+
+def _gravity(run: Run, name: str, block: Tree) -> list[Diagnostic]:
+    channel = run.sensors[name]
+    tick = np.minimum(np.searchsorted(run.t_ns, channel.t_ns), len(run.t_ns) - 1)
+    rest = ~np.any(run.applied != 0.0, axis=1)[tick]
+    where = rest if rest.sum() >= FEW_AT_REST else np.ones(len(tick), bool)
+    phi, theta = block.tilt_rad
+    told = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
+    found = []
+    for i in range(2):
+        x = channel.z[where, i]
+        x = x[np.isfinite(x)]
+        tilted = np.count_nonzero(np.abs(x - told[i]) > TILTED_M_S2)  # fewer than half move no median
+        off = float(np.median(x)) - float(told[i]) if tilted and 2 * tilted >= len(x) else 0.0
+        if abs(off) > TILTED_M_S2:
+            whole = abs(abs(off) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY and rest.sum() >= FEW_AT_REST
+            code = "gravity.at-rest" if rest.sum() >= FEW_AT_REST else "gravity.all-the-time"
+            grave = Severity.ERROR if whole else Severity.WARNING
+            found.append(note(code, grave, subject=f"{name}[{i}]", off_m_s2=off))
+    return found

@@ -1,14 +1,16 @@
 """Second stage of a fit: what θ means, where its search begins, its bounds, and the rows that it is fitted to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.identify.data.added_channels import VOLTAGE, with_voltage
 from baqueano.identify.data.record import (
     CLOCK_S,
     FitRecord,
@@ -19,7 +21,6 @@ from baqueano.identify.data.record import (
     slots_for,
 )
 from baqueano.identify.data.segments import ThetaLayout, cut
-from baqueano.identify.data.voltage import VOLTAGE, with_voltage
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import (
@@ -29,11 +30,12 @@ from baqueano.identify.parameters.free import (
     entries,
     frozen_columns,
     value,
+    with_numbers,
     with_room,
 )
-from baqueano.identify.parameters.theta import Shape
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import tells_pose
+from baqueano.sensors.sampling import Signal, begun, shown, tells_pose
+from baqueano.signals import ByName, Motion
 from baqueano.vehicles.freedoms import kept
 
 if TYPE_CHECKING:
@@ -43,6 +45,29 @@ if TYPE_CHECKING:
 BIASES = ("accel_bias", "gyro_bias")
 POSE_S = 5.0  # of a piece, where a pose is used: a simulated heading wanders off
 SETTLED_LAGS = 8.0  # of the motors, after which 3e-4 is left of what they did before
+STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
+
+
+class Shape(NamedTuple):
+    """Meaning of θ for one piece of a run."""
+
+    shared: tuple[str, ...]  # paths that all runs share
+    own: tuple[str, ...]  # paths that each run has for itself: biases
+    start: tuple[int, ...]  # entries of STARTS that are free
+    early: tuple[bool, ...]  # per sensor, whether its stamps lie between ticks, or its clock is free
+    clocks: tuple[str, ...] = ()  # sensors whose clock is free
+    slots: int = 0  # rows before the newest that these need
+    volts: bool = False  # whether rows end with the battery's voltage
+
+    @property
+    def by_run(self) -> tuple[str, ...]:
+        """Names of what each run has for itself."""
+        return (*self.own, *(f"clock.{name}" for name in self.clocks))
+
+    @property
+    def size(self) -> int:
+        """Length of θ of one piece."""
+        return len(self.shared) + len(self.by_run) + len(self.start)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,3 +256,45 @@ def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray
     if not np.all(np.isfinite(full) & (full > 0.0)):
         raise UsageError(fault("sigma.negative", found=full.tolist()))
     return full
+
+
+def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], Tree]:
+    """θ → the vehicle at the start of a piece."""
+    paths = (*shape.shared, *shape.own)
+
+    def start(theta: np.ndarray) -> Any:
+        there = with_numbers(blocks, paths, theta)
+        given = np.zeros(len(STARTS))
+        for k, i in enumerate(shape.start):
+            given = given + theta[shape.size - len(shape.start) + k] * np.eye(len(STARTS))[i]
+        nu = given[:3] if any(i < 3 for i in shape.start) else None
+        eta = given[3:] if any(i >= 3 for i in shape.start) else None
+        return there.model.init(eta, nu)
+
+    return start
+
+
+def example(blocks: FittedBlocks, shape: Shape) -> np.ndarray:
+    """Return θ (p,) of the blocks as they are."""
+    paths = (*shape.shared, *shape.own)
+    return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
+
+
+def beginning(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
+    """Return the function θ → (vehicle at the start of a piece, signal of each sensor until then)."""
+    vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own)
+
+    def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
+        there, vehicle = with_numbers(blocks, paths, theta), vehicle_at(theta)
+        motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, there.model.gravity(vehicle.eta[2]))
+        return vehicle, tuple(begun(sensor, sensor.h(motion)) for sensor in there.sensors)
+
+    return start
+
+
+def shown_by(
+    sensors: ByName[Tree], signals: tuple[Signal, ...], motion: Motion, dt_s: Value
+) -> tuple[list[np.ndarray], tuple[Signal, ...]]:
+    """Return h of each sensor at the end of a row (m,), and its signal."""
+    both = [shown(sensor, signal, motion, dt_s) for sensor, signal in zip(sensors, signals, strict=True)]
+    return [h for _, h in both], tuple(signal for signal, _ in both)

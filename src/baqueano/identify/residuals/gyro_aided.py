@@ -22,10 +22,10 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
-from baqueano.identify.data.voltage import at_voltage
 from baqueano.identify.parameters.free import DELAY, with_numbers
-from baqueano.identify.parameters.theta import Shape, beginning, example, vehicle_at_start
+from baqueano.identify.parameters.setup import Shape, beginning, example, vehicle_at_start
 from baqueano.identify.residuals.noise_level import MAD, profile_of_slow
 from baqueano.identify.residuals.simulation import Residuals, kept_kernel
 from baqueano.sensors.sampling import Signal, low_pass_s, shown

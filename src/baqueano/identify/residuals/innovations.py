@@ -20,10 +20,10 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import correct, moved
+from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.voltage import at_voltage
 from baqueano.identify.parameters.free import value, with_numbers
-from baqueano.identify.parameters.theta import Shape, beginning
+from baqueano.identify.parameters.setup import Shape, beginning
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan

@@ -24,12 +24,12 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import ThetaLayout
-from baqueano.identify.data.voltage import VOLTAGE, at_voltage
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import with_numbers
-from baqueano.identify.parameters.theta import Shape, beginning, example, shown_by, vehicle_at_start
+from baqueano.identify.parameters.setup import Shape, beginning, example, shown_by, vehicle_at_start
 from baqueano.identify.residuals.block_arrow import Evaluation, add, places_of
 from baqueano.identify.residuals.block_arrow import begun as begun_arrow
 from baqueano.identify.residuals.noise_level import profile_by_speed, telling

@@ -9,14 +9,14 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.information import COLOUR, covariance_of, inverse
 from baqueano.identify.covariance.sandwich import covariance
+from baqueano.identify.data.added_channels import MOUNT, TRUTH
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.truth import MOUNT, TRUTH
 from baqueano.identify.diagnostics import afterwards, widened
 from baqueano.identify.identifiability.advice import missing_command, unobservable, weakly
 from baqueano.identify.identifiability.identifiable import FinishedFit, one_mean
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import DELAY, Free, value, with_numbers
-from baqueano.identify.parameters.theta import STARTS
+from baqueano.identify.parameters.setup import STARTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import better_known, envelope_of

@@ -19,9 +19,9 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.data.added_channels import MOUNT
 from baqueano.identify.data.record import FitRecord
 from baqueano.identify.data.rest import shows_speed
-from baqueano.identify.data.truth import MOUNT
 from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.parameter import parameters
 from baqueano.signals import ByName

@@ -39,7 +39,7 @@ from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import each
-from baqueano.identify.parameters.theta import Shape
+from baqueano.identify.parameters.setup import Shape
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.runs.run import Run
 

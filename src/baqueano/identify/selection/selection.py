@@ -31,9 +31,10 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
+from baqueano.identify.covariance.information import own_information, own_sd
+from baqueano.identify.data.added_channels import CHANNEL, with_voltage
 from baqueano.identify.data.record import FittedBlocks, past_of
 from baqueano.identify.data.rest import begins_at_rest, with_gyro_at_rest
-from baqueano.identify.data.voltage import CHANNEL, with_voltage
 from baqueano.identify.dataset import sensors_of
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.search import Task, search
@@ -46,12 +47,12 @@ from baqueano.identify.residuals.noise_level import smallest_spread
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.choice import Choice, Decision, JudgedTerm, channels_of
 from baqueano.identify.selection.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only
-from baqueano.identify.selection.information import not_separated, own_information, own_sd
 from baqueano.identify.selection.terms import (
     SHORTEST_LAG_S,
     Term,
     asked_for,
     least_free,
+    not_separated,
     room_for,
     with_terms,
     without_terms,

@@ -26,8 +26,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import closest
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
+from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
     DELAY,
@@ -259,3 +260,11 @@ def _one(name: str, path: str, *starts: float) -> Term:
 def _same(a: Any, b: Any) -> bool:
     x, y = np.asarray(a, float), np.asarray(b, float)
     return x.shape == y.shape and bool(np.all(x == y))
+
+
+def not_separated(term: Term, x: np.ndarray, sd: np.ndarray) -> Diagnostic | None:
+    """Return why the runs do not tell the battery's effect from the rest; None where they do: κ is in 0 to 1."""
+    half = QUANTILE_95 * float(sd[0])
+    if term.paths != (BATTERY,) or (2.0 * half <= 1.0 and -half <= x[0] <= 1.0 + half):
+        return None
+    return note("term.battery-not-separable", value=x[0], half=half)

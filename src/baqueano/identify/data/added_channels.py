@@ -1,0 +1,111 @@
+"""Channels that a fit reads beside those of the sensors: the truth, and the voltage of the battery.
+
+    ν of the mark = R(−χ) (ν_x − l_y ν_ψ,  ν_y + l_x ν_ψ)                                                  (1)
+
+The truth is z = ν of a simulation, as the paper finds its matrices, or the pose that a camera saw. Where the mark sits
+is asked for as of a sensor, "sensors.truth.lever_arm_m" and "sensors.truth.heading_rad"; it belongs to the recording,
+and no vehicle file takes it. With battery = "logged" in the drivetrain, which a fit sets by itself where
+`battery_effect` is free, each row ends with the voltage that was measured last in the channel `battery`, in the place
+of `battery_v`; the actuator matrix is then the one at `battery_nominal_v`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
+from baqueano.parameter import parameter
+from baqueano.runs.run import Channel, Run
+from baqueano.sensors import Pose
+from baqueano.sensors.pose import turned
+from baqueano.signals import ByName, Motion, seconds, sensor_slots
+from baqueano.symbolic import put
+from baqueano.vehicles.bounds import check_bounds
+
+TRUTH = "truth"
+MOUNT = f"sensors.{TRUTH}."  # begins what belongs to a recording
+CHANNEL = "battery"  # of the run
+VOLTAGE = "voltage of the battery"  # its place in a record: no name of a sensor
+LIKELY = (0.5, 2.0)  # of the nominal voltage
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Velocity:
+    """z = (ν_x, ν_y, ν_ψ) [m/s, m/s, rad/s]."""
+
+    size: int = 3
+    lever_arm_m: np.ndarray = parameter(
+        "m", "place of the mark in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
+    )
+    heading_rad: float = parameter(
+        "rad", "angle to the left by which the mark is turned, χ", low=-7.0, high=7.0, default=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    def h(self, motion: Motion) -> np.ndarray:
+        """ν (3,) of the mark, in its own axes.  (1)"""
+        vx, vy, w = motion.nu
+        way = np.array([vx - self.lever_arm_m[1] * w, vy + self.lever_arm_m[0] * w])
+        return np.array([*turned(way, -self.heading_rad), w])
+
+
+def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], Any]:
+    """The runs with their truth among the sensors, and its block beside the others."""
+    out = []
+    velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
+    for run in runs:
+        truth = run.truth
+        if truth is None or not (velocity or np.isfinite(truth.eta).any()):
+            raise UsageError(fault("truth.not-held", run=run.name))
+        channel = Channel(truth.t_ns, truth.t_ns, truth.nu if velocity else truth.eta)
+        out.append(replace(run, sensors={**run.sensors, TRUTH: channel}))
+    block = Velocity() if velocity else Pose()
+    return out, sensor_slots((*sensors._fields, TRUTH))(*sensors, block)
+
+
+def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks) -> list[FitRecord]:
+    """The records with the voltage of their run, where the drivetrain asks for it."""
+    drivetrain = getattr(blocks.model, "drivetrain", None)
+    if getattr(drivetrain, "battery", "steady") != "logged":
+        return list(records)
+    if not any(_told(run) for run in runs):
+        raise UsageError(fault("battery.no-voltage", channel=CHANNEL))
+    out = []
+    for record in records:
+        volts = _volts(record, runs[record.run], drivetrain)
+        measured = Measured(volts[:, None], np.zeros((len(volts), 1)), None)
+        out.append(record._replace(sensors={**record.sensors, VOLTAGE: measured}))
+    return out
+
+
+def at_voltage(blocks: FittedBlocks, row: np.ndarray, volts: bool) -> FittedBlocks:
+    """The blocks with the voltage at the end of the row, if there is one."""
+    return put(blocks, "model.drivetrain.battery_v", row[-1]) if volts else blocks
+
+
+def _told(run: Run) -> bool:
+    return CHANNEL in run.sensors and bool(np.isfinite(run.sensors[CHANNEL].z[:, 0]).any())
+
+
+def _volts(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
+    """(N,) at the rows of the record."""
+    if not _told(run):
+        return np.full(len(record.dt_s), float(drivetrain.battery_v))
+    channel = run.sensors[CHANNEL]
+    good = np.isfinite(channel.z[:, 0])
+    t_s, z = seconds(channel.t_ns[good], run.t_ns[0]), channel.z[good, 0]
+    nominal = drivetrain.battery_nominal_v
+    if not LIKELY[0] < np.median(z) / nominal < LIKELY[1]:
+        raise UsageError(
+            fault("battery.other-voltage", run=run.name, voltage_v=np.median(z), nominal_v=nominal)
+        )
+    order = np.argsort(t_s, kind="stable")
+    newest = np.searchsorted(t_s[order], record.t_s, side="right") - 1
+    return z[order][np.maximum(newest, 0)]
