@@ -7,24 +7,11 @@
     error² − s² > χ²_{1,1−α} n² / (T / SHORT_S),   s² = mean (z − z̄)²,
                   n² = min(noise², s²), or w² where the own runs are explained by less than 0 too         (5)
 
-What belongs to a run and not to the vehicle is found on the run itself, for nobody knows it before: the IMU's biases,
-clocks, the mount of a truth and other numbers that the fit found run by run, and the velocity at the start unless the
-run begins at rest (data/rest.py). Everything else is the fit's.
-
-A share of the variance alone judges badly: where the own runs are explained to 99 %, 90 % are an error of three times
-the size, and a run that hardly moved is explained by no model. So the error is held against what noise explains (2):
-what the fit leaves of its own runs, sensor and floor together, and the white part by which this run is louder (w, von
-Neumann's: vibration grows with speed, and no model takes it away). The model is said not to carry over where its own
-part of e² is larger than that of the noise, and where that is no chance (3): blocks of BLOCK_S are as good as
-independent (held_out.py), s is the scatter of g over the blocks of both, and t Student's with its B + B_own − 2
-degrees of freedom. A single block whose g lies beyond what the highest of B blocks reaches by chance (4) is told with
-its time: something happened there. Where there are fewer than ENOUGH on either side, blocks have SHORT_S. A single
-block on both sides tells nothing of chance, and the sentence says so. α is half of CHANCE, for each of the two.
-
-REFUSED is a channel that the model explains by less than 0 and by more than chance (5): of what a true model leaves,
-the mean of the run takes away no more, and a true model leaves no more than s². What a fit leaves of own runs that it
-does not explain is no noise: then n is the white part alone. CANNOT TELL: nothing speaks against the model, and a
-command that moved in the fit has fewer than LEAST independent pieces in the held-out runs (selection/held_out.py).
+What belongs to a run is found on it: biases, clocks, the mount of a truth, the start unless the run begins at rest.
+The error is held against noise (2): what the fit leaves of its own runs, and the white part by which this run is
+louder (von Neumann's w). WARN: the model's own part of e² is larger than noise, by more than chance (3), over blocks
+of BLOCK_S of both, SHORT_S where these are few; or one block is (4). REFUSED: explained by less than 0, by more than
+chance (5). CANNOT TELL: a command that moved in the fit has too few independent pieces here. α is half of CHANCE.
 """
 
 from collections.abc import Sequence

@@ -1,23 +1,16 @@
 """A vehicle from its commands and its IMU alone: no encoder, no camera.
 
 The simulation is led by the gyro (gyro_aided.py) and each channel weighed by what it knows of slow motion
-(noise_level.py). Beside what the model asks for, the place of the IMU along the vehicle is free: it acts on
-a_x by −l ν_ψ² and on a_y by l ν̇_ψ, is hardly ever measured, and taken for granted it becomes friction. Of a car
-the delay of the commands is free too, unless others are asked for in place of what it needs: a wrong one spoils what
-a_x says.
-
-The scales of gyro and accelerometers cannot be known from the IMU itself: twice the gyro's scale and half the
-speed fit as well. They are held, and so is the zero of a car's gyro, which looks like a steering that is a little off;
-what they may be off by goes into the error bars (scale_uncertainty.py), and so does what parts of the run disagree
-about (sandwich.py). Another yaw rate that leads makes another delay likely, so that both are searched in turn until
+(noise_level.py). Free are, beside what the model asks for, the place of the IMU along the vehicle, which acts on a_x by
+−l ν_ψ² and on a_y by l ν̇_ψ, and of a car the delay of the commands. The scales of gyro and accelerometers cannot be
+known from the IMU itself: twice the gyro's scale and half the speed fit as well. They are held, and so is the zero of a
+car's gyro, which looks like a steering that is a little off; what they may be off by goes into the error bars
+(scale_uncertainty.py). Another yaw rate that leads makes another delay likely, so that both are searched in turn until
 they stay: a fit that is repeated from its own answer ends there.
 
-Measured: a real car, `baqueano study without-encoders`. A car of the independent truth, driven for 60 s on a floor
-that pushes it, after 3 s of rest (83 seeds from 100, scales known, benchmarks/coverage_without_encoders.py): errors of
-2 to 3 % are told, 93 % of the intervals of 95 % hold; viscous drag is 2 % too high, 80 % hold. A vehicle of two wheels
-gains nothing: case study I is found 1.03 times as far off as by the plain fit (8 seeds). A recording at 10 Hz whose a_y
-scatters by 2 m/s² (the JetRacer, driven freely) is not enough: its speeds come out 1.4 and 2.3 times as wrong as by
-the encoder.
+Figures: `baqueano study without-encoders` of a real car, benchmarks/coverage_without_encoders.py of simulated ones, of
+which viscous drag is 2 % too high. A vehicle of two wheels gains nothing; a recording at 10 Hz whose a_y scatters by
+2 m/s² is not enough.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,23 +1,16 @@
 """What was measured by hand: with a tape from the mark where the run began, and the angle that it turned.
 
     d = √(x² + y²),   (x, y) = (0, 0) back on the mark,   (cos ψ, sin ψ)                                  (1)
-
-of the pose at that time; the run begins at x = y = ψ = 0. A tape and two turns on a mark are the cheapest truth:
-they tell the scale of speed and gyro, which nothing on board tells. The angle is compared as a direction, so
-whole turns count only as far as the model is within half a turn of them: measure after two or three.
+    σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN,   d_0 without noise                                          (2)
 
     "12.4 s: 2.31 m"               so far from where it began, 12.4 s after the first tick
     "end: 0 m, 720 deg"            back on its mark, turned twice to the left
     "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, and how sure it is: else ± 1 cm and ± 2 degrees
 
-The simulation must reach that far: a run with a tape is not cut into pieces. A floor that disturbs the vehicle
-takes it elsewhere than a simulation; how far is told by the spread of DRAWN vehicles on a floor of the file's
-`process_noise_std`, and added to the error of the hand:
-
-    σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN,   d_0 without noise                                          (2)
-
-With a `process_noise_std` of 0 a tape after a minute is believed to the centimetre: say what the floor does, or
-measure soon.
+of the pose at that time; the run begins at x = y = ψ = 0, and is not cut into pieces. They tell the scale of speed and
+gyro, which nothing on board tells. An angle is a direction: whole turns count as far as the model is within half a
+turn. A floor takes the vehicle elsewhere than a simulation, by the spread of DRAWN vehicles under the file's
+`process_noise_std` (2); with 0 a tape after a minute is believed to the centimetre: measure soon.
 """
 
 import re

@@ -1,18 +1,13 @@
-"""The bias of a gyro, measured while the vehicle stands.
+"""The bias of a gyro, measured while the vehicle stands, and whether a run begins at rest.
 
     b = b₀ + mean of (z − h), over what was measured while nothing was commanded for REST_S               (1)
-
-A car that only drives cannot tell the bias of its gyro from a steering that is a little off: both are a
-steady turn, and what is left of an imperfect model decides between them (on two recordings it said 0.1 rad/s
-of a gyro that reads 0.002 rad/s at rest). So of a car the bias is not estimated along with the model: it is
-(1) where a run stands for LEAST_S more, else the one of the vehicle file.
-
-A run begins at rest where its first readings of a speed are 0 within FAR times their white noise w,
-
     w² = ½ mean (z_{k+1} − z_k)²                                                                          (2)
 
-(von Neumann's, of the whole run). Where no sensor shows a speed, it begins at rest where it begins without a command,
-and until the first one no reading scatters by more than QUIET w: a vehicle that coasts slows down.
+A car that only drives cannot tell the bias of its gyro from a steering that is a little off. So of a car the bias is
+not estimated along with the model: it is (1) where a run stands for LEAST_S more, else the one of the vehicle file. A
+run begins at rest where its first readings of a speed are 0 within FAR times their white noise w (von Neumann's, of the
+whole run); where no sensor shows a speed, where it begins without a command, and until the first one no reading
+scatters by more than QUIET w: a vehicle that coasts slows down.
 """
 
 from collections.abc import Sequence

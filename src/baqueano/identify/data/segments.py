@@ -1,20 +1,12 @@
 """A long run as short pieces, each with a start of its own: multiple shooting.
 
-A simulation that is never corrected wanders off: by the heading, whose errors add up, and by a floor that is
-not modelled. Cut into pieces of a few seconds, each begins anew where the data say; all share the parameters.
-Before its first measurement a piece has a lead, rows without measurements, in which delayed commands and
-sensors fill their lines.
-
-θ = (shared | by run | by piece): the starts are many and of no interest, so what the data say of the others is
-told with the starts taken out,
-
     A_r = A − A_s A_ss⁻¹ A_sᵀ,   B_r = G B Gᵀ,   G = (I, −A_s A_ss⁻¹)                                       (1)
-
-block by block, for a start acts on its own piece alone. Row by row, with the weights w = ψ'(r) of A, these are the
-slopes of the others without what the start of their piece would make up for,
-
     d⊥ = d − d_s A_ss⁻¹ A_sᵀ,   A_r = Σ w d⊥ d⊥ᵀ                                                           (2)
 
+A simulation that is never corrected wanders off, by its heading and by a floor. Cut into pieces of a few seconds, each
+begins anew where the data say; all share the parameters: θ = (shared | by run | by piece). Before its first measurement
+a piece has a lead, in which delayed commands and sensors fill their lines. The starts s are of no interest, and taken
+out block by block (1), or row by row with the weights w = ψ'(r) of A (2).
 Source: Bock 1983 for the pieces; Schur's complement.
 """
 

@@ -3,18 +3,13 @@
     θ_l = θ̂ exp(s n_l)              a parameter that nobody has fitted, s = 0.2 unless told otherwise     (1)
     θ_l = θ̂ + P^½ n_l               those of the last fit, P its covariance                               (2)
     x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_lk)                                                   (3)
-
-A standard error in P of more than LEAST_KNOWN of the value is taken for that, as if a data sheet S had told as much:
-a fit that did not see a parameter says nothing about what it might be. Entries B of a draw that lie beyond their
-bounds b go back to them. Both take along what is tied to these entries,
-
     P ← P − P_·W (P_WW + S)⁻¹ P_W·   W those of too large an error,   θ_l ← θ_l + P_·B P_BB⁻¹ (b − θ_lB)  (4)
 
-for a drive that showed how soon a vehicle stops, and not by which of its frictions, leaves none without any: where
-they are bounded one by one, some vehicles have none, and roll for ever. The n_l come in pairs ± n, so that the mean of
-the cloud is not moved by the draw. What is 0 in the file stays 0 in (1): a term that the model has not. All of the
-cloud is one call of one kernel, which reads the commands once for all of them; several candidates for what comes
-next are shared out over the cores.
+A standard error of more than LEAST_KNOWN of the value is taken for that, as if a data sheet S had told it. Entries B of
+a draw beyond their bounds b go back to them. Both take along what is tied to these entries: bounded one by one, some
+vehicles would have no friction and roll for ever. The n_l come in pairs ± n, so that the draw does not move the mean.
+What is 0 in the file stays 0 in (1). All of the cloud is one call of one kernel; several candidates for what comes next
+are shared out over the cores.
 """
 
 from collections.abc import Sequence

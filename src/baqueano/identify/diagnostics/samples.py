@@ -1,29 +1,15 @@
 """Samples that are no measurements: not finite, held, stuck, logged as zero, at the end of an unknown range.
 
-For white noise σ, measured in steps of q, two samples in a row are equal, and one is exactly zero, with at most
-
-    P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)                                                    (1)
-
-σ from second differences of the values that changed: σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6.
-What is `FACTOR` times more frequent than that is not chance and is left out, sample by sample: so is every
-sample that repeats the one before (a driver that reads faster than the chip measures; a stuck bus), and exact
-zeros. Where the signal moves by less than a step, (1) allows everything and nothing is left out. Encoders have
-hardly any noise: of theirs the values between two jumps decide
-(runs/diagnostics/repeated_readings.py), and a pile is their top speed. They do repeat zeros: of sensors other than an
-IMU a zero counts only between two readings far from it.
-
-A range that the file does not tell shows as a pile at the largest value:
-
-    n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5)                           (2)
-
-on three visits or more; a sensor that is stuck goes there once. The tails of a distribution, of noise or of
-motion, fall towards the extreme; only a clip piles up there. To
-leave out just what reached the end would cut the noise at one side and pull the fit. Left out is instead, with
-all around it, what does not depend on the noise of the sample itself:
-
+    P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)     of white noise σ in steps of q, at most         (1)
+    σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6     of the values that changed
+    n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
-A single sample at the end is noise that the end cut a little, and stays.
+What is `FACTOR` times more frequent than (1) is no chance and is left out: samples that repeat the one before, exact
+zeros. Where the signal moves by less than a step, nothing is. Of encoders the values between two jumps decide
+(runs/diagnostics/repeated_readings.py), a pile is their top speed, and a zero counts only between two readings far from
+it. A pile (2) shows a range that the file does not tell: tails fall towards the extreme, only a clip piles up there.
+Left out is then (3), which does not depend on the noise of the sample itself and so does not pull the fit.
 """
 
 from dataclasses import replace

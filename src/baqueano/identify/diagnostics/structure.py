@@ -1,26 +1,16 @@
 """What a fit left over, and whether that could have moved its parameters.
 
-Asked are all of features.py, and whether each parameter is another in the first quarter, third, half, two
-thirds, three quarters of the time, in each run against the others, forward and backward, to the left and to
-the right, fast and slow, speeding up and slowing down. An answer counts if chance gives it in 1 of 40,000
-cases (Student's t; some 250 are asked; a low-pass of the IMU, which nearly all have, in 1 of 300) and if it
-matters: a parameter would move by over 2 of its standard errors and 2 %, or is different in parts by over 5 %.
-
-What an answer would move, and half of what parts differ by, is added to the error bars: they are to hold what the
-run itself does not agree on.
-
     share_c = √γ_c(1) / spread of what the model says of channel c                                        (1)
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
+    z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
-γ(1) is the covariance of neighbouring residuals: white noise has none, so what is there is motion that the
-model does not know. Above 5 % of the motion it knows, parameters are not told to 5 %; nor are they from a tenth
-of that on where there is clearly more of it than of noise, (2) above 1.3 (1 for white noise, whatever it is).
-
-Outliers of a sensor come whenever they like. Where readings beyond 4 σ come when the model changes fast, by rank,
-
-    z = (mean rank of |ḣ| among them − ½) √(12 n)                                                         (3)
-
-they are no outliers but a model that is late, early or too simple for what happens then.
+Asked are all of features.py, and whether each parameter is another in the first quarter, third, half, two thirds, three
+quarters of the time, in each run, forward and backward, left and right, fast and slow, speeding up and slowing down. An
+answer counts if chance gives it in 1 of 40,000 cases (some 250 are asked; a low-pass of the IMU, 1 of 300) and a
+parameter would move by over 2 of its errors and 2 %, or differs in parts by over 5 %. What it would move, and half of
+what parts differ by, is added to the error bars. γ(1), of neighbouring residuals, is motion that the model does not
+know: above 5 % of what it knows, or a tenth with (2) above 1.3, parameters are not told to 5 %. Outliers that come when
+the model changes fast (3) are a model that is late, early or too simple.
 """
 
 from collections.abc import Iterator, Sequence

@@ -3,21 +3,14 @@
     (H + λ D) s = −o g,   D the largest diagonal of H so far,   o = 1 + 0.17/(1 + 10³ λ)                  (1)
     ϱ = (C(θ) − C(θ + s)) / (−gᵀs − ½ sᵀHs),   accepted if ϱ > 0                                           (2)
     λ ← λ max(1/9, 1 − (2ϱ − 1)³)  if accepted, else  λ ← λ n, n ← 2n                                      (3)
-    done when the decrement gᵀH⁻¹g < tolerance                                                            (4)
-
-C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w: a quadratic that lies above the
-cost, so an undamped step is that of reweighted least squares, which falls short by E ψ' / E w = 1/1.17 on
-normal noise: o makes up for it when λ is small. D makes (1) the same in any units.
-(4) is in standard deviations squared: 1e-6 means that no parameter would move by more than a thousandth of
-its standard error.
-Where hardly anything gains any more and (4) is not met, the cost has a kink: a delay or a dead zone at which a
-command just passes. A parameter i whose cost rises both ways,
-
+    done when the decrement gᵀH⁻¹g < tolerance, in standard deviations squared                            (4)
     C(θ − h sign(g_i) e_i) > C(θ)   although g_i says that it falls, h = 10⁻³ standard deviations          (5)
 
-is where it is best, and the others go on without it. A parameter at its bound that would leave stays there and is
-taken out of (1); a step that crosses bounds is solved again with the crossing entries on them. H of many pieces is an
-arrow, and solved as one (block_arrow.py).
+C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w. H lies above the cost, so that an undamped
+step falls short by E ψ' / E w = 1/1.17 on normal noise, which o makes up for. A parameter whose cost rises both ways
+(5), at a kink of a delay or a dead zone, is where it is best, and the others go on without it; it is asked where
+hardly anything gains and (4) is not met. An entry at its bound that would leave is taken out of (1); a step that
+crosses bounds is solved again with those entries on them. H of many pieces is an arrow (block_arrow.py).
 Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
 """
 

@@ -1,27 +1,15 @@
 """The second cost of a fit: how likely the innovations of a filter are, its noise fitted along.
 
-    J(x) = Σ ρ(e) + ½ β log s,   x = (θ, v, ½ log q),   ρ(e) = ½ K² atan(e²/K²)                            (1)
-    ψ = ρ' = w e,   w = 1/(1 + (e/K)⁴)
-
-over all measurements, e and s of innovations.py. Without K, which keeps outliers out, and with β = 1 this
-is the likelihood of Gauss; β = E ψ e puts the least of J where v and q are the variances of normal noise. A floor
-that disturbs the vehicle makes the error of a simulation a walk that fades slowly: neighbours tell the same, and
-all of them are believed. The filter forgets at the pace of v, and its e are white.
-
+    J(x) = Σ ρ(e) + ½ β log s,   x = (θ, v, ½ log q),   ρ(e) = ½ K² atan(e²/K²),   ψ = ρ' = e/(1 + (e/K)⁴)  (1)
     ∂J = Σ ψ ∂e + ½ β ∂log s,      H = Σ w ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ                                     (2)
-
-H is the Fisher information: e holds the one half of what is known of a variance, the second term the other.
-Error bars are those of an M-estimator whose scores U_t, tick by tick, are a martingale's:
-
     cov = A⁻¹ B A⁻¹,   A = Σ ψ' ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ,   B = Σ U Uᵀ,   U = ψ ∂e + ½ β ∂log s          (3)
-
-v = 0 is the cost of the simulation, so the two are nested:
-
     2 (J(v = 0) − J)/τ  ~  at most χ² with as many degrees as v has axes,   τ = E ψ²/E ψ'                  (4)
 
-at most, because v = 0 lies on the border, where half of the time the best v is 0 itself.
-Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987 for the border. Why it does not
-replace the other costs, and what more was tried: docs/derivations/one_likelihood.md
+over all measurements, e and s of innovations.py. Without K and with β = 1 this is the likelihood of Gauss; β = E ψ e
+puts the least of J where v and q are the variances of normal noise. A floor makes the error of a simulation a walk; the
+filter forgets at the pace of v, and its e are white, so that scores U_t tick by tick are a martingale's (3). H is the
+Fisher information. v = 0 is the cost of the simulation: the two are nested (4), at most because v = 0 is on the border.
+Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987. docs/derivations/one_likelihood.md
 """
 
 from collections.abc import Callable

@@ -1,19 +1,15 @@
-"""What the data show, found in the information matrix.
+"""What the data show, found in the information matrix, and the search once more with the rest held where it was.
 
     C_ij = A_ij / √(A_ii A_jj)                   information in units of each parameter's own effect      (1)
     s_i  = √((E_c − 30) / A_ii^c)                the change of θ_i that is as large as a signal itself    (2)
 
-A_ii^c is the information of channel c on θ_i, c the channel that has most of it, and E_c the energy of what
-the model says there, both in standard deviations of the noise; 30 is what a fit to noise alone may have. A
-direction v with C v ≈ 0 moves parameters without moving any measurement: only the others are told, and one
-of the direction's parameters is held where it was, by preference one that scale or tape can measure, and of two starts
-that the data cannot tell apart the one that they show less. A
-parameter of the vehicle whose standard error exceeds `BLIND` s_i is held too: nothing that was measured
-depends on it. So is one with an error of half the span of its bounds, and a scale that would be known no better
-than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its own value and `WEAK_SIGNAL` of (2)
-is kept and called weak.
-Which others it could be mistaken for is told by the direction v_j of C that has most of its variance,
-Σ_j v_ij²/λ_j: parameters with `LOADING` of its largest entry or more. In words: identifiability/advice.py.
+A_ii^c is the information of the channel c that has most of it on θ_i, E_c the energy of what the model says there, both
+in standard deviations of the noise; 30 is what a fit to noise alone may have. A direction v with C v ≈ 0 moves no
+measurement: one of its parameters is held, by preference one that scale or tape can measure, of two starts the one
+that the data show less. Held is also what has an error above `BLIND` s_i, or half the span of its bounds, and a scale
+known no better than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL`
+of (2) is weak. What it could be mistaken for: parameters with `LOADING` of the largest entry of the direction v_j of
+C that has most of its variance, Σ_j v_ij²/λ_j. In words: identifiability/advice.py.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,30 +1,16 @@
 """Models of one vehicle judged by the simulation error where they were not fitted.
 
-The runs are cut into blocks; fold k holds out every K-th of them, or of the runs. A model is fitted to the rest
-without GAP_S on either side of what is held out, and simulated through all of it from the commands alone:
-
     L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ that of the model to beat               (1)
     g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = FLOOR                (2)
     with is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
-
-Runs that are held out by name are the only fold. Else, where there are FOLDS runs or more, whole runs are held out. The
-biases of a run that nobody was fitted to are found on it, for both models alike, and its start unless it begins at
-rest. Else parts of runs are held out, and their start is taken from the fit to
-all. A block has 5 s, 2 s where that makes fewer than 40: some times the memory of a small vehicle (m/d, a few tenths
-of a second), so that sums over blocks are as good as independent. Of RUNS runs or more, each is one block.
-
-(3) is a t test on paired differences of the logarithm of the error: g is the part by which the error of a block
-falls. Errors themselves will not do: what a term brings differs between blocks by orders of magnitude (a dead
-zone is everything near it and nothing far from it), their mean is that of the largest, and its scatter hides
-what every block says. c keeps blocks out in which both errors are below a third of the noise. A term that is not
-there makes held-out errors larger on average, by the noise that it fits, so that mean g < 0 and the test is safer
-than α.
-
-A command moves one way between two of its turning points, swings below SWING of its range left out:
-
     pieces = Σ_runs min(1 + turning points, max(1, T / SHORT_S)),   2^−pieces ≤ CHANCE ⟺ pieces ≥ LEAST   (4)
 
-are independent pieces of motion, of which the sign test needs LEAST (Bienaymé 1874 on turning points).
+Fold k holds out every K-th block, without GAP_S on either side; from FOLDS runs on whole runs, with biases and starts
+found on them; runs that are named, as the only fold. A block has 5 s, 2 s where there would be few: longer than the
+memory of a small vehicle, so that sums are independent. (3) is a paired t test on logarithms: what a term brings
+differs by orders of magnitude between blocks. c keeps out blocks below a third of the noise. A term that is not there
+fits noise, so that mean g < 0 and the test is safer than α. (4) counts independent pieces of motion by the turning
+points of a command, swings below SWING left out (Bienaymé 1874), and asks for as many as the sign test needs.
 """
 
 from collections.abc import Sequence

@@ -7,19 +7,11 @@
     until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3)
     where one fell, forward once more without it
 
-Error, folds and t are those of held_out.py; α = 5 %. A vehicle without any of the terms gets one with a
-probability below α: in (2) it would be α if held-out errors were even, and they are not, they speak against a
-term that is not there. Measured, a car driven for 40 s at 25 Hz: 0 of 20 seeds got one; of 20 with dry friction
-and a dead zone all got both and nothing else. Refused, whatever they gain: a term that ends at its bound; a
-term that cannot be told from what M has (SINGULAR of its information is its own). A term that ends at its
-neutral value, or that does not even improve the fit where it was fitted by what its own noise would (2 per
-number), is left out without being held against the folds.
-
-The terms stand in the order of what is believed where the vehicle has not been (terms.py): driven forward alone,
-dry friction and a dead zone are one; the first holds backward and coasting too.
-
-Greedy, so deterministic and short: n rounds of n fits instead of 2ⁿ. Two terms that help only together are
-missed, but for a dead zone's two ways (terms.py).
+Error, folds and t are those of held_out.py; α = 5 %, and a vehicle without any term gets one less often. Refused,
+whatever they gain: a term that ends at its bound, or that cannot be told from what M has (SINGULAR). Left out: one that
+ends at its neutral value, or improves the fit by no more than noise would. Terms stand in the order of what is believed
+where the vehicle has not been. Greedy, so deterministic and short: two terms that help only together are missed, but
+for a dead zone's two ways (terms.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
