@@ -22,7 +22,7 @@ def end(case, driven):
     """(a finished search over two runs with biases, the information there)."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        found = identify([driven(seed, 13.0) for seed in range(2)], case)
+        found = identify([driven(seed, 20.0) for seed in range(2)], case)
     return found, information(found.task.problem, found.found.solution.theta)
 
 
