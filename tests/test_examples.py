@@ -28,9 +28,8 @@ HAVE_ONE = """
     drive.first_drive: first_drive
     drive.mission: Mission packed perform
     drive.verbs: experiment repeat replay teach
-    identify.design.inside: contained
     identify.design.plan: designed
-    identify.design.room: room_of
+    identify.design.room: contained room_of
     identify.fit: identify
     identify.noise.allan: allan
     identify.noise.at_rest: at_rest
