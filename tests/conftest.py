@@ -6,6 +6,7 @@ Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in t
 Hypothesis judges no example by the clock on the wall: a busy machine is slow.
 """
 
+import gc
 import os
 import signal
 import threading
@@ -22,12 +23,16 @@ SLOW = {  # folders and files
     "test_benchmarks.py", "test_docs.py", "test_examples.py", "test_house.py", "test_wheel.py",
 }  # fmt: skip
 
-SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW
+SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+gc.set_threshold(
+    200_000, 20, 100
+)  # graphs of kernels are many objects that live long: looking through them is slow
 
 if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -55,7 +60,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile quickly where many kernels run for a moment each; the others test what the package ships."""
-    compile.HASTY_ABOVE, compile.SCHEDULED_BELOW = (0, 0) if is_slow(item.path) else SHIPPED
+    quick = 0, 0, "-O0"
+    compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY = quick if is_slow(item.path) else SHIPPED
 
 
 @pytest.fixture(scope="session")
