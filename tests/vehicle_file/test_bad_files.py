@@ -6,8 +6,8 @@ import pytest
 from baqueano.errors import FileError
 from baqueano.messages import text
 from baqueano.vehicle_file import load, parse
+from tests.codes import refused, within
 from tests.papers_pd import with_papers_pd
-from tests.refusals import refused, within
 
 SMALL = load("small").text
 PAPER_Q = [[2.852, -0.006, -0.018], [-0.006, 0.0, 0.0], [-0.018, 0.0, 0.008]]
