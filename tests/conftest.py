@@ -6,6 +6,7 @@ Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in t
 Hypothesis judges no example by the clock on the wall: a busy machine is slow.
 """
 
+import builtins
 import gc
 import os
 import signal
@@ -64,6 +65,19 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile quickly where many kernels run for a moment each; the others test what the package ships."""
     quick = 0, 0, "-O0"
     compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY = quick if is_slow(item.path) else SHIPPED
+
+
+@pytest.fixture
+def without_scipy(monkeypatch):
+    """Lets every import of scipy fail."""
+    real = builtins.__import__
+
+    def without(name, *args, **kwargs):
+        if name.startswith("scipy"):
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
 
 
 @pytest.fixture(scope="session")
