@@ -1,9 +1,35 @@
-"""The code of what is said, in place of its words."""
+"""Errors, asserted by their code and figures: their sentences stand in messages.golden."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
+
+import pytest
+
+from baqueano.diagnostics import Diagnostic
+from baqueano.errors import BaqueanoError
 
 
 def of_code(code: str, **figures: Any) -> Callable[[Any], bool]:
-    """Return a check of an error: it says this code, with these figures among others."""
+    """Return a check of an error: it says this very code, with these figures among others."""
     return lambda error: error.diagnostic.code == code and figures.items() <= error.diagnostic.figures.items()
+
+
+def within(why: Diagnostic) -> Iterator[Diagnostic]:
+    """A diagnostic, and its causes."""
+    yield why
+    for figure in why.figures.values():
+        if isinstance(figure, Diagnostic):
+            yield from within(figure)
+
+
+@contextmanager
+def refused(
+    code: str, kind: type[BaqueanoError] = BaqueanoError, /, **figures: object
+) -> Iterator[pytest.ExceptionInfo[BaqueanoError]]:
+    """What is done raises an error of this kind, code and figures, or one that has it for a cause."""
+    with pytest.raises(kind) as caught:
+        yield caught
+    causes = {cause.code: cause for cause in within(caught.value.diagnostic)}
+    assert code in causes, str(caught.value)
+    assert {name: causes[code].figures[name] for name in figures} == figures

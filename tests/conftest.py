@@ -6,6 +6,8 @@ Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in t
 Hypothesis judges no example by the clock on the wall: a busy machine is slow.
 """
 
+import builtins
+import gc
 import os
 import signal
 import threading
@@ -18,16 +20,22 @@ from baqueano.symbolic.c_code import compile
 
 HERE = Path(__file__).parent
 SLOW = {  # folders and files
-    "cli", "door", "drive", "emulated", "identify", "report", "robot", "study", "tune", "test_any_laptop.py",
-    "test_benchmarks.py", "test_docs.py", "test_examples.py", "test_house.py", "test_wheel.py",
+    "cli", "door", "drive", "emulated", "identify", "monitor", "report", "robot", "study", "tune",
+    "compare/test_corridor.py", "controllers/test_model_following.py", "estimators/test_ekf_pauses.py",
+    "estimators/test_every_sensor.py", "estimators/test_smoother.py", "test_any_laptop.py", "test_benchmarks.py",
+    "test_docs.py", "test_examples.py", "test_house.py", "test_wheel.py",
 }  # fmt: skip
 
-SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW
+SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+gc.set_threshold(
+    200_000, 20, 100
+)  # graphs of kernels are many objects that live long: looking through them is slow
 
 if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -55,7 +63,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile quickly where many kernels run for a moment each; the others test what the package ships."""
-    compile.HASTY_ABOVE, compile.SCHEDULED_BELOW = (0, 0) if is_slow(item.path) else SHIPPED
+    quick = 0, 0, "-O0"
+    compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY = quick if is_slow(item.path) else SHIPPED
+
+
+@pytest.fixture
+def without_scipy(monkeypatch):
+    """Lets every import of scipy fail."""
+    real = builtins.__import__
+
+    def without(name, *args, **kwargs):
+        if name.startswith("scipy"):
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,12 @@ def run(*command: str) -> None:
         [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, encoding="utf-8"
     )
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
+
+
+@cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """Return all nodes of a file, the module first."""
+    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
 def test_code_is_formatted():
@@ -84,7 +91,7 @@ def blocks_in(folder: Path) -> set[str]:
     return {
         node.name
         for path in folder.rglob("*.py")
-        for node in ast.parse(path.read_text(encoding="utf-8")).body
+        for node in nodes_of(path)[0].body
         if isinstance(node, ast.ClassDef)
         and "Protocol" not in [getattr(base, "id", "") for base in node.bases]
         and {"init", "step"} <= {one.name for one in node.body if isinstance(one, FUNCTIONS)}
@@ -111,7 +118,7 @@ def test_no_block_hides_outside_the_block_rooms():
 @pytest.mark.parametrize("room", BLOCK_ROOMS)
 def test_blocks_open_no_door_to_the_outside(room):
     for path in (SOURCE / room).rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             taken = {name.split(".")[0] for name in names} & DOORS
@@ -125,7 +132,7 @@ def test_nothing_asks_which_vehicle_it_has():
     asks = {
         str(path.relative_to(SOURCE))
         for path in SOURCE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in nodes_of(path)
         if isinstance(node, ast.ImportFrom)
         and node.module == "baqueano.vehicles"
         and {"Car", "Kinematic", "Planar"} & {name.name for name in node.names}
@@ -163,9 +170,9 @@ def test_no_kind_of_ours_is_told_apart_outside_its_room(room):
     kinds = blocks_in(SOURCE / room) | {"Imu", "Wheels", "Odometer", "Pose", "Mark", "Compass", "Beacon"}
     asks = [
         f"{path.relative_to(SOURCE)} line {node.lineno}"
-        for path, text in sources().items()
+        for path in sources()
         if path.parent != SOURCE / room
-        for node in ast.walk(ast.parse(text))
+        for node in nodes_of(path)
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance"
         and {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)} & kinds
     ]  # fmt: skip
@@ -191,7 +198,7 @@ def test_other_rooms_take_few_names_from_a_room(room):
         f"{node.module}.{name.name}"
         for path in SOURCE.rglob("*.py")
         if path.parent != SOURCE / room
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in nodes_of(path)
         if isinstance(node, ast.ImportFrom) and node.module in modules
         for name in node.names
     }
@@ -201,13 +208,13 @@ def test_other_rooms_take_few_names_from_a_room(room):
 def test_whatever_is_public_says_what_it_is():
     told, dumb = {}, []
     for path in SOURCE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
                 told[node.name] = {
                     one.name for one in node.body if isinstance(one, FUNCTIONS) and ast.get_docstring(one)
                 }
     for path in SOURCE.rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = nodes_of(path)[0]
         dumb += [f"{path.relative_to(ROOT)}: {name}" for name in without_docstring(tree, "", set(), told)]
     assert not dumb, "no docstring, so a reader has to guess:\n" + "\n".join(dumb)
 
@@ -235,7 +242,7 @@ def test_what_has_a_table_and_a_verdict_has_rows_for_machines():
     mute = [
         f"{path.relative_to(ROOT)}: {node.name}"
         for path in SOURCE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in nodes_of(path)
         if isinstance(node, ast.ClassDef)
         and {"table", "verdict"} <= (told := {one.name for one in node.body if isinstance(one, FUNCTIONS)})
         and "rows" not in told
@@ -257,7 +264,7 @@ def test_each_promise_that_a_test_names_is_one():
 def calls():
     """Return each call of the package, with its file."""
     for path in SOURCE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             if isinstance(node, ast.Call):
                 yield path.relative_to(SOURCE).as_posix(), node
 
@@ -311,16 +318,15 @@ HARMLESS = {
 def test_no_study_makes_its_data_by_the_step_that_is_fitted():
     """A mirror always agrees: data come from study/truth or from recordings."""
     for path in (SOURCE / "study").rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
         taken = {
             name.name
-            for node in ast.walk(tree)
+            for node in nodes_of(path)
             if isinstance(node, ast.ImportFrom)
             and (node.module or "").split(".")[:2]
             in [["baqueano", room] for room in ("simulate", "worlds", "drive")]
             for name in node.names
         }
-        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+        calls = [node for node in nodes_of(path) if isinstance(node, ast.Call)]
         drives = [node for node in calls if getattr(node.func, "id", "") == "first_drive"]
         worlds = all("world" in {key.arg for key in node.keywords} for node in drives)
         if path.relative_to(SOURCE / "study").parts[0] not in SIMULATED:

@@ -17,23 +17,12 @@ from baqueano.guides import Repeat, SinuousCircle
 from baqueano.guides.shapes import circle
 from baqueano.loop import Blocks
 from baqueano.runs import Channel, Run
-from baqueano.sensors import Imu
 from baqueano.signals import Command, Reference, Slot, sensor_slots
 from baqueano.supervisor import Supervisor
 from baqueano.symbolic import compiled
-from baqueano.vehicles import Friction, Planar
 from baqueano.worlds import Replayed, Simulated
+from tests.light_robot import LIMIT, SENSORS, VEHICLE, R
 
-VEHICLE = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001])),
-    process_noise_std=np.array([0.02, 0.005, 0.05]),
-)
-SENSORS = sensor_slots(("imu",))(Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005))
-R = np.diag([1e-3, 1e-3, 5e-3, 0.05, 0.05, 0.5]) ** 2
-LIMIT = np.array([1.0, 0.0, 1.0])
 PLAIN = Blocks(
     estimator=Ekf(VEHICLE, SENSORS, R),
     guide=SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=0.25, laps=0),

@@ -2,7 +2,7 @@
 
 from baqueano.blocks import check, resolve, room_of
 from baqueano.errors import FileError, UsageError
-from tests.refusals import refused
+from tests.codes import refused
 
 
 def test_a_class_that_fits_no_room_is_told_what_the_rooms_ask(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from baqueano.cli.modelling.runs import A_MAP
 from baqueano.errors import FileError
 from baqueano.runs.maps.column_map import load_map, maps_folder
-from tests.refusals import refused
+from tests.codes import refused
 
 
 def test_the_map_in_the_help_is_a_map(tmp_path):

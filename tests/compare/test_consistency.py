@@ -1,7 +1,5 @@
 """Squared, normalised errors lie in their χ² bands when the covariance is right, else outside."""
 
-import builtins
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -148,14 +146,6 @@ def test_white_innovations_are_white_and_slow_ones_are_not():
     assert np.all(consistency.whiteness(slow, S) > 0.9)
 
 
-def test_without_scipy_the_message_says_what_to_type(monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *args, **kwargs):
-        if name.startswith("scipy"):
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+def test_without_scipy_the_message_says_what_to_type(without_scipy):
     with pytest.raises(UsageError, match=r'pip install "baqueano\[lab\]"'):
         consistency._limits(10.0, 0.05)

@@ -16,7 +16,7 @@ from baqueano.simulate import simulate_loop
 from baqueano.simulate.closed_loop import as_run, closed, closed_loop, ticks_of
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, begin
-from baqueano.symbolic import function
+from baqueano.symbolic import compiled, function
 from baqueano.vehicle_file import load
 
 SMALL = load("small")
@@ -40,8 +40,9 @@ def reference(eta, nu=(0.0, 0.0, 0.0), tick=0):
 def settled(controller, eta_r, nu_r, eta, nu, ticks=200):
     """The command where reference and estimate have been like this for long."""
     state = controller.init()
+    step = function(controller.step, state, reference(eta_r, nu_r), estimate(eta, nu))
     for k in range(ticks):
-        state, command = controller.step(state, reference(eta_r, nu_r, k), estimate(eta, nu, k))
+        state, command = step(state, reference(eta_r, nu_r, k), estimate(eta, nu, k))
     return command.u
 
 
@@ -53,7 +54,7 @@ def test_the_command_of_a_steady_circle_makes_the_model_drive_it(name, v, w, law
     file = load(name)
     controller = file.controller(law, k_i=0.0)
     late_s = controller.late_s
-    vehicle, nu_y = file.vehicle, 0.0
+    vehicle, nu_y = compiled(file.vehicle), 0.0
     for _ in range(3):  # the sideslip of the model at this circle
         nu = np.array([v, nu_y, w])
         there = map_from_body(0.5 * w * late_s) @ (late_s * nu)  # where it is T from now

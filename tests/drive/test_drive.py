@@ -18,22 +18,13 @@ from baqueano.guides.route import moved
 from baqueano.guides.shapes import circle
 from baqueano.loop import Blocks
 from baqueano.runs import Channel, read_run
-from baqueano.sensors import Imu, Mark
+from baqueano.sensors import Mark
 from baqueano.signals import sensor_slots
 from baqueano.supervisor import Supervisor
-from baqueano.vehicles import Friction, Planar
+from baqueano.vehicles import Planar
 from baqueano.worlds import Simulated
+from tests.light_robot import LIMIT, SENSORS, VEHICLE, R
 
-VEHICLE = Planar(
-    mass_kg=0.61,
-    inertia_kg_m2=0.0015,
-    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
-    friction=Friction(linear=np.array([1.2, 4.0, 0.006]), quadratic=np.array([0.5, 0.5, 0.001])),
-    process_noise_std=np.array([0.02, 0.005, 0.05]),
-)
-SENSORS = sensor_slots(("imu",))(Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005))
-LIMIT = np.array([1.0, 0.0, 1.0])
-R = np.diag([1e-3, 1e-3, 5e-3, 0.05, 0.05, 0.5]) ** 2
 FILE = SimpleNamespace(
     name="small",
     text="# small\n",

@@ -5,16 +5,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators.covariance import covariance, mirrored, nearest_covariance
-
-PAPER_Q = [[2.852, -0.006, -0.018], [-0.006, 0.0, 0.0], [-0.018, 0.0, 0.008]]
-PAPER_R = [
-    [2.129, -0.004, -0.021, 0.882, 0.005, -0.05],
-    [-0.004, 0.0, 0.0, -0.003, 0.0, 0.005],
-    [-0.021, 0.0, 0.006, 0.006, 0.0, 0.115],
-    [0.882, -0.003, 0.006, 7.099, -0.032, 0.357],
-    [0.005, 0.0, 0.0, -0.032, 0.0, 0.001],
-    [-0.058, 0.005, 0.115, 0.357, 0.001, 5.064],
-]
+from tests.papers_noise import PAPER_Q, PAPER_R
 
 
 def test_es1_the_papers_q_is_refused_with_the_entry_that_cannot_be():

@@ -25,6 +25,7 @@ def ekf(name, backend="c"):
     return compiled((with_ekf(load(vehicle), vehicle) if kind else load(vehicle)).estimator(), backend)
 
 
+@cache
 def load(name):
     return vehicle_file.load(name.partition(", ")[0])
 
@@ -124,7 +125,9 @@ def test_a_measurement_after_a_pause_corrects_at_its_own_tick(name):
 @pytest.mark.parametrize("name", GARAGE)
 def test_beyond_a_second_the_mean_is_held_and_the_covariance_grows(name, call):
     belief, _ = moving(name)
-    step = getattr(ekf(name).block, call)
+    step = getattr(
+        ekf(name).block if name == "car" else ekf(name), call
+    )  # hundreds of rows: one as it is written
     one, two, ten = (step(belief, tick(name, 1000 + ms))[0] for ms in (1001, 2000, 10_000))
     np.testing.assert_array_equal(two.mean, one.mean)
     np.testing.assert_array_equal(ten.mean, one.mean)

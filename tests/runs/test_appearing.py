@@ -6,7 +6,7 @@ import pytest
 
 from baqueano.errors import FileError
 from baqueano.runs.appearing import appearing
-from tests.refusals import refused
+from tests.codes import refused
 
 
 def no_links(*paths, **options):

@@ -17,7 +17,7 @@ from baqueano.runs import Channel, Run, read_run, recover, write_run
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container import records as mcap_records
 from baqueano.runs.container.records import CHUNK, MAGIC, METADATA
-from tests.refusals import refused
+from tests.codes import refused
 
 SIZE = 200_000
 

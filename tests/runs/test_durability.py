@@ -22,7 +22,7 @@ from baqueano.runs.container import records as mcap_records
 from baqueano.runs.container import writer
 from baqueano.runs.container.run_file import RunFile
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
-from tests.refusals import refused
+from tests.codes import refused
 
 WRITING = """
     import sys, time

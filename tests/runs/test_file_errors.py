@@ -6,7 +6,7 @@ from mcap.writer import Writer
 from baqueano.errors import FileError
 from baqueano.runs import read_run, write_run
 from baqueano.runs.container.records import MAGIC
-from tests.refusals import refused
+from tests.codes import refused
 
 
 @pytest.mark.parametrize(

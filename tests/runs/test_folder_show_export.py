@@ -23,7 +23,7 @@ from baqueano.runs import (
     write_run,
 )
 from baqueano.runs.folder import claim, find_all, listing_rows, listing_table, new_path
-from tests.refusals import refused
+from tests.codes import refused
 
 
 def test_runs_are_numbered_in_turn(run, tmp_path):

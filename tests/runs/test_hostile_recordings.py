@@ -14,7 +14,7 @@ from baqueano.runs.container.records import LARGEST_CHUNK
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.route_file import read_route
 from baqueano.runs.tables.lines import LONGEST
-from tests.refusals import refused
+from tests.codes import refused
 
 MAP = """
 format = 1

@@ -6,7 +6,7 @@ import pytest
 from baqueano.errors import FileError
 from baqueano.runs import import_run, read_run, write_run
 from baqueano.runs.maps.column_map import load_map, maps_folder
-from tests.refusals import refused
+from tests.codes import refused
 
 
 def test_a_clean_recording_raises_no_doubt(lab):

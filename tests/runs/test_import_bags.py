@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from baqueano.errors import FileError, UsageError
 from baqueano.runs import import_run
-from tests.refusals import refused
+from tests.codes import refused
 
 MAP = """
 format = 1

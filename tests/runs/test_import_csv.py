@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from baqueano.errors import FileError
 from baqueano.runs import import_run
 from baqueano.runs.tables.table import LogTable
-from tests.refusals import refused
+from tests.codes import refused
 
 
 @pytest.mark.parametrize(

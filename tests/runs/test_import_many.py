@@ -8,7 +8,7 @@ from baqueano.errors import FileError
 from baqueano.runs import import_run, import_runs, write_run
 from baqueano.runs.folder import find_all
 from baqueano.runs.importing import ImportedRuns
-from tests.refusals import refused
+from tests.codes import refused
 
 HEAD = "trial,t,left,right,slow,rpm_l,rpm_r\n"
 MAP = """

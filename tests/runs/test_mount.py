@@ -14,7 +14,7 @@ from baqueano.runs.importing import import_run
 from baqueano.runs.maps.mount import Mount, write_mount
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
-from tests.refusals import refused
+from tests.codes import refused
 
 TRUE = Mount(0.04, (0.06, -0.03), 0.05)
 MAP = """format = 1

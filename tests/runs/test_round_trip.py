@@ -16,7 +16,7 @@ from baqueano.messages import text
 from baqueano.runs import Channel, EstimateLog, Event, Run, RunWriter, read_run, write_run
 from baqueano.runs.container.writer import versions
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots
-from tests.refusals import refused
+from tests.codes import refused
 
 doubles = st.floats(width=64, allow_nan=True, allow_infinity=True, allow_subnormal=True)
 

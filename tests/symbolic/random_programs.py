@@ -9,7 +9,7 @@ import numpy as np
 from baqueano.symbolic import ieee
 from baqueano.symbolic.graph.emit import postorder
 from baqueano.symbolic.graph.node import Graph, Node
-from baqueano.symbolic.graph.program import Program
+from baqueano.symbolic.graph.program import Kernel, Program
 
 SMOOTH = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
 KINKED = ("abs", "sign", "floor", "not")
@@ -122,3 +122,25 @@ def in_casadi(program: Program, theta, start, inputs) -> tuple[np.ndarray, np.nd
     values, slopes = ca.Function("f", [symbols], [stacked, ca.jacobian(stacked, symbols)])(theta)
     n = len(inputs)
     return np.reshape(np.array(values), (n, -1)), np.reshape(np.array(slopes), (n, -1, len(theta)))
+
+
+class CaseOfKernel:
+    """A program, numbers for it, and its kernel."""
+
+    make_kernel: Callable[[Program], Kernel]
+
+    def __init__(self, program: Program, n: int = 4, seed: int = 0) -> None:
+        draw = np.random.default_rng(seed)
+        self.program, self.n = program, n
+        self.theta = draw.normal(size=len(program.theta))
+        self.start = draw.normal(size=len(program.start))
+        self.inputs = draw.normal(size=(n, len(program.inputs)))
+        self.kernel = self.make_kernel(program)
+
+    def given(self) -> tuple:
+        return self.n, self.theta, self.start, self.inputs
+
+    def run(self) -> tuple[np.ndarray, np.ndarray]:
+        outputs, final = np.empty((self.n, len(self.program.outputs))), np.empty(len(self.program.carry))
+        self.kernel.run(*self.given(), outputs, final)
+        return outputs, final

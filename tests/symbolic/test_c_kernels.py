@@ -6,35 +6,21 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from baqueano.symbolic.c_code import c, compile
-from baqueano.symbolic.c_code.c import CKernel, make_kernel
+from baqueano.symbolic.c_code.c import make_kernel
 from baqueano.symbolic.graph.node import Graph
 from baqueano.symbolic.graph.program import Program
 
-from .random_programs import in_casadi, in_numpy, random_program
+from .random_programs import CaseOfKernel, in_casadi, in_numpy, random_program
 
 pytestmark = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
 
 PARAMETERS = (1, 4, 5, 8, 11, 21)  # one block of rows, less than one, several
 
 
-class Case:
-    """A program, numbers for it, and its kernel."""
+class Case(CaseOfKernel):
+    """A program, numbers for it, and its kernel in C."""
 
-    def __init__(self, program: Program, n: int = 4, seed: int = 0) -> None:
-        draw = np.random.default_rng(seed)
-        self.program, self.n = program, n
-        self.theta = draw.normal(size=len(program.theta))
-        self.start = draw.normal(size=len(program.start))
-        self.inputs = draw.normal(size=(n, len(program.inputs)))
-        self.kernel: CKernel = make_kernel(program)
-
-    def given(self) -> tuple:
-        return self.n, self.theta, self.start, self.inputs
-
-    def run(self) -> tuple[np.ndarray, np.ndarray]:
-        outputs, final = np.empty((self.n, len(self.program.outputs))), np.empty(len(self.program.carry))
-        self.kernel.run(*self.given(), outputs, final)
-        return outputs, final
+    make_kernel = staticmethod(make_kernel)
 
     def sensitivities(self) -> tuple[np.ndarray, np.ndarray]:
         outputs = np.empty((self.n, len(self.program.outputs)))

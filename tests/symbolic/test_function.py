@@ -202,7 +202,7 @@ def test_blocks_of_equal_parameters_share_a_text_and_no_others_do(kept):
         for _ in range(2):
             assert compiled(Scaled(gain), "python").step(3.0) == 3.0 * gain
             assert len(kept) == k + 1
-    for k in range(20):
+    for k in range(30):
         block = Filter(np.array([1.0, 2.0 + k]))
         belief, _ = compiled(block, "python").step(block.init(), np.ones(2))
         assert belief.mean.tolist() == [1.0, 2.0 + k]

@@ -8,29 +8,15 @@ from hypothesis import strategies as st
 from baqueano.symbolic.arrays.scalar import apply
 from baqueano.symbolic.graph.node import Graph
 from baqueano.symbolic.graph.program import Program
-from baqueano.symbolic.python_code.python import PythonKernel, make_kernel
+from baqueano.symbolic.python_code.python import make_kernel
 
-from .random_programs import in_casadi, in_numpy, random_program
+from .random_programs import CaseOfKernel, in_casadi, in_numpy, random_program
 
 
-class Case:
-    """A program, numbers for it, and its kernel."""
+class Case(CaseOfKernel):
+    """A program, numbers for it, and its kernel in Python."""
 
-    def __init__(self, program: Program, n: int = 4, seed: int = 0) -> None:
-        draw = np.random.default_rng(seed)
-        self.program, self.n = program, n
-        self.theta = draw.normal(size=len(program.theta))
-        self.start = draw.normal(size=len(program.start))
-        self.inputs = draw.normal(size=(n, len(program.inputs)))
-        self.kernel: PythonKernel = make_kernel(program)
-
-    def given(self) -> tuple:
-        return self.n, self.theta, self.start, self.inputs
-
-    def run(self) -> tuple[np.ndarray, np.ndarray]:
-        outputs, final = np.empty((self.n, len(self.program.outputs))), np.empty(len(self.program.carry))
-        self.kernel.run(*self.given(), outputs, final)
-        return outputs, final
+    make_kernel = staticmethod(make_kernel)
 
 
 def close(found, expected, tolerance=1e-12):

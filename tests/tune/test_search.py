@@ -1,7 +1,5 @@
 """The search finds the least cost within bounds, and says where a bound stopped it."""
 
-import builtins
-
 import numpy as np
 import pytest
 
@@ -75,15 +73,7 @@ def test_too_many_gains_are_refused():
         halton(3, 13)
 
 
-def test_without_scipy_the_message_says_what_to_type(monkeypatch):
-    real = builtins.__import__
-
-    def without(name, *args, **kwargs):
-        if name.startswith("scipy"):
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+def test_without_scipy_the_message_says_what_to_type(without_scipy):
     with pytest.raises(UsageError, match=r'pip install "baqueano\[lab\]"'):
         search(*bowl(LOW), LOW, HIGH)
 

@@ -6,19 +6,11 @@ import pytest
 from baqueano.errors import FileError
 from baqueano.messages import text
 from baqueano.vehicle_file import load, parse
+from tests.codes import refused, within
+from tests.papers_noise import PAPER_Q, PAPER_R
 from tests.papers_pd import with_papers_pd
-from tests.refusals import refused, within
 
 SMALL = load("small").text
-PAPER_Q = [[2.852, -0.006, -0.018], [-0.006, 0.0, 0.0], [-0.018, 0.0, 0.008]]
-PAPER_R = [
-    [2.129, -0.004, -0.021, 0.882, 0.005, -0.05],
-    [-0.004, 0.0, 0.0, -0.003, 0.0, 0.005],
-    [-0.021, 0.0, 0.006, 0.006, 0.0, 0.115],
-    [0.882, -0.003, 0.006, 7.099, -0.032, 0.357],
-    [0.005, 0.0, 0.0, -0.032, 0.0, 0.001],
-    [-0.058, 0.005, 0.115, 0.357, 0.001, 5.064],
-]
 
 
 def refused_as(old, new, text=SMALL):

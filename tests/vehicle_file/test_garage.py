@@ -6,7 +6,7 @@ import pytest
 from baqueano.blocks import check
 from baqueano.errors import FileError
 from baqueano.vehicle_file import garage_names, load
-from tests.refusals import refused
+from tests.codes import refused
 
 DT_S = 0.01
 

@@ -9,7 +9,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.signals import Command
 from baqueano.vehicle_file import changes, load, override, parse
 from baqueano.vehicle_file.reference import reference_table, rows
-from tests.refusals import refused
+from tests.codes import refused
 
 MINE = '''"""Mine."""
 

@@ -11,7 +11,7 @@ from baqueano.errors import FileError
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import line_of, tables
-from tests.refusals import refused
+from tests.codes import refused
 
 SMALL = load("small").text
 

@@ -11,7 +11,7 @@ import pytest
 
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file import ParameterCov, Provenance, changes, load, parse
-from tests.refusals import refused
+from tests.codes import refused
 
 LINEAR = np.array([3.4123456789, 41.0, 0.0123])
 SD = np.array([0.02, 0.5, 0.00004])

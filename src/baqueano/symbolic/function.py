@@ -29,7 +29,7 @@ from baqueano.symbolic.graph.tree import Shape, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 from baqueano.symbolic.scan import flat_row
 
-KEPT = 8  # texts of this process whose graph and kernel are kept
+KEPT = 24  # texts of this process whose graph and kernel are kept
 
 
 def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> "Function":

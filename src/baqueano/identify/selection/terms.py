@@ -44,7 +44,7 @@ from baqueano.identify.parameters.free import (
     value,
 )
 from baqueano.parameter import all_parameters
-from baqueano.symbolic import get, put
+from baqueano.symbolic import compiled, get, put
 from baqueano.vehicles.freedoms import ideal
 
 if TYPE_CHECKING:
@@ -169,7 +169,8 @@ def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
     alone = np.eye(len(high))
     ways = [w for w in (*(alone * high), *(alone * low)) if np.any(w)]
     ways += [w for w in (high, low) if np.count_nonzero(w) > 1]
-    return [_driven(model, w, drivetrain.unmix(w)) for w in ways]
+    quick = compiled(model)
+    return [_driven(quick, w, drivetrain.unmix(w)) for w in ways]
 
 
 def _driven(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:

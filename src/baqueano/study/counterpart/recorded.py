@@ -7,7 +7,9 @@ import numpy as np
 
 from baqueano.runs.run import Channel, Run, TruthLog
 from baqueano.study.counterpart.cars import ODOMETER_M_S
-from baqueano.study.truth import Cars, Robots, TruthWorld
+from baqueano.study.counterpart.world import world_of
+from baqueano.study.truth import Cars, Robots
+from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile
 
 
@@ -24,7 +26,7 @@ class Shown(NamedTuple):
 
 def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray) -> Shown:
     """Return what the vehicles show under the commands u (N, n, m), each in force until its tick."""
-    world, n = TruthWorld(vehicles, seeds), len(seeds)
+    world, n = world_of(vehicles, seeds, STEP_S), len(seeds)
     z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
     wandered, rolled = np.zeros((n, 3)), np.zeros((len(u), n))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
@@ -39,7 +41,7 @@ def readings_without_noise(
     vehicles: Robots | Cars, u: np.ndarray, t_ns: np.ndarray, step_s: float
 ) -> np.ndarray:
     """Return what IMUs would show (N, n, 3) without noise, integrated in steps of `step_s`."""
-    world, quiet = TruthWorld(vehicles, range(u.shape[1]), step_s=step_s), np.zeros((*u.shape[:2], 3))
+    world, quiet = world_of(vehicles, range(u.shape[1]), step_s), np.zeros((*u.shape[:2], 3))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         world.go(u[k], float(dt_s))
         quiet[k] = world.quiet

@@ -4,7 +4,7 @@ import ctypes
 import os
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -141,9 +141,15 @@ class CKernel:
     def _text(self, name: str, *options) -> str:
         key = (name, *options)
         if key not in self.texts:
-            uses = 1 if name in WITH_TANGENTS else 2  # the slope of x/y by y needs 1/y anyway
-            self.texts[key] = getattr(c_bodies, name)(with_reciprocals(self.program, uses), *options)
+            given = self._slopes if name in WITH_TANGENTS else with_reciprocals(self.program, 2)
+            self.texts[key] = getattr(c_bodies, name)(given, *options)
         return self.texts[key]
+
+    @cached_property
+    def _slopes(self) -> c_bodies.Differentiated:
+        return c_bodies.differentiated(
+            with_reciprocals(self.program, 1)
+        )  # the slope of x/y by y needs 1/y anyway
 
     def _function(self, name: str, *options, hasty: bool = False) -> Callable[..., None]:
         key = (name, hasty, *options)

@@ -4,6 +4,7 @@ All but `lanes` have one signature: n ticks; θ, start and inputs in; one settin
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from baqueano.symbolic.c_code.c_text import Text
 from baqueano.symbolic.derivatives.tangents import Tangents, blocks, tangents
@@ -32,6 +33,27 @@ LANES = 8  # vehicles side by side
 UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
 
 
+class Differentiated(NamedTuple):
+    """A program, the rows of its tangents, and the order of both: all functions with derivatives share them."""
+
+    program: Program
+    rows: list[Tangents]
+    order: EmitPlan
+
+
+def differentiated(program: Program) -> Differentiated:
+    """Return the rows by the rule that needs fewer operations at a tick."""
+    found = []
+    for eliminate in (False, True):
+        rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
+        changing = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
+        initial = (*program.initial, *(x for block in rows for x in block.initial))
+        wanted = (x for block in rows for x in (*block.outputs, *block.next_carry))
+        order = plan(initial, (*program.outputs, *program.next_carry, *wanted), changing)
+        found.append((cost_of(order.loop), Differentiated(program, rows, order)))
+    return min(found, key=lambda choice: choice[0])[1]
+
+
 def values(program: Program) -> str:
     """first (n, m): the outputs; second (c,): the carry after the last tick. `again` has all but the setting in one
     array: a call of one argument costs a third of one of eight."""
@@ -50,9 +72,9 @@ def values(program: Program) -> str:
     return str(text) + AGAIN.format(nonzero=" | ".join(nonzero) or "0")
 
 
-def sensitivities(program: Program) -> str:
+def sensitivities(slopes: Differentiated) -> str:
     """first (n, m): the outputs; second (n, m, p): their derivatives by θ."""
-    text, rows = _with_tangents(program)
+    text, program, rows = _with_tangents(slopes), slopes.program, slopes.rows
     p = len(program.theta)
     for k, y in enumerate(program.outputs):
         text.add(f"first[{k}] = {text.value(y)};")
@@ -79,9 +101,10 @@ def cost(program: Program) -> str:
     return str(text)
 
 
-def gradient(program: Program) -> str:
+def gradient(slopes: Differentiated) -> str:
     """first: the sum of the only output; second (p,): its derivatives."""
-    text, rows = _with_tangents(program, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
+    text = _with_tangents(slopes, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
+    program, rows = slopes.program, slopes.rows
     text.add(f"sum += {text.value(program.outputs[0])};")
     text.add(*(f"gradient{block.first} += {text.value(block.outputs[0])};" for block in rows))
     _end_with_tangents(text, program, rows)
@@ -89,12 +112,12 @@ def gradient(program: Program) -> str:
     return str(text)
 
 
-def normal_equations(program: Program) -> str:
+def normal_equations(slopes: Differentiated) -> str:
     """Residuals r with Huber's ρ, bend k = setting:  ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r.
     first: Σ ρ; second (p,): Σ w r ∂r; third (p, p): Σ w ∂r ∂rᵀ, whose upper half counts."""
-    p = len(program.theta)
-    text, rows = _with_tangents(
-        program,
+    program, rows, p = slopes.program, slopes.rows, len(slopes.program.theta)
+    text = _with_tangents(
+        slopes,
         "const unsigned int mode = tiny_as_zero();",
         "double sum = 0.0;",
         "v_{lanes} gradient{first} = {{0}};",
@@ -179,20 +202,19 @@ def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:
     return str(text)
 
 
-def _with_tangents(program: Program, *declarations: str) -> tuple[Text, list[Tangents]]:
+def _with_tangents(slopes: Differentiated, *declarations: str) -> Text:
     """All down to the last statement of a tick, with rows of the outputs and of the carry; declarations that name
     {first} are made for each block of θ, none where θ is empty."""
-    text = Text(width=1)
+    (program, rows, order), text = slopes, Text(width=1)
     text.lines.append(SIGNATURE)
     _symbols(text, program)
-    rows, order = _cheaper(program)
     for block in rows:
         text.symbols(block.drifts, f"d{{}}_{block.first}")
     for line in declarations:
         of_each = [line.format(first=block.first, lanes=block.lanes) for block in rows]
         text.add(*(of_each if "{first}" in line else [line]))
     _begin(text, program, order, rows)
-    return text, rows
+    return text
 
 
 def _end_with_tangents(text: Text, program: Program, rows: list[Tangents]) -> None:
@@ -201,20 +223,6 @@ def _end_with_tangents(text: Text, program: Program, rows: list[Tangents]) -> No
     text.assign((*program.carry, *targets), (*program.next_carry, *values))
     text.add(f"inputs += {len(program.inputs)};")
     text.close()
-
-
-def _cheaper(program: Program) -> tuple[list[Tangents], EmitPlan]:
-    """Rows by the rule that needs fewer operations at a tick."""
-    found = []
-    for eliminate in (False, True):
-        rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
-        changing = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
-        initial = (*program.initial, *(x for block in rows for x in block.initial))
-        wanted = (x for block in rows for x in (*block.outputs, *block.next_carry))
-        order = plan(initial, (*program.outputs, *program.next_carry, *wanted), changing)
-        found.append((cost_of(order.loop), rows, order))
-    _, rows, order = min(found, key=lambda choice: choice[0])
-    return rows, order
 
 
 def _stored(to: str, name: str, rows: list[Tangents], p: int, index: str = "") -> list[str]:

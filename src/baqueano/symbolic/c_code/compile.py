@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 SCHEDULED_BELOW = 4_000  # operations; above, gcc's first scheduler makes kernels slower
 HASTY_ABOVE = 20_000  # operations; above, -O3 takes minutes
 SHORT = 1_000  # operations; below, haste gains a tenth of a second
+HASTY = "-O1"  # level of a text that is compiled in haste
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 PROBE = """\
 typedef double pair __attribute__((vector_size(16)));
@@ -128,7 +129,7 @@ def _is_empty_shell(path: str) -> bool:
 def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool, hasty: bool) -> list[tuple[str, ...]]:
     """Flags to try in turn: not every compiler knows its own processor by the same name."""
     hasty = hasty and operations > SHORT
-    level = "-O1" if hasty or operations > HASTY_ABOVE else "-O3"
+    level = HASTY if hasty else "-O1" if operations > HASTY_ABOVE else "-O3"
     common = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if sys.platform != "win32":
         common += ("-fPIC",)

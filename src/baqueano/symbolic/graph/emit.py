@@ -192,6 +192,8 @@ class _Region:
 
     def meet(self, other: "_Region") -> "_Region":
         """The innermost region that holds both."""
+        if other is self:
+            return self
         holders = set(other.outwards())
         return next(region for region in self.outwards() if region in holders)
 
@@ -253,7 +255,7 @@ class _Branches:
         for term in reversed(self.order):
             here = places[term]
             regions = [here] * len(term.args)
-            key = self.key(term, here)
+            key = self.key(term, here) if term.op in CHOICES else None
             if key is not None:
                 if key not in groups:
                     groups[key] = _Group(key, (self.arm(key, 0, here), self.arm(key, 1, here)))
@@ -266,7 +268,7 @@ class _Branches:
         return grouped
 
     def key(self, term: Term, here: _Region) -> _Key | None:
-        if term.op not in CHOICES or here.depth == DEEPEST:
+        if here.depth == DEEPEST:
             return None
         key = _Key(here.number, term.args[0], self.levels.get(term, 0))
         return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
@@ -292,13 +294,17 @@ def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
     """Return the number of nested choices of the same condition below each choice."""
     found: dict[Term, int] = {}
     for condition in conditions:
-        below: dict[Term, int] = {}
+        below: dict[Term, int] = {}  # where it is not 0
         for term in order:
-            level = max((below.get(a, 0) for a in term.args), default=0)
+            level = 0
+            for a in term.args:
+                if a in below and below[a] > level:
+                    level = below[a]
             if term.op in CHOICES and term.args[0] is condition:
                 found[term] = level
                 level += 1
-            below[term] = level
+            if level:
+                below[term] = level
     return found
 
 
