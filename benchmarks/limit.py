@@ -81,7 +81,7 @@ def cases() -> list[Case]:
             sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
             block = AugmentedEkf(VEHICLE, sensors, use=use, speed_from=trusted, course_std=0.0)
             name = f"augmented_ekf, {' + '.join(use)}{', speed_from accel.' if trusted else ''}, {said}"
-            made.append(Case(name, block, _assumed_by(block, imu)))
+            made.append(Case(name, block, assumed_by(block, imu)))
     return made
 
 
@@ -99,11 +99,11 @@ def found(case: Case, made: matched.Drives) -> Found:
     """Filter and compare."""
     n, drives = made.x.shape[:2]
     bound = matched.bound(case.assumed, made, 2 + 1 + (case.block.use == BOTH))
-    kernel, sums, squares, settled = _kernel(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
+    kernel, sums, squares, settled = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
     for first in range(0, drives, TOGETHER):
         some = slice(first, first + TOGETHER)
         true = np.swapaxes(made.x[:, some], 0, 1)
-        each_run = [kernel.run(_ticks(made, first + k, case.block.use))[1] for k in range(len(true))]
+        each_run = [kernel.run(ticks_of(made, first + k, case.block.use))[1] for k in range(len(true))]
         eta, nu, cov, y, S = (np.stack(one) for one in zip(*each_run, strict=True))
         off, e = eta - true[..., matched.POSE], nu - true[..., matched.NU] * (1.0 + true[..., [8, 8, 9]])
         off[..., 2] = wrap(off[..., 2])
@@ -156,7 +156,8 @@ def main() -> None:
         _drawn(all_found).savefig(asked.plot)
 
 
-def _assumed_by(block: AugmentedEkf, imu: Imu) -> matched.Assumed:
+def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.Assumed:
+    """Return the noise that the recommended filter believes in."""
     start = np.sqrt(np.diag(block.init().cov))[matched.OF_FILTER]
     walk = np.array([*imu.accel_bias_walk * np.ones(2), imu.gyro_bias_walk])
     return matched.Assumed(
@@ -183,7 +184,8 @@ def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.Assumed]:
     return block, matched.Assumed(start, walk, d, np.full(2, fade_s), np.zeros(3), READING)
 
 
-def _kernel(block: Any) -> Any:
+def kernel_of(block: Any) -> Any:
+    """Return the filter as a scan: η, ν, covariance, innovation and its covariance of each tick."""
     use = block.use
     example = Tick(1, np.zeros(3), sensor_slots(use)(*(Slot(1.0, np.zeros(m)) for m in (3, 1)[: len(use)])))
 
@@ -194,7 +196,8 @@ def _kernel(block: Any) -> Any:
     return scan(step, block.init(), example)
 
 
-def _ticks(made: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
+def ticks_of(made: matched.Drives, k: int, use: tuple[str, ...]) -> Any:
+    """Return what a filter hears of drive `k`."""
     n, z = len(made.u), made.z[:, k]
     columns = (np.ascontiguousarray(z[:, :3]), np.ascontiguousarray(z[:, 3:]))[: len(use)]
     slots = sensor_slots(use)(*(Slot(np.ones(n), one, np.zeros(n)) for one in columns))

@@ -85,6 +85,21 @@ def test_what_a_walk_gives_to_a_velocity_fades_within_the_tick():
     assert belief.cov[4, 4] == pytest.approx(0.5 * fade_s * filter_of().velocity_walk_std[1] ** 2, rel=0.03)
 
 
+def test_what_turns_a_vehicle_moves_an_origin_that_lies_ahead_of_what_turns_in_place():
+    """ν_y = l ν_ψ of a car, also of what its gyro corrects, and the claim knows that they belong together."""
+    car = load("car")
+    block = compiled(car.estimator(use=("imu",)), "c")
+    still = [Slot(0.0, np.zeros(one.size)) for one in car.sensors]
+    slots, l = type(block.sensors), car.vehicle.rear_axle_m
+    belief = block.init()
+    for k, rate in enumerate([0.0] * 50 + [0.4] * 50):
+        read = slots(*still)._replace(imu=Slot(1.0, np.array([0.0, 0.0, rate])))
+        belief, _ = block.step(belief, Tick((k + 1) * 2 * PERIOD_NS, np.array([0.3, 0.0]), read))
+    assert belief.mean[4] == pytest.approx(l * belief.mean[5], rel=1e-3)
+    assert belief.cov[4, 5] == pytest.approx(l * belief.cov[5, 5], rel=1e-3)
+    assert belief.cov[4, 4] == pytest.approx(l**2 * belief.cov[5, 5], rel=0.1)
+
+
 def test_a_bias_is_learned_at_rest_and_not_while_it_drives():
     rest = [tick(k, (0.1, 0.0, 0.004), u=(0.0, 0.0, 0.0)) for k in range(1, 300)]
     still, _ = run(filter_of(), rest)

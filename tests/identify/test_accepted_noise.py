@@ -5,13 +5,15 @@ import pytest
 
 from baqueano.drive import experiment
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise.accepted import Nis
+from baqueano.identify.noise import accepted as accepted_noise
+from baqueano.identify.noise.accepted import NormalisedSquare
+from baqueano.identify.noise.simulated_nees import simulated_errors
 from baqueano.messages import text
 from baqueano.vehicle_file import load
 
 SMALL = load("small")
 FREE = ["model.friction.linear[0]", "model.friction.linear[2]"]
-GYRO = ("imu", 2)
+GYRO, HEADING = ("imu", 2), 2
 
 
 def driven(seconds_, seed, **truth):
@@ -39,7 +41,8 @@ def test_noise_that_holds_on_an_unseen_run_is_written_as_it_was_found(fit, alone
     assert alone.accepted is None
     assert checked.accepted is not None
     assert not checked.accepted.disagrees
-    assert checked.accepted.message.code == "noise.holds"
+    assert checked.accepted.message.code == "noise.holds-simulated"
+    assert "heading: " in checked.accepted.message.figures["nees"]
     assert text(checked.accepted.message) in checked.table()
     assert variance(checked) == pytest.approx(variance(alone))
 
@@ -65,12 +68,27 @@ def test_a_run_of_a_few_seconds_tells_nothing_of_the_noise(fit):
     assert not accepted.disagrees
 
 
+def test_noise_under_which_the_filter_is_wrong_on_a_simulation_is_not_accepted(fit, monkeypatch):
+    """A filter that claims a ninth of the variance of its heading, which no NIS shows."""
+
+    def surer(ekf, run, filtered):
+        e, P = simulated_errors(ekf, run, filtered)
+        return e, P / np.where(np.arange(6) == HEADING, 9.0, 1.0)[:, None]
+
+    monkeypatch.setattr(accepted_noise, "simulated_errors", surer)
+    wrong = measure_noise(*fit, held_out=[driven(40.0, 2)]).accepted
+    assert wrong is not None
+    assert wrong.disagrees
+    assert wrong.message.code == "noise.nees-off"
+    assert wrong.message.figures["too_sure"] == "heading"
+
+
 @pytest.mark.parametrize(
     ("low", "high", "verdict"),
     [(0.9, 1.1, "true"), (1.1, 1.5, "true"), (1.3, 1.5, "too sure"), (0.5, 0.8, "too careful"),
      (np.nan, np.nan, "cannot tell")],
 )  # fmt: skip
 def test_only_what_chance_does_not_explain_disagrees(low, high, verdict):
-    one = Nis("imu[2]", 1.0, low, high)
+    one = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)
     assert one.verdict == verdict
     assert one.disagrees == verdict.startswith("too")

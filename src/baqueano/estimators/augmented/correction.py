@@ -14,6 +14,7 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Value
+from baqueano.estimators.augmented.motion import pushed
 from baqueano.estimators.augmented.state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved
@@ -113,7 +114,7 @@ def expected(
         if one.sensor == name:
             sensor = put(sensor, one.path, get(sensor, one.path) + mean[BIASES + k])
     if nu_dot is None:
-        nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + np.array([d[0], 0.0, d[1]])
+        nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + pushed(estimator.vehicle, d)
     old_s = age_s(sensor, slot)
     turned = old_s * nu[2]
     way = map_from_body(eta[2] - 0.5 * turned) @ (old_s * nu)

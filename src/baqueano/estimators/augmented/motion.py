@@ -1,13 +1,14 @@
 """Process model of the augmented state: the mean one row on, and the covariance of its noise.
 
     x = (η, ν, d, κ, β, w, b):  pose, velocity, disturbance, error of the scales of ν, course, bend, biases (1)
-    dynamic model      ν̇ = f(ν, e) + D,      D = (d_x, 0, d_ψ) [m/s², rad/s²],   η̇ = J(ψ) (1 + K) ν        (2)
+    dynamic model      ν̇ = f(ν, e) + D,      D = (d_x, l d_ψ, d_ψ) [m/s², rad/s²], η̇ = J(ψ) (1 + K) ν        (2)
     kinematic model    ν = V e + D,           D = (d_x, 0, d_ψ) [m/s, rad/s]
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x, κ_ψ ν_ψ)
     ḋ = −d/T + noise   (Ornstein-Uhlenbeck, variance σ_d²),    κ̇ = β̇ = ẇ = 0,    ḃ = noise                (3)
     way += −w √¾ s / (1 + s/2) J(ψ) ν,   s the variance of the heading, w ~ N(0, 1)                        (4)
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as it is reported:   slip, σ_s, T_s of a wheel  (5)
 
+Whatever turns a vehicle moves its origin aside, which lies l ahead of what turns in place. The walk of ν_ψ does so too.
 Who is wrong by δ in heading gets ahead by cos δ alone: linear in δ this is nothing, and at 0.4 rad the region of the
 position bends like a banana. (4) has the second moment of 1 − cos δ, √¾ s of a small s, and keeps it along the path.
 
@@ -27,6 +28,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout
@@ -36,6 +38,7 @@ from baqueano.estimators.pauses import FilterRow, bounded, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import slips
 from baqueano.geometry import map_from_body, wrap
 from baqueano.vehicles.effort import Effort
+from baqueano.vehicles.state import DynamicVehicle
 
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
@@ -64,7 +67,7 @@ def move(
 ) -> np.ndarray:
     """Return the mean (n,) after a row; `spread` [rad²] is the variance of the heading before it.  (2)-(4)"""
     vehicle, d, nu = estimator.vehicle, mean[6:SCALES], mean[3:6]
-    D = np.array([d[0], 0.0, d[1]])
+    D = pushed(vehicle, d)
     step, way = (dt_s, 0.5 * dt_s**2) if is_dynamic(vehicle) else (1.0, dt_s)
     eta, nu_next, _ = vehicle.advance(mean[:3], nu, effort, dt_s)
     nu_next = nu_next + step * D
@@ -74,6 +77,11 @@ def move(
     eta = eta + map_from_body(eta[2]) @ (way * D + along)
     fading = d * np.exp(-dt_s / estimator.disturbance_fade_s)
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, fading, mean[SCALES:]])
+
+
+def pushed(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarray:
+    """Return D (3,).  (2)"""
+    return _turned(vehicle) @ np.array([d[0], 0.0, d[1]])
 
 
 def slipped(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> np.ndarray:
@@ -93,17 +101,17 @@ def kicks(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) ->
 
     Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not; of what d gives to ν
     likewise. `kept` is the part of ν_y that a row leaves.  (7)"""
-    J, D = map_from_body(psi), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
-    moved_s = row.moved_s
+    W, E = _turned(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    J, D, moved_s = map_from_body(psi) @ W, W @ E, row.moved_s
     d = estimator.disturbance_std**2 * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
-    walk, of_nu, of_eta = estimator.velocity_walk_std**2 * row.dt_s, D, 0.5 * moved_s * J @ D
+    walk, of_nu, of_eta = estimator.velocity_walk_std**2 * row.dt_s, D, 0.5 * moved_s * J @ E
     if is_dynamic(estimator.vehicle):
         aside = np.maximum(kept, 0.0)
         lasts = np.array([1.0, (1.0 + aside * (4.0 + aside)) / 6.0, 1.0])
-        walk = walk * lasts + moved_s**2 / 12.0 * (D @ d)
-        of_nu, of_eta = 0.5 * moved_s * D, moved_s**2 / 6.0 * J @ D
+        walk = walk * lasts + moved_s**2 / 12.0 * (E @ d)
+        of_nu, of_eta = 0.5 * moved_s * D, moved_s**2 / 6.0 * J @ E
     way, none = moved_s * J, np.zeros((3, 3))
-    rows = [(0.5 * way, of_eta, way), (np.eye(3), of_nu, none), (none[:2], np.eye(2), none[:2])]
+    rows = [(0.5 * way, of_eta, way), (W, of_nu, none), (none[:2], np.eye(2), none[:2])]
     B = np.concatenate([np.concatenate(row, axis=1) for row in rows])
     return (B * np.concatenate([walk, d, walk / 12.0])) @ B.T
 
@@ -111,6 +119,12 @@ def kicks(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) ->
 def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Return K ν (3,)."""
     return np.array([kappa[0] * nu[0], kappa[0] * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
+
+
+def _turned(vehicle: DynamicVehicle) -> np.ndarray:
+    """∂ν/∂(push) (3, 3) of a push ahead, aside, and in turning."""
+    arm = optional.of(vehicle, "turning_arm_m")
+    return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0 if arm is None else arm], [0.0, 0.0, 1.0]])
 
 
 @lru_cache(maxsize=256)

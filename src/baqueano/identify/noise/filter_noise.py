@@ -12,7 +12,8 @@ accelerometer, has the noise of its residuals. A sensor that spoke less than FEW
 the noise of the file; of the misfit it shows the size, not over which time it fades. Velocities that stand on a grid,
 as those of a counter, have σ² ≥ step²/12.
 With an IMU alone no number that corrects shows the misfit of the speed. Then (3) takes it from the accelerometer ahead,
-whose residuals hold it beside white noise. A model may go beside its heading, and nothing on board shows if the vehicle
+whose residuals hold it beside white noise. Where wheels show it, what the accelerometer does not feel is slip and
+not a misfit (felt_misfit.py). A model may go beside its heading, and nothing on board shows if the vehicle
 does: course_std is at least that angle.
 """
 
@@ -26,7 +27,7 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented.state import FORWARD, TURNING, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.readings.sensor_numbers import slopes
+from baqueano.identify.noise.felt_misfit import accelerometer_ahead, felt_part
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.run import Run
@@ -108,8 +109,9 @@ def filter_noise(
     x = valley(cost, start, low, high) if free else start
     for value, one in zip(x, free, strict=True):
         ekf = put(ekf, one.path, float(np.exp(one.power * value)))
-    if not np.any(its.moving[:, FORWARD[0]]) and is_dynamic(ekf.vehicle):
-        ekf = _with_unseen_misfit(ekf, fit, inertial)
+    if is_dynamic(ekf.vehicle):
+        seen = np.any(its.moving[:, FORWARD[0]])
+        ekf = (_with_felt_misfit if seen else _with_unseen_misfit)(ekf, fit, inertial)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_rad(fit))))
 
 
@@ -124,20 +126,26 @@ def _crab_rad(fit: "Fit") -> float:
     return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > LEAST_M_S else 0.0
 
 
+def _with_felt_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
+    """The filter without that part of the misfit of the speed which is slip of wheels.  felt_misfit.py"""
+    part = np.sqrt(felt_part(ekf, fit, inertial))
+    for path, low, _ in (OF_FORWARD[0], OF_FORWARD[2]):
+        ekf = put(ekf, path, max(low, float(part * get(ekf, path))))
+    return ekf
+
+
 def _with_unseen_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
     """The filter with the misfit of the speed by the residuals of what shows ν̇_x best, if there are enough.  (3)"""
-    ahead = {
-        (name, i): slope[6] for name in inertial for i, slope in enumerate(slopes(getattr(ekf.sensors, name)))
-    }
-    sensor, entry = max(ahead, key=lambda number: abs(ahead[number]), default=("", 0))
-    if not sensor or ahead[sensor, entry] == 0.0:
+    ahead = accelerometer_ahead(ekf, inertial)
+    if ahead is None:
         return ekf
+    sensor, entry, slope = ahead
     dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
     lags = np.unique(np.rint(np.linspace(LAGS_S[0], LAGS_S[1] * T, 40) / dt_s).astype(int))
     lags = lags[lags > 0]
     products, count, white = np.zeros(len(lags)), np.zeros(len(lags)), []
     for c in (c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)):
-        r = np.clip(c.measured - c.predicted, -CLIP * c.sigma, CLIP * c.sigma) / ahead[sensor, entry]
+        r = np.clip(c.measured - c.predicted, -CLIP * c.sigma, CLIP * c.sigma) / slope
         white.append(np.diff(r[np.isfinite(r)], 2))
         for k, lag in enumerate(lags[lags < len(r)]):
             pairs = r[:-lag] * r[lag:]

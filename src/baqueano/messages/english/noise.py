@@ -42,6 +42,14 @@ TEMPLATES: dict[str, str] = {
     ),
     "noise.too-short": "noise: {runs} is too short to test the noise of the fitted runs, which is kept.",
     "noise.holds": "noise: the covariances are right on {runs} (NIS {nis}).",
+    "noise.holds-simulated": (
+        "noise: the covariances are right on {runs} (NIS {nis}) and on a simulation of the fitted vehicle "
+        "(NEES {nees})."
+    ),
+    "noise.nees-off": (
+        "noise: the covariances are wrong on a simulation of the fitted vehicle (NEES {nees}): too small for "
+        "{too_sure}, too large for {too_careful}."
+    ),
     "noise.found-again": f"{AGAIN}.",
     "noise.still-off": f"{AGAIN}: too small for {{too_sure}}, too large for {{too_careful}}.",
     "noise.lifted": "{subject}: {lifted} of {of} variances were raised to the lower limit",

@@ -1,0 +1,105 @@
+"""How often is the sentence about a filter's consistency wrong, and how often does it speak? Cases with known truth.
+
+    python -m benchmarks.verdicts --drives 720   (--smallest: that it runs)
+
+The model of matched.py with all its variances κ times those that the recommended filter believes in, κ of 1/4 to 4:
+its errors are √κ times what it says. "Too sure" is right of κ > 1, "too cautious" of κ < 1, "consistent" of κ = 1, and
+"cannot tell" is never wrong. Once with sensors whose biases and scales are known, once with those that the filter
+considers: they are one draw for a whole drive, however long it is. Each drive lasts 10 to 60 s, every other one is
+judged by its innovations alone, as one without a camera. Who has 100 independent samples could speak.
+"""
+
+import argparse
+from collections import Counter
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.compare.filter_consistency import filter_consistency
+from baqueano.estimators import AugmentedEkf
+from baqueano.runs.run import EstimateLog, Run, TruthLog
+from baqueano.sensors import Imu, Odometer
+from baqueano.signals import sensor_slots
+from benchmarks import limit, matched
+
+RATIOS = (0.25, 0.5, 1.0, 1.0, 2.0, 4.0)
+SHORTEST_S, LONGEST_S = 10.0, 60.0
+ENOUGH = 100.0  # independent samples
+WRONG, SPEAKS = 0.05, 0.80
+RIGHT = {"too sure": lambda k: k > 1.0, "too cautious": lambda k: k < 1.0, "consistent": lambda k: k == 1.0}
+
+
+class JudgedDrive(NamedTuple):
+    """What is said of one drive."""
+
+    kappa: float  # true variances over those that the filter believes in
+    verdict: str
+    samples: float  # independent ones of the best known figure
+
+
+def logged(
+    kernel: object, made: matched.Drives, k: int, use: tuple[str, ...], ticks: int, truth: bool
+) -> Run:
+    """Return the first `ticks` of drive `k` as a run with an estimate, and with its truth if asked for."""
+    said = limit.ticks_of(made, k, use)
+    eta, nu, cov, y, S = (np.asarray(one)[:ticks] for one in kernel.run(said)[1])  # type: ignore[attr-defined]
+    x, t_ns = made.x[:ticks, k], np.asarray(said.t_ns)[:ticks]
+    shown = x[:, matched.NU] * (1.0 + x[:, [8, 8, 9]])
+    log = TruthLog(t_ns, x[:, matched.POSE], shown, np.full_like(shown, np.nan)) if truth else None
+    return Run("drive", None, t_ns, made.u[:ticks], truth=log, estimate=EstimateLog(t_ns, eta, nu, cov, y, S))
+
+
+def judged(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[JudgedDrive]:
+    """Return what is said of drives with an IMU alone, and with both sensors."""
+    out, rng = [], np.random.default_rng(0)
+    for use in (limit.IMU_ALONE, limit.BOTH):
+        sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
+        block = AugmentedEkf(limit.VEHICLE, sensors, use=use, course_std=0.0)
+        kernel, assumed = limit.kernel_of(block), limit.assumed_by(block, imu)
+        for j, kappa in enumerate(RATIOS):
+            n = max(drives // (2 * len(RATIOS)), 2)
+            scaled = matched.Assumed(*(one * np.sqrt(kappa) for one in assumed))._replace(
+                fade_s=assumed.fade_s
+            )
+            made = limit.simulated(scaled, n, longest_s, 10 * j + len(use))
+            for k in range(n):
+                ticks = round(rng.uniform(min(SHORTEST_S, 0.5 * longest_s), longest_s) / matched.DT)
+                found = filter_consistency(logged(kernel, made, k, use, ticks, k % 2 == 0))
+                bands = (found.nees_pose, found.nees_velocity) if k % 2 == 0 else (found.nis,)
+                out.append(JudgedDrive(float(kappa), found.verdict, max(band.samples for band in bands)))
+    return out
+
+
+def main() -> int:
+    """Print the shares; 1 if a bar is missed."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.verdicts", description=__doc__)
+    parser.add_argument("--drives", type=int, default=720)
+    parser.add_argument("--smallest", action="store_true", help="a size that shows in seconds that it runs")
+    asked = parser.parse_args()
+    size, all_met = (24, 4.0) if asked.smallest else (asked.drives, LONGEST_S), True
+    for name, imu, odometer in (
+        ("sensors exact", limit.EXACT, replace(limit.ODOMETER, scale_std=0.0)),
+        ("with bias, scale", limit.IMU, limit.ODOMETER),
+    ):
+        found = judged(imu, odometer, *size)
+        for kappa in dict.fromkeys(RATIOS):
+            words = Counter(one.verdict for one in found if one.kappa == kappa)
+            print(
+                f"{name}, variances × {kappa:<5g} {', '.join(f'{word}: {n}' for word, n in words.most_common())}"
+            )
+        wrong = np.mean([not RIGHT.get(one.verdict, lambda k: True)(one.kappa) for one in found])
+        could = [one.verdict != "cannot tell" for one in found if one.samples >= ENOUGH]
+        speaks = float(np.mean(could)) if could else 1.0
+        met = bool(wrong <= WRONG and speaks >= SPEAKS)
+        print(
+            f"{name}, {len(found)} drives: wrong in {wrong:.1%} (at most {WRONG:.0%}); speaks in {speaks:.1%} of "
+            f"{len(could)} with {ENOUGH:g} independent samples (at least {SPEAKS:.0%}): {'MET' if met else 'MISSED'}",
+            flush=True,
+        )
+        all_met = all_met and met
+    return int(not (all_met or asked.smallest))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

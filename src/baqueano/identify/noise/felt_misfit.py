@@ -1,0 +1,118 @@
+"""Which part of the misfit that wheels show does the accelerometer feel? The rest is slip, not a misfit of the model.
+
+By the innovations of wheels alone, slip and a push that the model does not know look alike; a filter that takes slip
+for a push follows it. The accelerometer ahead is the third witness. With the residuals r_v of the wheels' speed and
+r_a of the accelerometer, over two windows of τ that follow one another,
+
+    B = (r_v(t + τ) − 2 r_v(t) + r_v(t − τ))/τ,   A = (∫ r_a from t to t + τ − ∫ r_a from t − τ to t)/τ   (1)
+    φ = Σ w A B / Σ w (B² − 6 q/τ²),   q the variance of white noise in r_v, w = 1/mean A² of each τ     (2)
+
+φ is 1 where all is felt, 0 where only the wheels know of it; noise of the accelerometer does not change its mean.
+Nobody feels a slope either. Its push goes with the heading, so what cos ψ, sin ψ and their integrals explain leaves B.
+The upper end of the 95 % interval counts, of blocks drawn with replacement: what is not clearly contradicted stays.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.estimators.augmented.state import layout
+from baqueano.estimators.augmented_ekf import AugmentedEkf
+from baqueano.estimators.readings.sensor_numbers import slopes
+from baqueano.estimators.readings.velocity_readings import readings_of
+from baqueano.identify.residuals.huber import MAD
+
+if TYPE_CHECKING:
+    from baqueano.identify.result.fit_result import Fit
+
+WINDOWS_S = (0.4, 0.8, 1.6)  # τ: longer than wheels are late, shorter than what a bias takes to change
+SAMPLES = 4  # of the wheels in a window, at least
+BLOCK_S, FEWEST, DRAWS = 2.0, 8, 1000  # blocks of so long, so many at least; draws
+HIGH, LEAST = 0.975, 1e-3  # of φ; so little of a misfit stays, that a filter may follow what was misjudged
+AHEAD, TURNING, AHEAD_DOT = 0, 2, 6  # of ν; of (η, ν, ν̇)
+
+
+class Series(NamedTuple):
+    """A quantity of one run."""
+
+    t_s: np.ndarray  # (N,)
+    x: np.ndarray  # (N,)
+
+    def at(self, t_s: np.ndarray) -> np.ndarray:
+        """Return it at other times (K,)."""
+        return np.interp(t_s, *self)
+
+    def integral(self) -> "Series":
+        """Return its integral from the first time on."""
+        steps = 0.5 * (self.x[1:] + self.x[:-1]) * np.diff(self.t_s)
+        return Series(self.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
+    """Return sensor, entry and slope of the inertial number that shows ν̇_x best; None where none does."""
+    shown = [
+        (name, i, float(slope[AHEAD_DOT]))
+        for name in sorted(inertial)
+        for i, slope in enumerate(slopes(getattr(ekf.sensors, name)))
+    ]
+    best = max(shown, key=lambda one: abs(one[2]), default=None)
+    return best if best and best[2] != 0.0 else None
+
+
+def felt_part(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
+    """Return φ within [LEAST, 1] by all runs of the fit; 1 where too little tells of it.  (2)"""
+    sums = np.concatenate([np.zeros((0, 2)), *(sums_of(*each) for each in _series(ekf, fit, inertial))])
+    if len(sums) < FEWEST or not np.sum(sums[:, 1]) > 0.0:
+        return 1.0
+    pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
+    both, shown = np.moveaxis(sums[pick].sum(axis=1), 1, 0)
+    part = np.where(shown > 0.0, both / np.where(shown > 0.0, shown, 1.0), 1.0)
+    return float(np.clip(np.quantile(part, HIGH), LEAST, 1.0))
+
+
+def sums_of(speed: Series, felt: Series, rate: Series) -> np.ndarray:
+    """Return Σ w A B and Σ w (B² − 6 q/τ²) of blocks (K, 2), over all τ; `rate` is that of the heading.  (1), (2)"""
+    begin, end = (cut(each.t_s[k] for each in (speed, felt, rate)) for cut, k in ((max, 0), (min, -1)))
+    way, psi = felt.integral(), rate.integral()
+    floor = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
+    floor += [one.integral() for one in floor]
+    white = (MAD * float(np.median(np.abs(np.diff(speed.x, 2))))) ** 2 / 6.0
+    least, sums = SAMPLES * float(np.median(np.diff(speed.t_s))), np.zeros((int((end - begin) / BLOCK_S), 2))
+    for tau in (one for one in WINDOWS_S if len(sums) and one >= least):
+        t_s = np.arange(begin, end, 0.5 * tau)
+        A, B, *of_floor = (
+            (x[4:] - 2.0 * x[2:-2] + x[:-4]) / tau for x in (one.at(t_s) for one in (way, speed, *floor))
+        )
+        X = np.stack(of_floor, axis=1)
+        B = B - X @ np.linalg.lstsq(X, B, rcond=None)[0]
+        block = np.minimum(((t_s[2:-2] - begin) / BLOCK_S).astype(int), len(sums) - 1)
+        each = np.stack([A * B, B**2 - 6.0 * white / tau**2]) / np.mean(A**2)
+        sums += np.stack([np.bincount(block, x, len(sums)) for x in each], axis=1)
+    return sums
+
+
+def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple[Series, Series, Series]]:
+    """Residuals of the wheels' speed and of the accelerometer ahead, and the yaw rate by the gyro, of each run."""
+    felt, shown = accelerometer_ahead(ekf, inertial), readings_of(ekf.sensors, layout(ekf).names)
+    wheels = next((one for one in shown if AHEAD in one.of and one.name not in inertial), None)
+    gyro = next((one for one in shown if one.is_gyro), None)
+    if felt is None or wheels is None or gyro is None:
+        return
+    for run in fit.runs:
+        by = {(c.sensor, c.entry): c for c in fit.channels if c.run == run}
+        if not {felt[:2], *((one.name, k) for one in (wheels, gyro) for k in one.rows)} <= by.keys():
+            continue
+        of, its = by[felt[:2]], [by[gyro.name, k] for k in gyro.rows]
+        z = np.stack([c.measured for c in its], axis=1) - gyro.at_rest
+        r = np.stack(
+            [by[wheels.name, k].measured - by[wheels.name, k].predicted for k in wheels.rows], axis=1
+        )
+        each = (
+            (by[wheels.name, wheels.rows[0]].t_s, r @ wheels.inverse[AHEAD]),
+            (of.t_s, (of.measured - of.predicted) / felt[2]),
+            (its[0].t_s, z @ gyro.inverse[TURNING]),
+        )
+        known = [Series(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in each]
+        if min(len(one.t_s) for one in known) >= 2 * SAMPLES:
+            yield known[0], known[1], known[2]

@@ -1,0 +1,169 @@
+"""Is a filter as sure as it may be of a vehicle that has the noise it believes in? NEES per state on a simulation.
+
+    NEES_s = Σ_t e_s² / P_ss / N   over DRIVES drives of the vehicle, 1 if the filter is right            (1)
+
+The drives have the commands of a run, without its rests. Each draws its start, scales, course and biases; its walks,
+disturbances and slips are integrated in PARTS of a tick, half of a walk before and half after each (Strang). Its pose
+is that of (1 + K) ν, its readings come from the sensors' own step, low-pass and delay included. Nothing here is
+linearised, and no covariance is carried: what the filter leaves out shows.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.optional import is_dynamic
+from baqueano.contracts.values import Tree, Value
+from baqueano.estimators.augmented.motion import pushed, scaled
+from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout, start_std
+from baqueano.estimators.augmented_ekf import AugmentedEkf
+from baqueano.estimators.readings.sensor_numbers import slips
+from baqueano.geometry import map_from_body, wrap
+from baqueano.runs.run import Run
+from baqueano.signals import NANOSECONDS, Motion, Slot, Tick, sensor_slots
+from baqueano.symbolic import get, put, scan
+from baqueano.symbolic.scan import Scan
+from baqueano.vehicles import Effort
+from baqueano.vehicles.drivetrain import DrivetrainState
+
+DRIVES, SECONDS, PARTS = 40, 20.0, 4
+TICKS = {"c": 80_000, "python": 8_000}  # of all drives; none where blocks run as they are written
+FEWEST = 100  # ticks of a drive
+TINY = 1e-30  # of a variance
+
+
+class SimulatedState(NamedTuple):
+    """A vehicle with the noise that a filter believes in."""
+
+    x: np.ndarray  # (n,) of augmented/state.py
+    slip: Value  # part of ν_x by which the wheels turn faster
+    motion: Motion  # at the end of the last tick
+    drivetrain: DrivetrainState
+    sensors: tuple[Tree, ...]
+
+
+class DrawnTick(NamedTuple):
+    """What one tick takes from outside."""
+
+    u: np.ndarray  # (commands,)
+    walk: np.ndarray  # (PARTS, 2, 3) unit normals, as all here
+    d: np.ndarray  # (2,)
+    bias: np.ndarray  # (nb,)
+    slip: Value
+    reading: tuple[np.ndarray, ...]  # (m,) of each sensor
+
+
+def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors (DRIVES, N, 6) of the filter on vehicles that are driven as in `run`, and their covariances.
+
+    `filtered` runs the filter: its last outputs are η, ν and the covariance. None where the run is too short, of a
+    kinematic model, and without compiled or generated code.
+    """
+    its, dt_s, rng = layout(ekf), 1.0 / ekf.rate_hz, np.random.default_rng(0)
+    u = run.applied[np.isfinite(run.applied).all(axis=1) & np.any(run.applied != 0.0, axis=1)]
+    u = np.ascontiguousarray(u[: min(round(SECONDS / dt_s), TICKS.get(filtered.backend, 0) // DRIVES)])
+    if len(u) < FEWEST or not is_dynamic(ekf.vehicle):
+        return np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))
+    state, n, sizes = _start(ekf, np.zeros(its.size)), len(u), [one.size for one in ekf.sensors]
+    example = DrawnTick(
+        u[0],
+        np.zeros((PARTS, 2, 3)),
+        np.zeros(2),
+        np.zeros(len(its.biases)),
+        0.0,
+        tuple(map(np.zeros, sizes)),
+    )
+    driven = scan(lambda x, drawn: _ticked(ekf, x, drawn, dt_s), state, example, backend=filtered.backend)
+    t_ns: Any = np.round(np.arange(1, n + 1) * dt_s * NANOSECONDS).astype(np.int64)
+    errors, covs = [], []
+    for _ in range(DRIVES):
+        begin = _start(ekf, start_std(ekf) * rng.standard_normal(its.size))
+        walk, d, bias, slip = map(rng.standard_normal, ((n, PARTS, 2, 3), (n, 2), (n, len(its.biases)), (n,)))
+        drawn = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
+        _, (true, slots) = driven.run(drawn, carry=begin)
+        *_, eta, nu, cov = filtered.run(Tick(t_ns, u, slots))[1]
+        e = np.concatenate([eta, nu], axis=1) - true
+        e[:, 2] = wrap(e[:, 2])
+        errors.append(e)
+        covs.append(cov)
+    return np.stack(errors), np.stack(covs)
+
+
+def _start(ekf: AugmentedEkf, x: np.ndarray) -> SimulatedState:
+    """The state of a vehicle that begins with x (n,)."""
+    x[BEND] = 0.0
+    motion = Motion(x[:3], x[3:6], np.zeros(3), np.zeros(2))
+    return SimulatedState(
+        x, 0.0, motion, ekf.vehicle.drivetrain.init(), tuple(one.init() for one in ekf.sensors)
+    )
+
+
+def _ticked(
+    ekf: AugmentedEkf, state: SimulatedState, drawn: DrawnTick, dt_s: float
+) -> tuple[SimulatedState, Any]:
+    """The state one tick on, and (η, (1 + K) ν) (6,) with what the sensors say."""
+    its, x = layout(ekf), state.x
+    drivetrain, effort = ekf.vehicle.drivetrain.step(state.drivetrain, drawn.u, dt_s)
+    eta, nu, motions = x[:3], x[3:6], []
+    for k in range(PARTS):
+        eta, nu = _part(ekf, x, eta, nu, effort, k, drawn.walk[k], dt_s)
+        motions.append(_motion(ekf, x, eta, nu, _line(effort, (k + 1) / PARTS)))
+    now = _motion(ekf, x, eta, nu, effort.last)
+    keep = np.exp(-dt_s / ekf.disturbance_fade_s)
+    d = keep * x[6:SCALES] + ekf.disturbance_std * np.sqrt(1.0 - keep**2) * drawn.d
+    walks = [one.of(ekf.sensors, one.walk) * np.sqrt(dt_s) for one in its.biases]
+    bias = x[BIASES:] + np.array(walks) * drawn.bias if walks else x[BIASES:]
+    variance, fade_s, _ = slips(ekf.sensors, dict(zip(its.names, its.at, strict=True)))
+    lasts = np.exp(-dt_s / fade_s)
+    slip = lasts * state.slip + np.sqrt(variance * (1.0 - lasts**2)) * drawn.slip
+    after = np.concatenate([eta, nu, d, x[SCALES:BIASES], bias])
+    seen = now._replace(tick=(state.motion, motions[PARTS // 2 - 1], motions[-1]))
+    sensors, slots = _read(ekf, state, bias, slip, seen, drawn, dt_s)
+    shown = np.concatenate([eta, nu + scaled(x[SCALES:BIASES], nu)])
+    return SimulatedState(after, slip, now, drivetrain, sensors), (shown, slots)
+
+
+def _part(
+    ekf: AugmentedEkf, x: np.ndarray, eta: np.ndarray, nu: np.ndarray, effort: Effort, k: int,
+    walk: np.ndarray, dt_s: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """η and ν (3,) one part of a tick on."""
+    h, kick = dt_s / PARTS, ekf.velocity_walk_std * np.sqrt(0.5 * dt_s / PARTS)
+    begin, end = _line(effort, k / PARTS), _line(effort, (k + 1) / PARTS)
+    before = nu + kick * walk[0]
+    _, nu, _ = ekf.vehicle.advance(eta, before, Effort(begin, end, end), h)
+    nu = nu + h * pushed(ekf.vehicle, x[6:SCALES])
+    along = 0.5 * h * (before + nu)
+    along = along + scaled(x[SCALES:BIASES], along)
+    place = eta[:2] + (map_from_body(eta[2] + 0.5 * along[2]) @ along)[:2]
+    return np.array([place[0], place[1], wrap(eta[2] + along[2])]), nu + kick * walk[1]
+
+
+def _line(effort: Effort, part: float) -> np.ndarray:
+    return effort.start + part * (effort.end - effort.start)
+
+
+def _motion(ekf: AugmentedEkf, x: np.ndarray, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
+    nu_dot = ekf.vehicle.nu_dot(nu, effort, eta[2]) + pushed(ekf.vehicle, x[6:SCALES])
+    return Motion(eta, nu, nu_dot, ekf.vehicle.gravity(eta[2]))
+
+
+def _read(
+    ekf: AugmentedEkf, state: SimulatedState, bias: np.ndarray, slip: Value, seen: Motion, drawn: DrawnTick,
+    dt_s: float,
+) -> tuple[tuple[Tree, ...], Tree]:  # fmt: skip
+    """The states of the sensors, and what they say with their biases, on wheels that slip."""
+    names, ahead = ekf.sensors._fields, np.array([1.0 + slip, 1.0, 1.0])
+    rolling = [one._replace(nu=ahead * one.nu) for one in (seen, *(seen.tick or ()))]
+    states, slots = [], []
+    for k, (name, sensor) in enumerate(zip(names, ekf.sensors, strict=True)):
+        own = [(j, one.path) for j, one in enumerate(layout(ekf).biases) if one.sensor == name]
+        Q = np.linalg.cholesky(sensor.cov + TINY * np.eye(sensor.size))
+        for j, path in own:
+            sensor = put(sensor, path, get(sensor, path) + bias[j])
+        shown = seen if own else rolling[0]._replace(tick=tuple(rolling[1:]))
+        after, slot = sensor.step(state.sensors[k], shown, dt_s, np.zeros(sensor.noise_size))
+        z = np.where(slot.has > 0.0, slot.z + Q @ drawn.reading[k], 0.0)
+        states.append(after)
+        slots.append(Slot(slot.has, z))
+    return tuple(states), sensor_slots(names)(*slots)
