@@ -12,7 +12,7 @@ import click
 from baqueano.cli.arguments import Option
 from baqueano.cli.next_line import next_line, typed
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import INTERRUPTED, BaqueanoError, from_outside, in_users_file, named
+from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, from_outside, in_users_file, named
 from baqueano.messages import text
 
 NO, USAGE, BAD_FILE = 1, 2, 3
@@ -59,7 +59,7 @@ def _why(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
         case MemoryError():
             return fault("cli.memory", error=str(error)), NO
         case _ if type(error).__name__ == "CompileError":  # of the engine, which need not be loaded here
-            return fault("cli.not-compiled", "--backend python", error=str(error)), USAGE
+            return fault("cli.not-compiled", "--backend python", error=cause_of(error)), USAGE
         case OSError():
             place = fault("cli.output") if error.filename is None else error.filename
             return fault("cli.system", typed(args), place=place, error=error.strerror or str(error)), BAD_FILE

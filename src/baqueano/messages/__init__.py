@@ -16,8 +16,8 @@ from baqueano.diagnostics import Diagnostic, Verdict
 
 LANGUAGES = ("english",)
 ROOMS = (
-    "blocks", "cli", "data", "door", "fit", "fit_errors", "names", "noise", "robot", "runs",
-    "tune", "vehicle_file",
+    "block_checks", "blocks", "cli", "data", "door", "fit", "fit_errors", "names", "noise", "robot", "runs",
+    "symbolic", "tune", "vehicle_file",
 )  # fmt: skip
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 

@@ -21,9 +21,12 @@ import shutil
 import sys
 import threading
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+
+from baqueano.diagnostics import Diagnostic, fault
+from baqueano.errors import Coded
 
 if TYPE_CHECKING:
     import ctypes
@@ -38,7 +41,7 @@ double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
 """
 
 
-class CompileError(RuntimeError):
+class CompileError(Coded, RuntimeError):
     """The compiler refused a text, or there is none."""
 
 
@@ -54,7 +57,7 @@ class FoundCompiler(NamedTuple):
     """Which compiler is used, and what stood in the way of those that are not."""
 
     compiler: Compiler | None
-    note: str  # "" when the first one worked
+    why: Diagnostic | None  # None when the first one worked
 
 
 def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: bool = False) -> "ctypes.CDLL":
@@ -63,7 +66,7 @@ def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: boo
     be quick than thorough."""
     found = find()
     if found.compiler is None:
-        raise CompileError(found.note)
+        raise CompileError(found.why or "")
     return _load(source, _flag_sets(found.compiler, operations, find_vectors, hasty), found.compiler)
 
 
@@ -74,19 +77,22 @@ def find() -> FoundCompiler:
 
 @cache
 def _find(asked: str, path: str) -> FoundCompiler:
-    notes = []
+    whys: list[Diagnostic] = []
     for compiler in _candidates(asked, path):
         try:
             _load(PROBE, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
-            notes.append(str(error))
+            whys.append(error.diagnostic)
         else:
-            return FoundCompiler(compiler, "\n".join(notes))
-    if asked and not notes:
-        notes.append(f"BAQUEANO_CC = {asked!r}: there is no such command")
-    return FoundCompiler(
-        None, "\n".join(notes) or "no C compiler: install gcc or clang, or `pip install ziglang`"
-    )
+            return FoundCompiler(compiler, _joined(whys))
+    if asked and not whys:
+        whys.append(fault("compiler.no-command", found=asked))
+    return FoundCompiler(None, _joined(whys) or fault("compiler.absent", "pip install ziglang"))
+
+
+def _joined(whys: list[Diagnostic]) -> Diagnostic | None:
+    """Return several as one, None of none."""
+    return reduce(lambda first, then: fault("compiler.and", first=first, then=then), whys) if whys else None
 
 
 def _candidates(asked: str, path: str) -> Iterator[Compiler]:
@@ -164,7 +170,7 @@ def _opened(key: str, source: str, flag_sets: list[tuple[str, ...]], compiler: C
             return ctypes.CDLL(str(_kept(folder) or _build(folder, source, flag_sets, compiler)))
         except OSError as error:
             trouble = error
-    raise CompileError(f"{' '.join(compiler.command)}: {trouble}")
+    raise CompileError(fault("compiler.trouble", command=" ".join(compiler.command), error=trouble))
 
 
 def _kept(folder: Path) -> Path | None:
@@ -189,7 +195,7 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
             if not said:
                 break
         if said:
-            raise CompileError(f"{' '.join(compiler.command)} does not compile: {said}")
+            raise CompileError(fault("compiler.refuses", command=" ".join(compiler.command), error=said))
         path = folder / (hashlib.sha256(built.read_bytes()).hexdigest() + SUFFIX)
         os.replace(built, path)
     return path
