@@ -26,7 +26,8 @@ def small():
 
 def flags(run):
     """What is said of the model in a run."""
-    return [event.text for event in run.events if event.source == "model" and "envelope" in event.text]
+    said = [event.diagnostic for event in run.events if event.source == "model"]
+    return [one for one in said if one.code == "envelope.left"]
 
 
 SLOW, FAST = np.tile([0.5, 0.0, 0.1], (150, 1)), np.tile([0.9, 0.0, 0.1], (150, 1))
@@ -55,9 +56,9 @@ def test_a_drive_within_the_envelope_is_not_flagged(small):
 def test_a_drive_beyond_the_envelope_is_flagged(small):
     said = flags(experiment(small, FAST))
     assert len(said) == 1
-    assert said[0].startswith(
-        "the run leaves the envelope of the fit: u_x goes from 0 to 0.9, 99 % of the time"
-    )
+    assert (said[0].code, said[0].subject) == ("envelope.left", "u_x")
+    assert said[0].figures["most"] == 0.9
+    assert said[0].figures["beyond_percent"] == pytest.approx(99.0, abs=0.5)
 
 
 def test_a_replay_of_a_drive_beyond_is_flagged(small):
@@ -68,13 +69,14 @@ def test_a_replay_of_a_drive_beyond_is_flagged(small):
 
 def test_a_turn_rate_beyond_is_flagged_where_no_command_is(small):
     slower = small.with_values({}, envelope=small.envelope._replace(high=np.array([1.0, 0, 1, 0.1])))
-    assert "imu[2] goes from" in flags(experiment(slower, SLOW))[0]
+    assert flags(experiment(slower, SLOW))[0].subject == "imu[2]"
 
 
 def test_a_repeat_beyond_is_flagged(small):
-    assert any("u_x goes" in said for said in flags(repeat(small, circle(0.3, 0.4))))
+    assert any(said.subject == "u_x" for said in flags(repeat(small, circle(0.3, 0.4))))
     assert any(
-        "u_x goes" in said for said in flags(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
+        said.subject == "u_x"
+        for said in flags(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
     )
 
 

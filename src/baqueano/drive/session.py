@@ -196,7 +196,9 @@ def fast(
         quick = compiled(block, backend)
         quick.step(state, *inputs)
     except TraceError as error:
-        return block, note("drive.not-compiled", room=room, block=type(block).__name__, error=error.diagnostic)
+        return block, note(
+            "drive.not-compiled", room=room, block=type(block).__name__, error=error.diagnostic
+        )
     except BaseException as error:  # the loop meets it again, stops, and names the block
         if from_outside(error):
             raise

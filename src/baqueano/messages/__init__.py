@@ -16,7 +16,7 @@ from baqueano.diagnostics import Diagnostic, Verdict
 
 LANGUAGES = ("english",)
 ROOMS = (
-    "block_checks", "blocks", "cli", "data", "door", "fit", "fit_errors", "names", "noise", "robot", "runs",
+    "block_checks", "blocks", "cli", "data", "door", "fit", "fit_errors", "monitor", "names", "noise", "robot", "runs",
     "symbolic", "tune", "vehicle_file",
 )  # fmt: skip
 NAMED = 5  # subjects that are named after the first, of messages that are alike

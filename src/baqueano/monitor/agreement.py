@@ -1,4 +1,4 @@
-"""Does each number of each sensor agree with the model, and with the estimator? Figures only; findings.py has words.
+"""Does each number of each sensor agree with the model, and with the estimator? Figures only; findings.py says it.
 
 A reading z disagrees if it is not finite, if it stands at the end of its range, or if
 

@@ -46,7 +46,7 @@ class Many:
     nu: np.ndarray  # (L, K, 3)
     clipped: int  # vehicles with a drawn parameter that was brought back to its bound
     backend: str
-    outside: tuple[str, ...] = ()  # commands that leave the envelope of the fit
+    outside: tuple[Diagnostic, ...] = ()  # commands that leave the envelope of the fit
 
     def rows(self) -> list[TableRow]:
         """One flat row per time: mean and standard deviation over the vehicles."""
@@ -144,8 +144,16 @@ def simulate_many(
     t_s = seconds(times(len(u), rate)[np.array(ends) - 1])
     watch = Watch(vehicle_file.envelope)
     watch.look(u, {})
+    outside = watch.flags(note("envelope.this-signal"))
     return Many(
-        tuple(labels(system, paths)), theta, t_s, eta, nu, clipped, kernel.backend, watch.flags("the signal")
+        tuple(labels(system, paths)),
+        theta,
+        t_s,
+        eta,
+        nu,
+        clipped,
+        kernel.backend,
+        outside,
     )
 
 
