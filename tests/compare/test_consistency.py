@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from baqueano.compare import consistency
 from baqueano.errors import UsageError
+from tests.refusals import refused
 
 P = np.array([[4.0, 0.3, 0.0], [0.3, 0.09, 0.001], [0.0, 0.001, 1e-4]])
 
@@ -157,5 +158,5 @@ def test_without_scipy_the_message_says_what_to_type(monkeypatch):
         return real(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(UsageError, match=r'pip install "baqueano\[lab\]"'):
+    with refused("lab.scipy-for-bands", UsageError):
         consistency._limits(10.0, 0.05)

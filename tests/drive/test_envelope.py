@@ -13,6 +13,7 @@ from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.simulate import simulate, simulate_loops, simulate_many
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.envelope import Envelope
+from tests.refusals import refused
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,7 @@ def test_a_simulation_beyond_is_flagged_of_one_vehicle_and_of_many(small):
 
 def test_a_run_of_another_kind_of_vehicle_is_no_member(small):
     run = simulate(small, SLOW)
-    with pytest.raises(UsageError, match="same kind of vehicle"):
+    with refused("vehicle.commands-differ", UsageError):
         small.envelope.flags(replace(run, applied=run.applied[:, :2]))
 
 
@@ -97,7 +98,7 @@ def test_a_run_of_another_kind_of_vehicle_is_no_member(small):
 )
 def test_a_table_without_a_range_for_each_name_is_refused(line):
     table = f'\n[envelope]\nnames = ["u_x", "u_y", "u_psi"]\n{line}\nhigh = [1.0, 1.0, 1.0]\n'
-    with pytest.raises(FileError, match=r"\[envelope\] does not hold one low and one high"):
+    with refused("vehicle.envelope-ranges", FileError):
         parse(load("small").text + table, "my.toml")
 
 
@@ -106,5 +107,5 @@ def test_a_table_without_a_range_for_each_name_is_refused(line):
 )
 def test_names_that_the_vehicle_does_not_have_are_refused_at_load_and_not_in_a_drive(names):
     table = f"\n[envelope]\nnames = {names}\nlow = [0.0]\nhigh = [1.0]\n"
-    with pytest.raises(FileError, match=r"\[envelope\] has other names than the commands u_x, u_y, u_psi"):
+    with refused("vehicle.envelope-names", FileError, commands="u_x, u_y, u_psi"):
         parse(load("small").text + table, "my.toml")

@@ -12,13 +12,12 @@ the run it is said whether it left the envelope of the fit, and how often the es
 """
 
 from collections import deque
-from functools import reduce
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.diagnostics import Diagnostic, Severity, joined, note
 from baqueano.monitor import REFUSED, Finding, Notice, Watching, counted
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, Watch
@@ -33,8 +32,7 @@ Line = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 def shown(degraded: tuple[Finding, ...]) -> Diagnostic | None:
     """Return the degraded sensors of a tick as one message; None of none."""
-    said = [one.diagnostic for one in degraded]
-    return reduce(lambda first, then: note("messages.then", first=first, then=then), said) if said else None
+    return joined(one.diagnostic for one in degraded)
 
 
 class Health:

@@ -20,7 +20,6 @@ from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording
 from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.loop import Blocks
-from baqueano.messages import text
 from baqueano.monitor import Watching
 from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.in_memory import RunInMemory, RunSink
@@ -238,10 +237,7 @@ def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recor
             blocks, recording.world, until_interrupted, recording.tick, recording.stopped, start
         )
     if outcome.stopped is not None and not outcome.ticks:
-        raise SafetyStop(
-            f"{text(outcome.stopped)}. That was before the first tick: nothing moved, no run was made.",
-            outcome.stopped,
-        )
+        raise SafetyStop(fault("drive.never-began", cause=outcome.stopped), outcome.stopped)
     recording.end(outcome.stopped)
 
 

@@ -16,8 +16,9 @@ from baqueano.diagnostics import Diagnostic, Verdict
 
 LANGUAGES = ("english",)
 ROOMS = (
-    "block_checks", "blocks", "cli", "data", "door", "fit", "fit_errors", "monitor", "names", "noise", "robot", "runs",
-    "symbolic", "tune", "vehicle_file",
+    "block_checks", "block_fields", "blocks", "cli", "compare", "data", "door", "drive", "fit", "fit_errors",
+    "hardware", "monitor", "names", "noise", "recordings", "robot", "runs", "simulate", "study", "symbolic", "tune",
+    "vehicle_file",
 )  # fmt: skip
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from baqueano.contracts.blocks import SensorBlocks
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
 from baqueano.runs.container.writer import versions
@@ -151,20 +152,14 @@ def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != len(names) or not len(u):
-        raise UsageError(
-            f"the command signal has shape {u.shape}: expected (N, {len(names)}), one row a tick with "
-            f"{', '.join(names)}."
-        )
+        raise UsageError(fault("simulate.signal-shape", found=str(u.shape), commands=len(names), names=names))
     if not np.all(np.isfinite(u)):
         k, i = np.argwhere(~np.isfinite(u))[0]
-        raise UsageError(f"{names[i]} = {u[k, i]} at tick {k}: expected a finite number.")
+        raise UsageError(fault("simulate.not-finite", name=names[i], value=u[k, i], tick=k))
     over = np.abs(u) > np.asarray(limit) * (1.0 + 1e-12)
     if np.any(over):
         k, i = np.argwhere(over)[0]
-        raise UsageError(
-            f"{names[i]} = {u[k, i]:g} at tick {k}: the vehicle file allows up to {limit[i]:g} "
-            f"([command] limit). Scale the signal, or write np.clip(u, -limit, limit)."
-        )
+        raise UsageError(fault("simulate.beyond-limit", name=names[i], value=u[k, i], tick=k, limit=limit[i]))
     return u
 
 
@@ -173,5 +168,5 @@ def _pose(x: np.ndarray | None, name: str) -> np.ndarray | None:
         return None
     x = np.array(x, dtype=float)
     if x.shape != (3,) or not np.all(np.isfinite(x)):
-        raise UsageError(f"{name} = {x.tolist()}: expected three finite numbers.")
+        raise UsageError(fault("simulate.pose", name=name, found=str(x.tolist())))
     return x

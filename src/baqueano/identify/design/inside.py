@@ -85,9 +85,7 @@ def contained(
     margin = float(room.margin(eta))
     if margin < 0.0:
         raise AnswerNo(
-            f"the vehicle cannot be kept in a room of {room.width_m:g} × {room.height_m:g} m: its corridor "
-            f"passes the wall by {-margin:.2f} m even where no command is given. Give a larger room, or start "
-            f"further from the wall."
+            fault("room.too-small", width_m=room.width_m, height_m=room.height_m, beyond_m=-margin)
         )
     return Contained(out, margin, changed / len(poses), eta)
 

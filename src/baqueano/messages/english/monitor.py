@@ -27,5 +27,4 @@ TEMPLATES: dict[str, str] = {
         "{run} leaves the envelope of the fit: {subject} goes from {least:.2g} to {most:.2g}, {beyond_percent:.0f} % "
         "of the time beyond {low:.2g} to {high:.2g}, which the model was fitted to"
     ),
-    "messages.then": "{first}. {then}.",
 }

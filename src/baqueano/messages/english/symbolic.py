@@ -78,6 +78,5 @@ TEMPLATES: dict[str, str] = {
     "path.no-such-name": '"{path}": {kind} has no {found}. {near}',
     "compiler.absent": "no C compiler: install gcc or clang, or type: {fix}",
     "compiler.no-command": "BAQUEANO_CC = '{found}': there is no such command",
-    "compiler.and": "{first}\n{then}",
     "compiler.given-up": "Python is used instead of C, which is slower: {cause}",
 }

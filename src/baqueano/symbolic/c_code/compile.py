@@ -21,11 +21,11 @@ import shutil
 import sys
 import threading
 from collections.abc import Iterator
-from functools import cache, reduce
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.diagnostics import Diagnostic, fault
+from baqueano.diagnostics import Diagnostic, fault, joined
 from baqueano.errors import Coded
 
 if TYPE_CHECKING:
@@ -84,15 +84,10 @@ def _find(asked: str, path: str) -> FoundCompiler:
         except CompileError as error:
             whys.append(error.diagnostic)
         else:
-            return FoundCompiler(compiler, _joined(whys))
+            return FoundCompiler(compiler, joined(whys))
     if asked and not whys:
         whys.append(fault("compiler.no-command", found=asked))
-    return FoundCompiler(None, _joined(whys) or fault("compiler.absent", "pip install ziglang"))
-
-
-def _joined(whys: list[Diagnostic]) -> Diagnostic | None:
-    """Return several as one, None of none."""
-    return reduce(lambda first, then: fault("compiler.and", first=first, then=then), whys) if whys else None
+    return FoundCompiler(None, joined(whys) or fault("compiler.absent", "pip install ziglang"))
 
 
 def _candidates(asked: str, path: str) -> Iterator[Compiler]:
