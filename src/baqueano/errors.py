@@ -99,7 +99,7 @@ def from_outside(error: BaseException) -> bool:
 
 def cause_of(error: BaseException) -> Diagnostic | str:
     """Return an error as the figure of another: its diagnostic, or its text."""
-    return error.diagnostic if isinstance(error, Coded) else str(error)
+    return error.diagnostic if isinstance(error, Coded) and error._about is not None else str(error)
 
 
 def named(error: BaseException) -> str:

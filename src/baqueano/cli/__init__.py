@@ -139,8 +139,9 @@ def _answered(args: list[str], debug: bool) -> int:
     """The exit code, after everything was said."""
     from click.exceptions import NoArgsIsHelpError
 
-    from baqueano.cli.terminal import talk
+    from baqueano.cli.terminal import answered, talk, tell
 
+    answered.clear()
     try:
         code = baqueano.main(["--debug"] * debug + args, prog_name="baqueano", standalone_mode=False)
         return code if isinstance(code, int) else 0
@@ -148,6 +149,7 @@ def _answered(args: list[str], debug: bool) -> int:
         error.show()
         return error.exit_code
     except BaseException as error:
+        import json
         import traceback
 
         from baqueano.cli.endings import ending
@@ -161,4 +163,6 @@ def _answered(args: list[str], debug: bool) -> int:
             talk("".join(traceback.format_exception(error)).rstrip("\n"))
         end = ending(error, args)
         talk(end.paragraph)
+        if "--json" in args and not answered:
+            tell(json.dumps(end.to_json(), allow_nan=False))
         return end.code

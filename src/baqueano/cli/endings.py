@@ -32,10 +32,20 @@ class Ending(NamedTuple):
     code: int
 
     @property
-    def paragraph(self) -> str:
-        """The text for stderr."""
+    def said(self) -> str:
+        """Return why it ended and what to type next, as it is typed."""
         said = (text(one, argument=Option) for one in (self.why, self.next) if one is not None)
-        return f"baqueano: {('. ' if self.why.fix else ' ').join(said)}"
+        return (". " if self.why.fix else " ").join(said)
+
+    @property
+    def paragraph(self) -> str:
+        """Return the text for stderr."""
+        return f"baqueano: {self.said}"
+
+    def to_json(self) -> dict[str, object]:
+        """Return it for --json: code, figures, the text, what to type next, and the exit code."""
+        after = {} if self.next is None else {"next": self.next.to_json()}
+        return self.why.to_json() | {"text": self.said} | after | {"exit_code": self.code}
 
 
 def ending(error: BaseException, args: list[str]) -> Ending:

@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import closest
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import FittedBlocks
 from baqueano.identify.parameters.free import (
@@ -144,8 +143,7 @@ def asked_for(
                     "choose.no-term",
                     found=one,
                     kind=type(blocks.model).__name__,
-                    closest=closest(one, list(by_name)),
-                    known=by_name,
+                    near=nearest(one, by_name),
                 )
             )
     return out

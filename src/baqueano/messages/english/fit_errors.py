@@ -33,9 +33,7 @@ TEMPLATES: dict[str, str] = {
         "battery_v and battery_nominal_v."
     ),
     "choose.no-command": "there is no command in the runs, so there is nothing to choose by.",
-    "choose.no-term": (
-        'candidates = "{found}": a {kind} has no such term.{closest} Known are {known}, and paths as model.…'
-    ),
+    "choose.no-term": ('candidates = "{found}": a {kind} has no such term. {near}, and paths as model.…'),
     "choose.options": "a choice of terms takes no {options}: choose first, and fit what was chosen with it afterwards.",
     "choose.pose": "terms are chosen by speeds and accelerations: leave a camera's pose out of {arg[use]}.",
     "choose.short": (
@@ -60,7 +58,8 @@ TEMPLATES: dict[str, str] = {
         "them above 0."
     ),
     "design.short": "{duration_s:g} s leave less than 1 s to move: give a longer duration.",
-    "fit.not-fitted": "{path} was not fitted: expected one of {fitted}.{advice}",
+    "fit.not-fitted": "{path} was not fitted. {near}.",
+    "fit.not-free": "{path} was not fitted: expected one of {fitted}. Type: {fix}",
     "forecast.no-errors": "the fit knows no parameter of the model with its error, so no drive can be predicted.",
     "forecast.ran-away": "the fitted model leaves the finite numbers in open loop, so no drive can be predicted.",
     "forecast.refused": "the fit is refused, so nothing can be predicted from it. Its reasons say what to mend.",
@@ -96,7 +95,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "parameter.none": "{path} cannot be fitted: it is no parameter of a block.",
     "parameter.unknown": (
-        "{path} is no parameter of this vehicle ({kind}).{near} Name it as in the vehicle file, for example {example}."
+        "{path} is no parameter of this vehicle ({kind}). {near}. Name it as in the vehicle file, for example "
+        "{example}."
     ),
     "room.small": (
         "a room of {width_m:g} × {height_m:g} m for a body of radius {radius_m:g} m: expected more than "
@@ -146,10 +146,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row a tick.",
     "signal.short": "{what} = {span_s:g}: expected at least one tick, {least_s:g} s.",
-    "signal.unknown": (
-        'there is no signal "{found}": expected one of {known}, or designed, which needs a vehicle file and '
-        "a room.{closest}"
-    ),
+    "signal.unknown": ('there is no signal "{found}". {near}. Designed needs a vehicle file and a room.'),
     "start.not-free": "{arg[start]} = {path}: it is not among the free parameters, so it has no start value.",
     "tape.after-the-end": (
         '{arg[measured]} "{line}": {run} lasts {duration_s:.4g} s, and {t_s:g} s is not in it: expected a '

@@ -72,4 +72,4 @@ def _alone(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Ite
             f"[{key}]: {share:.0%} of the rows repeat the one before: held, new about every {every:.1f} rows"
         )
         cure = 'for the new ones alone write new_when = "COLUMN" (one that changes with each) in [files.…]'
-        yield Doubt("held samples", "warning", int(t_ns[0]), f"{text}; {cure}", cure)
+        yield Doubt("held samples", "warning", int(t_ns[0]), text, cure)

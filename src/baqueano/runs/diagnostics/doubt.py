@@ -16,4 +16,4 @@ class Doubt(NamedTuple):
     @property
     def said(self) -> str:
         """The text, and what to write."""
-        return f"{self.text}; {self.cure}" if self.cure and self.cure not in self.text else self.text
+        return f"{self.text}; {self.cure}" if self.cure else self.text
