@@ -158,7 +158,7 @@ class Drivetrain:
                     fault(
                         "drivetrain.shape",
                         name=name,
-                        found=shape,
+                        found=str(shape),
                         channels=k,
                         mixing=repr(self.mixing),
                         commands=self.commands,
