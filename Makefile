@@ -16,7 +16,7 @@ DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude ard
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
-.PHONY: demo test test-fast promises golden test-emulated aarch64 firmware debian lint bench lock wheel clean
+.PHONY: demo test test-fast promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
@@ -36,6 +36,10 @@ promises: $(VENV)/test.stamp debian
 golden: $(VENV)/test.stamp
 	REGENERATE=1 $(BIN)/python -m pytest -q tests/test_messages.py
 	git diff --stat tests/messages.golden
+
+# The entries of other languages, for what the code says now; it lists those that are to be translated.
+catalogues: $(VENV)/test.stamp
+	$(BIN)/python -m tests.catalogues
 
 # As in CI: a missing emulator fails, it does not skip.
 test-emulated: $(VENV)/test.stamp debian

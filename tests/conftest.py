@@ -6,6 +6,7 @@ Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in t
 Hypothesis judges no example by the clock on the wall: a busy machine is slow.
 """
 
+import os
 import signal
 import threading
 from pathlib import Path
@@ -22,6 +23,8 @@ SLOW = {  # folders and files
 }  # fmt: skip
 
 SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW
+
+os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
 
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")

@@ -101,3 +101,13 @@ def test_the_links_of_a_page_lead_somewhere(page):
         there = (here.parent / path).resolve() if path else here
         assert there.exists(), f"{page}: there is no {link}"
         assert not anchor or anchor in anchors(there), f"{page}: {there.name} has no heading {anchor}"
+
+
+def test_the_glossary_is_sorted_and_leads_to_pages_that_exist():
+    text = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1:5] for line in text.splitlines() if line.startswith("| ")][1:]
+    terms = [row[0].strip().lower() for row in rows]
+    assert terms == sorted(terms)
+    for row in rows:
+        assert all(cell.strip() for cell in row), row
+        assert (ROOT / "docs" / re.findall(r"\((.*?)\)", row[3])[0]).exists(), row

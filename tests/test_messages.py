@@ -14,7 +14,7 @@ import pytest
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError, of_code
-from baqueano.messages import LANGUAGES, ROOMS, templates, text
+from baqueano.messages import ROOMS, templates, text
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 GOLDEN = Path(__file__).with_name("messages.golden")
@@ -120,7 +120,7 @@ def test_whoever_reads_codes_and_names_is_not(line):
 
 
 def sentences():
-    return "".join(f"{code}\n    {template}\n" for code, template in sorted(templates("english").items()))
+    return "".join(f"{code}\n    {template}\n" for code, template in sorted(templates().items()))
 
 
 def test_the_sentences_are_those_of_the_golden_file():
@@ -136,9 +136,8 @@ def test_each_code_has_one_template():
     assert sum(map(len, rooms)) == len(templates())
 
 
-def test_each_reason_to_stop_has_a_sentence_in_each_language():
-    for language in LANGUAGES:
-        assert not {str(reason) for reason in StopReason} - set(templates(language))
+def test_each_reason_to_stop_has_a_sentence():
+    assert not {str(reason) for reason in StopReason} - set(templates())
 
 
 def said_in_the_code():
@@ -174,7 +173,7 @@ def codes_in_the_code():
     """Literals of the source, and patterns of those with parts that are made."""
     literals, patterns = set(), set()
     for path in SOURCE.rglob("*.py"):
-        if path.parent.name in LANGUAGES:
+        if path.parent.name == "english":
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

@@ -41,5 +41,5 @@ def test_no_name_on_demand_is_hidden_by_a_submodule(path):
 
 def test_a_name_that_no_module_holds_is_no_attribute():
     get = on_demand("baqueano.runs", {"folder": ("find",)})
-    with pytest.raises(AttributeError, match=r"module 'baqueano\.runs' has no attribute 'fnid'"):
+    with pytest.raises(AttributeError, match=r"module 'baqueano\.runs' does not have attribute 'fnid'"):
         get("fnid")

@@ -111,7 +111,7 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
 
 
 def room_of(kind: type) -> str:
-    """The room that a class of the user fits, told by its `step`."""
+    """Return the room that a class of the user fits, by the arguments of its `step`."""
     step = getattr(kind, "step", None)
     if step is None:
         raise FileError(fault("block.no-step", place=place_of(kind), block=kind.__name__))

@@ -1,4 +1,4 @@
-"""Where time comes from: a simulation, the wall, or a run. Each clock yields t_ns, integers that only grow.
+"""Sources of time: a simulation, the wall, or a run. Each clock yields t_ns, integers that only grow.
 
 A tick that was missed is skipped, never made up for: the next one comes on the grid, and `missed` counts.
 """
@@ -11,7 +11,7 @@ from baqueano.signals import NANOSECONDS, Tick
 
 
 def simulated(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
-    """As fast as the machine goes: the ends of the ticks from 0 to `duration_s`; for ever if None."""
+    """Yield the ends of the ticks from 0 to `duration_s`, as fast as the machine runs; endless if None."""
     k = 1
     while duration_s is None or k <= round(duration_s * rate_hz):
         yield round(k * NANOSECONDS / rate_hz)

@@ -100,8 +100,8 @@ class StopReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One message. `figures` carry their unit in their name, one may be another diagnostic, its
-    cause; `fix` is a line to type, or empty."""
+    """A message as data. `figures` carry their unit in their name, and one may be another diagnostic,
+    the cause; `fix` is a line to type, or empty."""
 
     code: str
     severity: Severity = Severity.ERROR
@@ -154,8 +154,8 @@ def note(
     >>> note("use.unknown", known=["imu", "wheels"]).figures["known"]
     'imu, wheels'
     """
-    told = {name: _figure(value) for name, value in figures.items()}
-    return Diagnostic(code, severity, subject or code.partition(".")[0], told, fix)
+    checked = {name: _figure(value) for name, value in figures.items()}
+    return Diagnostic(code, severity, subject or code.partition(".")[0], checked, fix)
 
 
 def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Diagnostic:

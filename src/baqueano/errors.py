@@ -1,4 +1,4 @@
-"""What baqueano says when it stops: one paragraph with what was wrong, the value, what was expected, what to do.
+"""Errors of baqueano, each one paragraph: the fault, the value, the expected value, and the next step.
 
 The exit code of the command line is part of the error: 1 the answer is no, 2 usage, 3 bad file, 4 robot
 unreachable, 5 safety stop, 130 Ctrl-C.
@@ -18,13 +18,13 @@ USERS = "baqueano_user_"  # begins the name of a module that is a file of the us
 class Coded(Exception):
     """An exception that is a diagnostic. Its text is for the reader.
 
-    `said`: a diagnostic, or a text of somebody else's. `about`: the diagnostic that it passes on.
+    `message`: a diagnostic, or a text of somebody else's. `about`: the diagnostic that it passes on.
     """
 
-    def __init__(self, said: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
-        super().__init__(text(said))
-        self.said = said
-        self._about = about or (said if isinstance(said, Diagnostic) else None)
+    def __init__(self, message: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
+        super().__init__(text(message))
+        self.message = message
+        self._about = about or (message if isinstance(message, Diagnostic) else None)
 
     @property
     def diagnostic(self) -> Diagnostic:
@@ -55,7 +55,7 @@ class AnswerNo(BaqueanoError):
 
 
 class UsageError(BaqueanoError):
-    """What was asked for makes no sense."""
+    """A request that makes no sense."""
 
     exit_code = 2
 
@@ -79,7 +79,7 @@ class SafetyStop(BaqueanoError):
 
 
 class FromOutside(BaseException):
-    """What our own text raises in the middle of a block, by no fault of the block: an alarm, the end of a hand."""
+    """An exception that our own text raises inside a block, not by its fault: an alarm, the end of a drive by hand."""
 
 
 def from_outside(error: BaseException) -> bool:

@@ -27,7 +27,7 @@ class Blocks(NamedTuple):
 
 
 class States(NamedTuple):
-    """What they remember, in the same order."""
+    """The states of the blocks, in the same order."""
 
     estimator: Tree
     guide: Tree
@@ -36,8 +36,7 @@ class States(NamedTuple):
 
 
 class Record(NamedTuple):
-    """All that one tick brought. `tick.u` is the command that was in force before it, `command` the one
-    after."""
+    """The record of one tick. `tick.u` is the command that was in force before it, `command` the one after."""
 
     tick: Tick
     requested: Command  # by the controller
@@ -56,7 +55,7 @@ def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:
 
 
 def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
-    """One tick through all blocks."""
+    """Run one tick through all blocks."""
     belief, estimate = blocks.estimator.step(states.estimator, tick)
     guide, reference = blocks.guide.step(states.guide, estimate)
     controller, requested = blocks.controller.step(states.controller, reference, estimate)
@@ -67,7 +66,7 @@ def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
 
 
 class Outcome(NamedTuple):
-    """How a run of the loop ended."""
+    """The end of a run of the loop, and its reason."""
 
     stopped: Diagnostic | None  # why the motors were stopped; None if nothing stopped them
     done: bool  # the guide had nothing more to ask for
@@ -119,7 +118,7 @@ def run(
 def _records(
     blocks: Blocks, world: World, clock: Iterable[int], eta: np.ndarray | None
 ) -> Iterator[tuple[Record, Diagnostic | None]]:
-    """Every tick's record, and why the motors are stopped, None while they are not."""
+    """Yield the record of every tick, and the reason for stopped motors, None while they may run."""
     states = init(blocks, eta)
     for t_ns in clock:
         happened = []

@@ -14,7 +14,7 @@ def on_demand(package: str, names: dict[str, tuple[str, ...]]) -> Callable[[str]
 
     def get(name: str) -> Any:
         if name not in module_of:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            raise AttributeError(f"module {package!r} does not have attribute {name!r}")
         return getattr(import_module(module_of[name]), name)
 
     return get

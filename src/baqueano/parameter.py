@@ -25,7 +25,7 @@ Words = str | tuple[str, ...]  # for all entries, or one for each index of the f
 
 
 class Parameter(NamedTuple):
-    """What is known of a field before any value is."""
+    """The properties of a field that do not depend on its value."""
 
     unit: str  # SI, "1" for none; one for all entries, or one per entry separated by ", "
     low: float  # smallest allowed value of any entry

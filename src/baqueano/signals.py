@@ -1,4 +1,4 @@
-"""All that travels between blocks. SI units and radians; map frame right-handed, ψ counter-clockwise;
+"""The signals between blocks. SI units and radians; map frame right-handed, ψ counter-clockwise;
 body frame x forward, y left (REP 103).
 
 Letters (Fossen): η = (x, y, ψ) pose in the map, ν = (ν_x, ν_y, ν_ψ) velocity in the body frame.
@@ -38,14 +38,14 @@ class ByName(Protocol[Entry]):
 
 
 class Command(NamedTuple):
-    """What a controller asks for, and what the supervisor lets through."""
+    """The command of a controller, and the one that the supervisor passes on."""
 
     t_ns: int
     u: np.ndarray  # (n,) in the unit of the vehicle file; [-1, 1] on a real robot
 
 
 class Motion(NamedTuple):
-    """What a vehicle does: the truth that sensors measure."""
+    """The true motion of a vehicle, which sensors measure."""
 
     eta: np.ndarray  # (3,) x, y [m], ψ [rad], map frame
     nu: np.ndarray  # (3,) ν_x, ν_y [m/s], ν_ψ [rad/s], body frame
@@ -55,7 +55,7 @@ class Motion(NamedTuple):
 
 
 class Slot(NamedTuple):
-    """One sensor's place in a tick; z is zero where `has` is 0."""
+    """A sensor's place in a tick; z is zero where `has` is 0."""
 
     has: float  # 1.0 when a measurement arrived since the previous tick, else 0.0
     z: np.ndarray  # (m,) the measurement, in the sensor's own units (SI)
@@ -63,7 +63,7 @@ class Slot(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """What happened up to `t_ns`."""
+    """The readings and the command up to `t_ns`."""
 
     t_ns: int
     u: np.ndarray  # (n,) the command that reached the motors during the interval that ends at t_ns
@@ -71,7 +71,7 @@ class Tick(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What is believed at `t_ns`."""
+    """The estimated motion at `t_ns`."""
 
     t_ns: int
     eta: np.ndarray  # (3,) pose, map frame [m, m, rad]
@@ -85,7 +85,7 @@ class Estimate(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """Where the vehicle should be at `t_ns`."""
+    """The wanted pose and velocity at `t_ns`."""
 
     t_ns: int
     eta: np.ndarray  # (3,) pose, map frame [m, m, rad]
@@ -94,7 +94,7 @@ class Reference(NamedTuple):
 
 
 def measured_ns(t_ns: int, slot: Slot) -> int:
-    """When it was measured, of a slot of the tick at `t_ns`."""
+    """Return the time of measurement [ns] of a slot of the tick at `t_ns`."""
     return t_ns - round(slot.age_s * NANOSECONDS)
 
 

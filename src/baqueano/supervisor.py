@@ -37,7 +37,7 @@ REASONS = (
 
 
 class SupervisorState(NamedTuple):
-    """What a stop and a silence need of the past."""
+    """The past that a stop and a silence depend on."""
 
     stopped: float  # 1.0 for good, once there was a reason
     reason: float  # index into REASONS
@@ -155,7 +155,7 @@ class Guarded:
         return BlockFault(self.room, why)
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
-        """The fault for whatever the block raised, sys.exit() too; what comes from outside is raised again."""
+        """Return the fault of any exception of the block, sys.exit() too; raise again what comes from outside."""
         if from_outside(error):
             raise error
         return BlockFault(self.room, stop(reason, block=_where(self, error), error=named(error)))
@@ -176,13 +176,13 @@ def guarded(room: str, block: Block, commands: int) -> Guarded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Off:
-    """What stands in the place of a block after a fault: no command, no motion asked for, no belief."""
+    """A block that replaces a faulty one: zero command, zero reference, unchanged estimate."""
 
     room: str
     commands: int
 
     def init(self, *start: np.ndarray) -> None:
-        """Nothing to remember."""
+        """Return an empty state."""
 
     def step(self, state: None, *inputs: Tree) -> tuple[None, Tree]:
         """The output of the room that moves nothing."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from baqueano.cli import endings, main
+from baqueano.cli import errors, main
 from baqueano.diagnostics import Diagnostic
 
 
@@ -17,7 +17,7 @@ class Ended(NamedTuple):
     code: int
     out: str
     err: str
-    ending: endings.Ending | None = None
+    ending: errors.CommandError | None = None
 
     @property
     def why(self) -> Diagnostic:
@@ -62,13 +62,13 @@ class Ended(NamedTuple):
 def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callable[..., Ended]:
     """`baqueano("runs", "ls")` in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    ended: list[endings.Ending] = []
+    ended: list[errors.CommandError] = []
 
-    def kept(error: BaseException, args: list[str], ending=endings.ending) -> endings.Ending:
-        ended.append(ending(error, args))
+    def kept(error: BaseException, args: list[str], made=errors.command_error) -> errors.CommandError:
+        ended.append(made(error, args))
         return ended[-1]
 
-    monkeypatch.setattr(endings, "ending", kept)
+    monkeypatch.setattr(errors, "command_error", kept)
 
     def typed(*args: str) -> Ended:
         capsys.readouterr()

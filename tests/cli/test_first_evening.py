@@ -36,7 +36,7 @@ def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
 
 
 def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baqueano, tmp_path, monkeypatch):
-    advice = "measure it first: baqueano experiment, then baqueano identify last --update"
+    advice = "Measure it first: baqueano experiment, then baqueano identify last --update"
     assert "guesses" in baqueano("new", "mylab").err
     monkeypatch.chdir(tmp_path / "mylab")
     assert load("vehicle.toml").provenance["model"] == ("baqueano new, from small", None, None, "GUESS")

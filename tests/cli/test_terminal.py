@@ -94,7 +94,7 @@ def test_ctrl_c_ends_an_endless_repeat_with_a_whole_run_and_130(project):
     finally:
         process.kill()
     assert process.returncode == 130, err
-    assert "stopped from the keyboard. The run is whole: forever.mcap" in err
+    assert "stopped from the keyboard. The run is complete: forever.mcap" in err
     assert "Traceback" not in err
     assert "vehicle across its reference" in out
     whole = read_run(path)

@@ -146,8 +146,8 @@ def test_an_unknown_run_is_told_with_the_newest(project):
     [
         ("--vehicle car", "not the same kind of vehicle"),
         ("--vehicle small --bound model.friction.linear=5,1", "expected the lower one first"),
-        ("--vehicle small --bound model.mass_kg=0,1", "not fitted, so they would do nothing"),
-        ("--vehicle small --free model.nope", "model.nope is no parameter"),
+        ("--vehicle small --bound model.mass_kg=0,1", "not fitted, so they have no effect"),
+        ("--vehicle small --free model.nope", "model.nope is not a parameter"),
     ],
 )
 def test_a_fit_that_cannot_be_meant_is_refused(project, said, expected):
@@ -208,7 +208,7 @@ def test_terms_are_not_chosen_for_a_car_whose_imu_is_all(baqueano):
 @pytest.mark.parametrize(
     ("vehicle", "words"),
     [
-        ("small", "small (imu): augmented_ekf, and dead_reckoning to see whether it is worth it"),
+        ("small", "small (imu): augmented_ekf. Compare it with dead_reckoning"),
         (
             "car",
             'car (imu, odometer): dead_reckoning until the vehicle is identified, then augmented_ekf with use = ["imu"',

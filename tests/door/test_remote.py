@@ -73,7 +73,7 @@ def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, miss
         vehicle.door.tell(vehicle.done(theirs, id="another"))  # while this one still designs
         remote.say(do="ping", token=1)
         end = time.monotonic() + PATIENCE_S
-        while remote.said.qsize() < 3:
+        while remote.inbox.qsize() < 3:
             assert time.monotonic() < end
             time.sleep(0.005)
         said = []

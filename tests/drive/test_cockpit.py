@@ -123,7 +123,7 @@ def test_a_terminal_that_never_answers_is_told_and_drives_for_the_time_of_a_key_
     terminal = Terminal()
     terminal.there = False
     with cockpit(terminal, latched=True) as hand:
-        assert "never says that it is there" in hand.status.said
+        assert "never says that it is there" in hand.status.line
         assert (RELEASES_ON, RELEASES_OFF) not in terminal.changes
         terminal.type("w")
         assert wait(hand, terminal, 0.2)[0] > 0.0
@@ -166,7 +166,7 @@ def test_space_stops_for_good_and_q_ends_the_drive():
 def test_who_sees_late_drives_slowly():
     terminal = Terminal(kitty=True, trip_s=0.1)
     with cockpit(terminal, share=1.0) as hand:
-        hand.told({"link_ms": 60.0})
+        hand.show({"link_ms": 60.0})
         terminal.type("w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(80.0 / 160.0, rel=0.15)
         assert b"slowed to 5" in terminal.sent
@@ -186,7 +186,7 @@ def test_marks_are_counted_for_a_vehicle_and_for_a_world_here():
 def test_the_state_of_a_vehicle_is_shown():
     terminal = Terminal()
     with cockpit(terminal) as hand:
-        hand.told(
+        hand.show(
             {"state": "MANUAL", "battery_v": 7.4, "u": [0.1, 0.0, 0.2], "link_ms": 12.0, "speed_m_s": None}
         )
         wait(hand, terminal, 0.2)
@@ -199,11 +199,11 @@ def test_the_state_of_a_vehicle_is_shown():
 def test_a_sensor_that_is_degraded_is_shown_until_it_agrees_again():
     terminal = Terminal()
     with cockpit(terminal) as hand:
-        hand.told({"degraded": "DEGRADED: imu[2] is stuck at 0.1"})
+        hand.show({"degraded": "DEGRADED: imu[2] is stuck at 0.1"})
         wait(hand, terminal, 0.2)
         assert b"DEGRADED: imu[2] is stuck at 0.1" in terminal.sent
         terminal.sent = b""
-        hand.told({"degraded": ""})
+        hand.show({"degraded": ""})
         wait(hand, terminal, 0.2)
         assert b"DEGRADED" not in terminal.sent
 
@@ -213,12 +213,12 @@ def test_what_holds_the_heading_is_shown():
     with cockpit(terminal, hold=True) as hand:
         terminal.type("w")
         wait(hand, terminal, 0.2)
-        hand.told({"u": [0.5, 0.0, 0.03], "requested": [0.5, 0.0, 0.04]})
+        hand.show({"u": [0.5, 0.0, 0.03], "requested": [0.5, 0.0, 0.04]})
         wait(hand, terminal, 0.2)
         assert b"heading held by +0.04" in terminal.sent
         terminal.type("a")
         wait(hand, terminal, 0.1)
-        hand.told({"u": [0.5, 0.0, 0.4], "requested": [0.5, 0.0, 0.4]})
+        hand.show({"u": [0.5, 0.0, 0.4], "requested": [0.5, 0.0, 0.4]})
         terminal.sent = b""
         wait(hand, terminal, 0.2)
         assert b"heading free" in terminal.sent
@@ -230,7 +230,7 @@ def test_that_nothing_holds_the_heading_is_shown():
     with cockpit(terminal) as hand:
         terminal.type("w")
         wait(hand, terminal, 0.2)
-        hand.told({"u": [0.5, 0.0, 0.03]})
+        hand.show({"u": [0.5, 0.0, 0.03]})
         wait(hand, terminal, 0.2)
         assert b"heading not held" in terminal.sent
 

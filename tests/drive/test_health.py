@@ -25,7 +25,7 @@ def said(nis, seconds=20.0):
     for k in range(round(100 * seconds)):
         y = np.sqrt(nis) * rng.normal(size=3)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
-        out.append(health.heard(k * 10_000_000, estimate))
+        out.append(health.check(k * 10_000_000, estimate))
     return [why for why in out if why]
 
 
@@ -45,11 +45,11 @@ def test_a_few_wild_measurements_are_no_wrong_model():
     for k in range(2000):
         y = rng.normal(size=3) + (1000.0 if k % 100 == 0 else 0.0)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
-        assert health.heard(k * 10_000_000, estimate) is None
+        assert health.check(k * 10_000_000, estimate) is None
 
 
 def test_estimates_without_innovations_say_nothing():
-    assert Health().heard(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) is None
+    assert Health().check(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) is None
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.drive.session import told_start
+from baqueano.drive.session import initial_pose_for
 from baqueano.runs import Run, TruthLog
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import NANOSECONDS
@@ -57,5 +57,5 @@ def test_an_estimator_is_told_as_much_of_the_start_as_it_takes():
             return eta, nu
 
     start = np.arange(6.0)
-    assert told_start(Posed(), start)[0].tolist() == [0.0, 1.0, 2.0]
-    assert told_start(Moving(), start)[0].tolist() == start.tolist()
+    assert initial_pose_for(Posed(), start)[0].tolist() == [0.0, 1.0, 2.0]
+    assert initial_pose_for(Moving(), start)[0].tolist() == start.tolist()

@@ -60,7 +60,7 @@ def test_it_drives_only_while_a_front_button_is_held(plugged):
     kernel.change((KEY, LEFT_FRONT, 1))
     assert one.read() == [LEFT_FRONT]
     assert one.wanted() == (1.0, -1.0)
-    assert one.said == "pad drives"
+    assert one.hint == "pad drives"
     kernel.change((KEY, LEFT_FRONT, 0))
     one.read()
     assert one.wanted() == (0.0, 0.0)
@@ -136,7 +136,7 @@ def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middl
     kernel.waiting.clear()
     one.read()
     assert not one.holds
-    assert "let go" in one.said
+    assert "let go" in one.hint
     kernel.change((ABS, 1, 0))
     one.read()
     assert not one.holds, "its front button is held still"

@@ -49,7 +49,7 @@ def test_a_run_that_is_closed_for_longer_than_the_dead_man_waits_leaves_no_troub
     closing(lambda: (robot.wait(0.5), troubles.append(robot.uno.trouble)))
     done, run = drive(service, spin())
     assert (done["why"], troubles) == (None, [None])
-    assert not [e.text for e in run.events if "heard no command" in e.text]
+    assert not [e.text for e in run.events if "received no command" in e.text]
     looked(service, robot, 5)
     assert (service.machine.state, service.machine.why) == (DoorState.READY, None)
 

@@ -67,12 +67,12 @@ def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_r
     service.healthy = lambda: None
     assert done["why"].code == StopReason.SENSOR_SILENT
     assert stop_of(run) == done["why"]
-    assert any("held low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
+    assert any("is low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert early == [], "no pin is touched while it drives"
 
     looked_on(service, robot, 2.0)
     (told,) = log
-    assert "held by a chip in mid-byte: freed after 5 clocks" in told
+    assert "in the middle of a byte: freed after 5 clocks" in told
     assert told in [text(m["said"]) for m in service.told if m["is"] == "event"]
     assert text(last_state(service)["imu_bus"]) == told
     assert not held
@@ -110,7 +110,7 @@ def test_a_bus_that_cannot_be_freed_is_told_once_tried_again_and_ready_once_it_i
     hold(robot, held)
     looked_on(service, robot, 12.0)
     assert len([call for call in held.read()["calls"] if call[0] == "get"]) == 2 * 3, "two looks, each 5 s"
-    assert log == ["SCL (GPIO 3) is held low, and a held SCL cannot be clocked."]
+    assert log == ["SCL (GPIO 3) is low, so the bus cannot be clocked."]
     state = last_state(service)
     assert state["state"] == "DISARMED"
     assert state["why"].code == StopReason.IMU_BUS_STILL_HELD

@@ -274,7 +274,7 @@ def test_a_held_bus_stops_the_drive_and_when_it_is_free_it_can_be_cleared(vehicl
     done, run = drive(service, spin(3.0))
     assert done["why"].code == StopReason.SENSOR_SILENT
     assert robot.board.off_since() - at_s[0] <= 0.56  # imu_timeout_s = 0.5
-    assert any("held low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
+    assert any("is low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
     assert last(run, CLOCK_SOURCE).level == "warning", "each look at the bus took 40 ms, four ticks"
     robot.bus.held = False
     assert cleared(service, robot)
@@ -344,8 +344,10 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehic
     assert (done["code"], done["why"]) == (0, TEACHER if stopped else None)
     assert service.machine.state is (DoorState.STOPPED if stopped else DoorState.READY)
     texts = [text(m["said"]) for m in service.told if m["is"] == "event"]
-    assert texts[0] == "the disk takes no more of this run (File too large); the drive goes on"
-    assert "What was written before is whole" in texts[-1]
+    assert (
+        texts[0] == "the disk is full and does not store more of this run (File too large); the drive goes on"
+    )
+    assert "The earlier part is complete" in texts[-1]
     assert moved == [True], "it turned on while nothing was written"
     run = read_run(service.folder / done["run"])
     assert 1.5 < run.duration_s < 5.5

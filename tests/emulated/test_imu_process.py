@@ -33,7 +33,7 @@ samples, told = [], 0
 while not select.select([sys.stdin], [], [], 0.01)[0]:
     samples += device.read()
     for event in device.events():
-        tell(event=event.said.code, text=event.text)
+        tell(event=event.message.code, text=event.text)
     if len(samples) >= told + 100:
         told = len(samples)
         tell(event="samples", count=told)

@@ -150,7 +150,7 @@ def driven(remote, what, live, folder):
 def stalled(run, lost_s):
     """Whether this machine kept the emulated Uno from its time, or the loop from its ticks: that may end a drive."""
     (text,) = [event.text for event in run.events if event.source == CLOCK_SOURCE]
-    late = re.search(r"the latest began ([\d.]+) ms late", text)
+    late = re.search(r"the latest started ([\d.]+) ms late", text)
     late_s = 1e-3 * float(late[1]) if late else 0.0
     return max(lost_s, late_s, *np.diff(run.t_s)) >= STALL_S
 

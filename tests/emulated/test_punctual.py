@@ -45,7 +45,7 @@ def test_a_drive_that_somebody_ended_tells_it_too(service, robot):
     service.operator.hold(me)
 
     def enough():
-        service.operator.heard(me)
+        service.operator.sign_of_life(me)
         service.operator.end(me)
 
     during(service, robot, 0.2, enough)

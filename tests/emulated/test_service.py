@@ -50,7 +50,7 @@ def test_rt13_a_holder_who_falls_silent_stops_it_within_half_a_second(service, r
         if service.machine.state is DoorState.MISSION:
             heard.append(robot.now_ns)
             if robot.now_ns - heard[0] < 0.5e9:
-                service.operator.heard(me)
+                service.operator.sign_of_life(me)
                 heard[-1:] = [robot.now_ns]
 
     service.healthy = healthy
@@ -118,7 +118,7 @@ def test_a_hand_drives_while_it_is_fresh_and_not_after(service, robot):
             begun.append(robot.now_ns)
             if robot.now_ns - begun[0] < 0.6e9:
                 service.operator.want(me, [0.0, 0.0, 0.5])
-            service.operator.heard(me)
+            service.operator.sign_of_life(me)
             if robot.now_ns - begun[0] > 1.5e9:
                 service.operator.end(me)
 

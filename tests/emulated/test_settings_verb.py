@@ -15,7 +15,7 @@ from baqueano.cli.robot.settings import WAYS as OF_WAYS
 from baqueano.door import remote
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import DriveFlag, Driver, Encoders, Settings, Way, Wiring
-from baqueano.robot.uno.settings import Kept, changed
+from baqueano.robot.uno.settings import StoredSettings, changed
 from baqueano.robot.workshop import exclusive_hardware
 from tests.emulated.realtime import on_pty
 
@@ -75,7 +75,7 @@ def test_what_is_set_is_read_back_and_outlives_the_supply(verb, live):
     )  # fmt: skip
     assert in_eeprom(live) == meant
     code, out, _ = verb("--mark", "high", "--json")
-    assert Kept.of(json.loads(out)["rows"]).settings == meant._replace(wiring=meant.wiring & ~64)
+    assert StoredSettings.of(json.loads(out)["rows"]).settings == meant._replace(wiring=meant.wiring & ~64)
     assert json.loads(out)["rows"][0]["mark"] == "high"
     assert verb("--defaults", "--bridge", "l293d")[0] == 0
     assert in_eeprom(live) == Settings(driver=Driver.L293D)
@@ -218,4 +218,4 @@ def test_rows_hold_all_that_is_kept():
         | {"encoders": ["single"], "battery-ratio": ["4.001"], "dither-ms": ["50"], "kick": ["all=0.333"]},
     )
     assert whole.wiring == 127
-    assert Kept.of(json.loads(json.dumps(Kept(whole).rows()))).settings == whole
+    assert StoredSettings.of(json.loads(json.dumps(StoredSettings(whole).rows()))).settings == whole

@@ -68,7 +68,7 @@ def seen(kernel, run: Run, z: np.ndarray | None = None) -> Seen:
     y, S = out.innovation, out.innovation_cov
     refused = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate(4.0, 3)
     health = Health()
-    told = [bool(health.heard(int(t), Estimate(*one))) for t, *one in zip(t_ns, *out, strict=True)]
+    told = [bool(health.check(int(t), Estimate(*one))) for t, *one in zip(t_ns, *out, strict=True)]
     at = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refused, told)]
     return Seen(out.nu - run.truth.nu, refused, *at)
 

@@ -57,7 +57,7 @@ def test_what_is_no_scale_or_no_part_of_one_is_refused(told, says):
         ),
         (
             "--use odometer --tolerance sensors.imu.gyro_scale=0.01",
-            "it widens the errors of a car that is fitted by its IMU alone, and this one is not",
+            "widens the errors of a car fitted by its IMU alone, and this one is not",
         ),
     ],
 )

@@ -75,7 +75,7 @@ def watch(
             sensors=type(file.sensors)(*(getattr(tick.sensors, n) for n in file.sensors._fields))
         )
         belief, estimate = estimator.step(belief, tick)
-        for notice in sensors.heard(tick, estimate):
+        for notice in sensors.update(tick, estimate):
             if notice.finding is not None:
                 found.append(notice.finding)
     return found, sensors

@@ -9,7 +9,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify.blocks import FittedBlocks
 from baqueano.parameter import all_parameters
-from baqueano.report.tables import csv_text, latex_text, save_table, symbol, told
+from baqueano.report.tables import csv_text, latex_text, save_table, symbol, with_error
 from baqueano.sensors import Imu
 from baqueano.signals import sensor_slots
 from baqueano.vehicle_file import load
@@ -93,7 +93,7 @@ def test_parameters_have_fossens_letters(path, letter):
     ],
 )
 def test_digits_follow_the_error(value, sd, cells):
-    assert told(value, sd) == cells
+    assert with_error(value, sd) == cells
 
 
 def test_a_file_is_written_as_its_name_ends(tmp_path):

@@ -150,7 +150,7 @@ def test_times_before_the_zero_of_the_clock_are_refused(lab):
 def test_two_clocks_that_never_meet_are_refused(lab):
     lab.camera["t"] = lab.camera["t"] + 1000.0
     lab.refused(
-        r"\[truth\] in camera.csv lies at 1001.005 s to .*not on one clock. .* \[files.camera\]: shift_s"
+        r"\[truth\] in camera.csv is at 1001.005 s to .*do not share a clock. .* \[files.camera\]: shift_s"
     )
 
 
@@ -161,7 +161,7 @@ def test_commands_that_never_meet_the_ticks_are_refused(lab):
         "t": lab.camera["t"] + 1000.0,
     }
     lab.edit('[command]\nfile = "board"', '[command]\nfile = "camera"')
-    lab.refused(r"no tick of \[files.board\] has a command of \[files.camera\]: .*shift_s = …")
+    lab.refused(r"none of the ticks of \[files.board\] has a command of \[files.camera\]\. .*shift_s = …")
 
 
 def test_id4_missing_numbers_are_left_out_and_told(lab):
@@ -176,7 +176,7 @@ def test_id4_missing_numbers_are_left_out_and_told(lab):
     assert len(run.sensors["imu"].t_ns) == 1497
     assert len(run.sensors["odometer"].t_ns) == 1500
     lab.board["ax"][:] = np.nan
-    lab.refused(r"\[sensors.imu\] has not one row with all its numbers")
+    lab.refused(r"\[sensors.imu\] does not have a complete row of numbers")
 
 
 def test_rows_without_a_time_are_left_out_and_told(lab):

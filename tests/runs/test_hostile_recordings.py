@@ -60,12 +60,12 @@ def refusal(tmp_path, data, name="log.csv"):
         (b",".join(b"c%d" % k for k in range(20_000)) + b"\n", "has 20000 columns; at most 10000 are read"),
         (b",".join(b"c%d" % k for k in range(900)) + b"\n" + b"1," * 899 + b"1\n", "'c29', …."),
         (b"1" * 3_000_000, f"line 1 has more than {LONGEST} characters"),
-        (b"a,b\n" + ROWS + b"1,\0\n" + ROWS, "line 6 has zero bytes"),
+        (b"a,b\n" + ROWS + b"1,\0\n" + ROWS, "line 6 contains zero bytes"),
         (
             b"a,b\n" + ROWS * 300 + bytes(3_000_000),
-            "line 1202 has zero bytes, as a loss of power leaves them",
+            "line 1202 contains zero bytes, as after a loss of power",
         ),
-        (bytes(100_000), "line 1 has zero bytes"),
+        (bytes(100_000), "line 1 contains zero bytes"),
         (b"a,b\n" + b'"\n' * 50_000 + b'x"y\n', "Correct"),
         (b"PK\x03\x04" + bytes(50), "is a zip file, perhaps a spreadsheet. Unpack it, or save it as CSV"),
     ],
@@ -81,7 +81,7 @@ def test_a_csv_that_no_program_wrote_has_a_message(tmp_path, data, said):
         (b"a,b\n0,0\n" + b"\n" * 3_000_000, "of memory up to line "),
         (b"0" * 20_000_000, f"line 1 has more than {LONGEST} characters"),
         (b'a,b\n"' + b"0\n" * 10_000_000, "has a cell of more than 131072 characters"),
-        (bytes(20_000_000), "line 1 has zero bytes"),
+        (bytes(20_000_000), "line 1 contains zero bytes"),
     ],
 )
 def test_a_packed_csv_that_would_fill_the_memory_is_refused(tmp_path, text, said):

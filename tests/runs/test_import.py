@@ -163,7 +163,7 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
     [
         ("format = 1", "format = 2", "format = 2; write format = 1"),
         ("format = 1", "", "format is missing; write format = 1"),
-        ("format = 1", "format = = 1", r"is no TOML: .* Correct that line"),
+        ("format = 1", "format = = 1", r"is not valid TOML: .* Correct that line"),
         ("[command]", "[comand]", "comand: unknown key. Did you mean command"),
         ("[files.board]", "[files]\nboard = 3\n[files.bord]", r"\[files.board\] = 3; write a table"),
         (
@@ -176,14 +176,14 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
         (PATH, PATH + '\ndecimal = ";"', r"decimal = ';'; write decimal = "),
         (PATH, PATH + "\nshift = 3", r"\[files.board\] shift: unknown key. Did you mean shift_s"),
         (PATH, PATH + '\nshift_s = "a"', "shift_s = 'a'; write float"),
-        (PATH, 'path = "bored.csv"', r"path = 'bored.csv': there is no such file in .* BAQUEANO_DATA"),
-        (PATH, PATH + '\ntopic = "/imu"', r"is no bag, but lab.toml \[files.board\] asks for topic '/imu'"),
+        (PATH, 'path = "bored.csv"', r"path = 'bored.csv' does not exist in .* BAQUEANO_DATA"),
+        (PATH, PATH + '\ntopic = "/imu"', r"is not a bag, but lab.toml \[files.board\] names topic '/imu'"),
         (PATH, PATH + "\nshift_s = inf", r"shift_s = inf; write a number that is finite"),
         (RATE, RATE + ", scale = nan", r"imu.z\[2\]\] scale = nan; write a number that is finite"),
         (PATH, PATH + '\ndelimiter = ", "', r"delimiter = ', '; write one character, as delimiter = "),
-        (PATH, PATH + '\nencoding = "klingon"', r"encoding = \"klingon\" is not known"),
-        (PATH, PATH + "\nwhere = { id = { above = 3 } }", "known are a value, min, max and not"),
-        (PATH, PATH + "\nwhere = { id = 7 }", r"no row is left by where = {'id': 7}"),
+        (PATH, PATH + '\nencoding = "klingon"', r"encoding = \"klingon\" is unknown"),
+        (PATH, PATH + "\nwhere = { id = { above = 3 } }", "expected a value, min, max or not"),
+        (PATH, PATH + "\nwhere = { id = 7 }", r"where = {'id': 7} leaves 0 rows"),
         (
             'in_force = "from"',
             "",
@@ -260,5 +260,5 @@ def test_recordings_are_looked_for_where_the_variable_says(lab, tmp_path, monkey
 def test_a_unit_in_the_name_of_a_column_is_believed(lab):
     lab.board["speed [km/h]"] = 3.6 * lab.board["speed"]
     lab.edit('column = "speed"', 'column = "speed [km/h]"')
-    lab.refused(r"odometer.z\[0\] unit = \"m/s\", but the name of its column says .*write unit = \"km/h\"")
+    lab.refused(r"odometer.z\[0\] unit = \"m/s\", but its column's name indicates .*write unit = \"km/h\"")
     assert lab.edit('[km/h]", unit = "m/s"', '[km/h]", unit = "kmh"').codes() == ["no command yet"]

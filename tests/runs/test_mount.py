@@ -102,7 +102,7 @@ def test_calibrate_writes_the_mount_into_the_map_and_the_next_import_is_of_the_b
     assert np.hypot(*off.T).mean() < 0.01, "7 cm before"
     capsys.readouterr()
     assert typed("runs", "calibrate", "first.mcap", *words) == 2
-    assert "import the run again, and calibrate that" in capsys.readouterr().err
+    assert "Import the run again, and calibrate that" in capsys.readouterr().err
     assert typed("runs", "import", "filmed.toml", "-o", "second.mcap") == 0
     capsys.readouterr()
     assert typed("runs", "calibrate", "second.mcap", "--vehicle", "car", "--json") == 0

@@ -90,21 +90,21 @@ def test_samples_that_were_only_held_cost_what_is_gone_and_nothing_more(study):
 
 def test_readings_of_the_sound_run_are_taken_out_where_they_are_of_the_damaged_one(case_study):
     from baqueano.study.faults.damage import not_numbers, repeated_time, time_jumps_a_day
-    from baqueano.study.faults.left import left_of
+    from baqueano.study.faults.undamaged import undamaged
 
     file, run = case_study
     rng = np.random.default_rng(0)
     damaged = not_numbers(run, file, rng)
-    left, lost = left_of(run, damaged, file)
+    left, lost = undamaged(run, damaged, file)
     np.testing.assert_array_equal(left.sensors["imu"].z, damaged.sensors["imu"].z)
     assert lost == np.mean(np.isnan(damaged.sensors["imu"].z))
     late = repeated_time(run, file, rng)
-    left, lost = left_of(run, late, file)
+    left, lost = undamaged(run, late, file)
     gone = np.isnan(left.sensors["imu"].z).all(axis=1)
     assert 0.02 < lost == gone.mean() < 0.25
     repeats = np.flatnonzero(np.diff(late.sensors["imu"].t_ns) == 0) + 1
     assert np.all(gone[repeats])
-    assert left_of(run, time_jumps_a_day(run, file, rng), file) is None
+    assert undamaged(run, time_jumps_a_day(run, file, rng), file) is None
 
 
 @pytest.fixture(scope="module")

@@ -71,13 +71,13 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
     [
         ("model.mass_kg", "--set model.mass_kg: expected key=value, for example --set model.mass_kg=0.7"),
         ("model.mass_kg=", "expected key=value"),
-        ("model.mas_kg=1", "has no key model.mas_kg. Did you mean model.mass_kg?"),
+        ("model.mas_kg=1", "does not have key model.mas_kg. Did you mean model.mass_kg?"),
         (
             "model.mass_kg=-1",
             "--set model.mass_kg=-1: small.toml line 21, [model] mass_kg = -1: expected 0.001",
         ),
         ("model.mass_kg=heavy", "mass_kg = 'heavy': expected one number"),
-        ("controller.kind=nothing", 'no controller "nothing"'),
+        ("controller.kind=nothing", 'controller "nothing" is unknown'),
     ],
 )
 def test_what_makes_no_sense_on_the_command_line_is_a_matter_of_usage(setting, part):

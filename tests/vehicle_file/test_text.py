@@ -47,7 +47,7 @@ def test_an_accent_of_an_old_editor_is_named_with_its_line(tmp_path):
 
 
 def test_zero_bytes_are_a_cut(tmp_path):
-    assert "holds zero bytes" in said_to(tmp_path, b"format = 1\n\0\0\0\0")
+    assert "contains zero bytes" in said_to(tmp_path, b"format = 1\n\0\0\0\0")
 
 
 @pytest.mark.parametrize("content", [b"", b"  \n\n", b"\xef\xbb\xbf"])
@@ -101,7 +101,7 @@ def test_fi4_a_number_of_thousands_of_digits_is_refused():
         ("[model]\nx = 1\n[model]\ny = 2", "line 3: '[model]': this is in the file twice"),
         ("mass_kg = 0,61", "a decimal comma. Write a decimal point: mass_kg = 0.61"),
         ("name = small", 'Text stands in quotes, key = "value"'),
-        ("limit = [0,5, 0,05]", "Decimal commas? Write points."),
+        ("limit = [0,5, 0,05]", "Are these decimal commas? Write points."),
         ("flag = True", "true and false are in small letters"),
         ("mass_kg = ", "line 1: 'mass_kg =' is not TOML: invalid value"),
         ("mass_kg 0.61", "is not TOML: "),

@@ -32,7 +32,7 @@ class Firmware:
                 self.tell(applied)
 
     def tell(self, applied):
-        applied.heard(self.ms * MS, tuple(np.mean(self.duties[-10:], axis=0)), tuple(self.duties[-1]), False)
+        applied.update(self.ms * MS, tuple(np.mean(self.duties[-10:], axis=0)), tuple(self.duties[-1]), False)
 
 
 def driven(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
@@ -73,13 +73,13 @@ def test_what_was_foretold_wrongly_comes_right_and_nothing_adds_up(phase_ms):
 
 def test_a_vehicle_that_is_stopped_is_not_foretold_to_move():
     applied = Applied()
-    applied.heard(0, (0.0, 0.0), (0.0, 0.0), False)
+    applied.update(0, (0.0, 0.0), (0.0, 0.0), False)
     applied.begin(0)
     applied.sent(0, 0.5, 0.5)
     np.testing.assert_allclose(applied.mean(10 * MS), 0.5 * (1.0 - ON_THE_WAY_NS / (10 * MS)))
-    applied.heard(12 * MS, (0.0, 0.0), (0.0, 0.0), True)
+    applied.update(12 * MS, (0.0, 0.0), (0.0, 0.0), True)
     assert np.all(applied.mean(20 * MS) < 0.0), "takes back what the tick before was told too much"
-    applied.heard(22 * MS, (0.0, 0.0), (0.0, 0.0), True)
+    applied.update(22 * MS, (0.0, 0.0), (0.0, 0.0), True)
     np.testing.assert_allclose(applied.mean(30 * MS), 0.0, atol=1e-12)
 
 

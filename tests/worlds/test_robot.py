@@ -26,7 +26,7 @@ class Line:
     def drive(self, left, right):
         self.sent.append((left, right))
 
-    def heard(self):
+    def receive(self):
         said, self.waiting = self.waiting, []
         return said
 
@@ -102,7 +102,7 @@ def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing
         for k in range(3000):
             line.waiting = [telemetry(50 * k, (0.6, 0.6), (0, k), silent=k >= 100)]
             chip.waiting = [Sample(50 * k * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0)]
-            chip.happened = [SimpleNamespace(said=note("imu.started"))] if k == 1500 else []
+            chip.happened = [SimpleNamespace(message=note("imu.started"))] if k == 1500 else []
             heard += robot.look(50 * k * MS)
             if k == 1500:
                 kept = tracemalloc.get_traced_memory()[0]

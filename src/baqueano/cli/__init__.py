@@ -4,10 +4,12 @@ import importlib
 import os
 import sys
 import warnings
+from copy import copy
 
 import click
 
-from baqueano import __version__
+from baqueano import __version__, language
+from baqueano.language import translated as _
 
 VERBS = {
     "demo": "The whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.",
@@ -63,17 +65,33 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Each with its first sentence, whole."""
-        with formatter.section("Commands"):
+        """Return the first sentence of each, complete."""
+        with formatter.section(_("Commands")):
             formatter.write_dl(
                 [(name, verb.get_short_help_str(WHOLE)) for name, verb in sorted(self.commands.items())]
             )
 
 
 def command_of(verb: str) -> click.Command:
-    """Import a verb of VERBS and return its command."""
+    """Import a verb of VERBS and return its command, its help in the current language."""
     room = next((f"{room}." for room, verbs in ROOMS.items() if verb in verbs), "")
-    return importlib.import_module(f"baqueano.cli.{room}{verb}").command
+    return in_language(importlib.import_module(f"baqueano.cli.{room}{verb}").command)
+
+
+def in_language(command: click.Command) -> click.Command:
+    """Return a copy of a command, or of a group, whose help is in the current language."""
+    if language.current() == "en":
+        return command
+    command = copy(command)
+    for name in ("help", "short_help", "epilog"):
+        setattr(command, name, language.translated(getattr(command, name) or "") or None)
+    command.params = [copy(param) for param in command.params]
+    for param in command.params:
+        if isinstance(param, click.Option):
+            param.help = language.translated(param.help or "") or None
+    if isinstance(command, click.Group):
+        command.commands = {name: in_language(verb) for name, verb in command.commands.items()}
+    return command
 
 
 class _Verbs(click.Group):
@@ -93,12 +111,18 @@ class _Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Verbs"):
-            formatter.write_dl(list(VERBS.items()))
+        with formatter.section(_("Verbs")):
+            formatter.write_dl([(verb, _(says)) for verb, says in VERBS.items()])
 
 
 @click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
+@click.option(
+    "--lang",
+    type=click.Choice(tuple(language.LANGUAGES)),
+    expose_value=False,
+    help="Language of messages and help; default: BAQUEANO_LANG, else the locale.",
+)
 @click.version_option(__version__, prog_name="baqueano")
 @click.pass_context
 def baqueano(ctx: click.Context, debug: bool) -> None:
@@ -109,14 +133,14 @@ def baqueano(ctx: click.Context, debug: bool) -> None:
     Then:        baqueano new mylab
     """
     ctx.obj = debug
-    backend = os.environ.get("BAQUEANO_BACKEND") or "auto"
-    if backend not in BACKENDS:
-        from baqueano.diagnostics import fault
-        from baqueano.errors import UsageError
+    for variable, known in (("BAQUEANO_BACKEND", BACKENDS), (language.VARIABLE, tuple(language.LANGUAGES))):
+        found = os.environ.get(variable) or known[0]
+        if found not in known:
+            from baqueano.diagnostics import fault
+            from baqueano.errors import UsageError
 
-        raise UsageError(
-            fault("cli.unknown-backend", "unset BAQUEANO_BACKEND", found=backend, known=BACKENDS)
-        )
+            unset = f"unset {variable}"
+            raise UsageError(fault("cli.unknown-setting", unset, variable=variable, found=found, known=known))
 
 
 def main(args: list[str] | None = None) -> None:
@@ -127,15 +151,28 @@ def main(args: list[str] | None = None) -> None:
     args = sys.argv[1:] if args is None else args
     debug = "--debug" in args
     args = [arg for arg in args if arg != "--debug"]
+    args, wanted = _without_language(args)
+    language.choose(wanted if wanted in language.LANGUAGES else "")
     with warnings.catch_warnings():
         if (
             not debug and not sys.warnoptions
         ):  # overflow on the way of a search is none of the user's business
             warnings.simplefilter("ignore", RuntimeWarning)
-        sys.exit(_answered(args, debug))
+        sys.exit(_answered(args, ["--debug"] * debug + ["--lang", wanted] * bool(wanted)))
 
 
-def _answered(args: list[str], debug: bool) -> int:
+def _without_language(args: list[str]) -> tuple[list[str], str]:
+    """Return the arguments without `--lang`, which may stand anywhere before `--`, and its value."""
+    end = args.index("--") if "--" in args else len(args)
+    for k, arg in enumerate(args[:end]):
+        if arg == "--lang" and k + 1 < end:
+            return args[:k] + args[k + 2 :], args[k + 1]
+        if arg.startswith("--lang="):
+            return args[:k] + args[k + 1 :], arg.removeprefix("--lang=")
+    return args, ""
+
+
+def _answered(args: list[str], before: list[str]) -> int:
     """The exit code, after everything was said."""
     from click.exceptions import NoArgsIsHelpError
 
@@ -143,7 +180,7 @@ def _answered(args: list[str], debug: bool) -> int:
 
     answered.clear()
     try:
-        code = baqueano.main(["--debug"] * debug + args, prog_name="baqueano", standalone_mode=False)
+        code = baqueano.main(before + args, prog_name="baqueano", standalone_mode=False)
         return code if isinstance(code, int) else 0
     except NoArgsIsHelpError as error:
         error.show()
@@ -152,16 +189,16 @@ def _answered(args: list[str], debug: bool) -> int:
         import json
         import traceback
 
-        from baqueano.cli.endings import ending
+        from baqueano.cli.errors import command_error
         from baqueano.errors import in_users_file
 
         if isinstance(error, SystemExit) and not in_users_file(error):
             raise
         if isinstance(error, click.Abort) and isinstance(error.__cause__, KeyboardInterrupt):
             error = error.__cause__  # click takes every one for Ctrl-C
-        if debug:
+        if "--debug" in before:
             talk("".join(traceback.format_exception(error)).rstrip("\n"))
-        end = ending(error, args)
+        end = command_error(error, args)
         talk(end.paragraph)
         if "--json" in args and not answered:
             tell(json.dumps(end.to_json(), allow_nan=False))

@@ -1,4 +1,4 @@
-"""One message for two readers: it names an argument as Python does, and the command line its option.
+"""Names of arguments in messages: as a Python argument, or as an option of the command line.
 
 {arg[per_run]}  →  --per-run        {arg[use]:gps}  →  --use gps        {arg[use]:…}  →  --use SENSOR
 """
@@ -6,7 +6,7 @@
 import shlex
 from dataclasses import dataclass
 
-OPEN = "…"  # in the place of a value: whoever types it chooses one
+OPEN = "…"  # in the place of a value that the user chooses
 OPTIONS = {  # argument of `identify` → option, and what its value is called
     "free": ("--free", "KEY"),
     "fixed": ("--fix", "KEY"),

@@ -127,7 +127,7 @@ class Listed:
     verdict: Verdict = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """What was found, as it is."""
+        """The error as it was found."""
         return self.found
 
     def table(self) -> str:

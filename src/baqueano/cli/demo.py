@@ -13,7 +13,7 @@ from baqueano.diagnostics import note
 
 
 def typed_here() -> str:
-    """How this program is called in this shell: by its path, where `make` has put it out of the shell's sight."""
+    """Return the name of this program in this shell: its path, where `make` has hidden it from the shell."""
     if shutil.which("baqueano") or not (own := Path(sys.argv[0])).is_file():
         return "baqueano"
     return str(own)

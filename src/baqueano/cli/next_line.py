@@ -1,4 +1,4 @@
-"""What to type after an error: a command that goes further, never the one that failed as it was.
+"""The line to type after an error: a command that goes further, never the one that failed as it was.
 
 The code and figures of the error decide. A name with a near one (`found`, and `near` of names.py) is put right in the
 command; for a path that is `missing` there is the nearest file. Else stands the line that the error brings itself

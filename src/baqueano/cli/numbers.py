@@ -1,4 +1,4 @@
-"""Numbers on the command line: finite, in their range, and told so in one sentence."""
+"""Numbers on the command line: finite and in their range, or refused in one sentence."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ class Number(click.ParamType):
         self.range = f"{'>' if above else '≥'} {low:g}{upper} [{unit}]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """What was typed as a number; refused with the range where it is none or outside."""
+        """Return the typed number; refuse other text and numbers outside the range."""
         try:
             x = float(value)
         except ValueError:

@@ -11,6 +11,7 @@ from baqueano.cli import BACKENDS, numbers
 from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import talk
 from baqueano.diagnostics import fault, note
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     from baqueano.guides.route import Route
@@ -54,8 +55,8 @@ class Grouped(click.Command):
         shown = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
         records = {one.name: record for one in shown if (record := one.get_help_record(ctx)) is not None}
         rest = tuple(name for name in records if not any(name in names for names in self.groups.values()))
-        for heading, names in {**self.groups, "Other options": rest}.items():
-            with formatter.section(heading):
+        for heading, names in {**self.groups, _("Other options"): rest}.items():
+            with formatter.section(_(heading)):
                 formatter.write_dl([records[name] for name in names])
 
 
@@ -194,7 +195,7 @@ def own_block(file: "VehicleFile", room: str, kind: str | None) -> str | None:
 
 def ended(run: "Run", path: Path) -> None:
     """Raises what stopped a drive, if something did; the run is on disk."""
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop

@@ -41,7 +41,7 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
 
 
 def plain_letters(*streams: TextIO) -> None:
-    """Where the terminal's encoding has no ψ, print psi: never fail over a letter."""
+    """Print psi where the terminal's encoding lacks ψ: never fail over a letter."""
     codecs.register_error("baqueano", _spell)
     for stream in streams:
         reconfigure = getattr(stream, "reconfigure", None)
@@ -108,7 +108,7 @@ def _known(row: "TableRow") -> "JsonObject":
 
 
 def watched() -> bool:
-    """Does a person look at stderr?"""
+    """Return True if a person looks at stderr."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
@@ -131,19 +131,19 @@ def clocked(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[fl
         _rewrite("")
         return
 
-    def seen(t_s: float) -> None:
+    def show(t_s: float) -> None:
         nonlocal done
         advance(max(0, round(10 * t_s) - done))
         done = max(done, round(10 * t_s))
 
     with progress(label, max(1, round(10 * duration_s))) as advance:
-        yield seen
-        seen(duration_s)
+        yield show
+        show(duration_s)
 
 
 class Say:
-    """Tells how far the work is, in place of what it told before; True once Ctrl-C was pressed: what is found
-    by then is wanted. From the first call on Ctrl-C is kept for that; a second one ends the work at once."""
+    """Report the progress of the work, in place of the last report; return True once Ctrl-C was pressed, which asks for
+    the result so far. From the first call on Ctrl-C is kept for that; a second one ends the work at once."""
 
     def __init__(self) -> None:
         self.text, self.stopped = "", False

@@ -45,7 +45,7 @@ UNKNOWN = Path(float("nan"), float("nan"), float("nan"))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedPath:
-    """What is known of one run."""
+    """The measures of a run."""
 
     name: str
     duration_s: float
@@ -71,7 +71,7 @@ class JudgedPath:
 
     @property
     def verdict(self) -> str:
-        """Whether the estimator knew its own errors: by NEES where there is truth, else by NIS."""
+        """Return True if the estimated errors agree with the real ones: by NEES where there is truth, else by NIS."""
         return self.consistency.verdict
 
     def row(self) -> "JsonObject":
@@ -106,14 +106,14 @@ ADVICE = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """One or more runs, judged alike."""
+    """The comparison of one or more runs by the same measures."""
 
     runs: tuple[JudgedPath, ...]
     alignment: str  # of the estimate to the truth
     over_s: float  # of the relative error
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per run."""
+        """Return a flat row per run."""
         return [judged.row() for judged in self.runs]
 
     @property
@@ -158,7 +158,7 @@ class Comparison:
         return "\n".join([*out, "", *said, verdict_line(self.verdict, self.reasons), *self._advice()])
 
     def _advice(self) -> list[str]:
-        """What to type where an estimator does not know its own errors."""
+        """Return the line to type where the estimated errors do not agree with the real ones."""
         off = {judged.verdict: judged.name for judged in self.runs if judged.verdict in ADVICE}
         typed = [f"Type: {FIT} {off[word]} --update" for word in off if word == "too sure"]
         return [*(ADVICE[word] for word in off), *typed]
@@ -302,7 +302,7 @@ def _pace(log: Any, run: "Run") -> "Pace":
 
 
 def _commanded(run: "Run") -> dict[str, float]:
-    """How the command that was sent (where a run does not hold it: the one in force) went, while a guide asked."""
+    """Return how the sent command (where a run lacks it: the one in force) went, while a guide gave a reference."""
     ref, limits = run.asked, evenness.limits_of(run.vehicle_text)
     k = slice(None) if ref is None or not len(ref.t_ns) else _while_asked(run.t_ns, ref)
     u = (run.applied if run.sent is None else run.sent)[k]

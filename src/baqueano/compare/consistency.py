@@ -1,4 +1,4 @@
-"""Is the covariance right? Errors measured in their own standard deviations.
+"""Consistency of the covariance: errors measured in their own standard deviations.
 
     NEES_t = eᵀ P⁻¹ e,   e = estimate − truth, heading wrapped, P its covariance;  mean d if consistent  (1)
     NIS_t  = yᵀ S⁻¹ y,   y the innovation, S its covariance;  mean m if consistent                       (2)
@@ -142,7 +142,7 @@ def _bootstrap(
 
 
 def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
-    """Where χ²_f / f lies with probability 1 − `false_alarm`."""
+    """Return the interval that holds χ²_f / f with probability 1 − `false_alarm`."""
     try:
         from scipy.stats import chi2
     except ImportError as error:

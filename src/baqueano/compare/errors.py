@@ -1,4 +1,4 @@
-"""How far one trajectory is from another: absolute, relative, and across a path.
+"""Errors of a trajectory against another: absolute, relative, and across a path.
 
 With estimate p, ψ and truth p*, ψ* at the same times, T the pose as a rigid transform of the plane:
 
@@ -68,7 +68,7 @@ def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: fl
     later = np.searchsorted(t_ns, t_ns + span)
     first = np.flatnonzero(later < len(t_ns))
     later = later[first]
-    on_time = np.abs(t_ns[later] - t_ns[first] - span) < 0.1 * span  # a gap is no motion over `over_s`
+    on_time = np.abs(t_ns[later] - t_ns[first] - span) < 0.1 * span  # a gap is not a motion over `over_s`
     first, later = first[on_time], later[on_time]
     moved, moved_true = _between(eta[first], eta[later]), _between(eta_true[first], eta_true[later])
     E = _between(moved_true, moved)
@@ -93,7 +93,7 @@ def cross_track(
 
 
 def rms(x: np.ndarray) -> float:
-    """Root of the mean square of what is known; NaN if nothing is."""
+    """Return the root mean square of the finite values; NaN without any."""
     known = x[np.isfinite(x)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 

@@ -1,4 +1,4 @@
-"""How evenly a vehicle drives: its forward speed against the one that was asked for, and its commands.
+"""Evenness of a drive: its forward speed against the wanted one, and its commands.
 
 With ν_x the forward speed, ν_r that of the reference, e = ν_x − ν_r, all after the first `AFTER_S`:
 
@@ -24,12 +24,12 @@ from baqueano.vehicles.drivetrain import MIXINGS, mix
 
 AFTER_S = 1.0  # a vehicle that begins at rest needs it to reach its speed
 OVER_S = 1.0  # of the mean in (2)
-DEAD_BAND = 0.01  # of the largest command of the drive: a smaller one has no sign
+DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller one does not count
 AT_LIMIT = 1.0 - 1e-9  # of a limit: what was scaled down to it may be off by a rounding
 
 
 class Pace(NamedTuple):
-    """How a speed kept to the one that was asked for."""
+    """The errors of a speed against the wanted one."""
 
     error_m_s: float  # rms
     error: float  # the same, in parts of the mean asked speed  (1)
@@ -37,7 +37,7 @@ class Pace(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """How far the commands of a vehicle go."""
+    """The range of the commands of a vehicle."""
 
     command: np.ndarray  # (n,) of each entry; inf: no limit; 0: the entry is not used
     mixing: str = "none"

@@ -1,4 +1,4 @@
-"""Does a filter know its own errors? NEES per state and joint, NIS per channel and joint, and one sentence.
+"""Consistency of a filter: NEES per state and joint, NIS per channel and joint, and one sentence.
 
 The sentence is by the joint NEES of pose and velocity where there is truth; that of a pose which nothing bounds has
 too few samples, and says so. Where one of them cannot tell, the NIS may still tell too sure or too cautious. Together
@@ -44,7 +44,7 @@ class FilterConsistency:
 
     @property
     def sentence(self) -> str:
-        """Return the verdict with the figure that it is by, the worst state, and coloured innovations."""
+        """Return the verdict with its figure, the worst state, and autocorrelated innovations."""
         verdict, name, band = self._decided()
         if band is None:
             return "No estimate with a covariance is in the run."
@@ -115,7 +115,7 @@ class FilterConsistency:
         return f"; the furthest off is {name} with {off[name]:.2f}"
 
     def _silent(self, verdict: str) -> str:
-        """What a consistent verdict leaves open: a joint NEES with too few samples."""
+        """Return the limits of a consistent verdict: a joint NEES with too few samples."""
         few = [JOINT[n] for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
         return f" Of {few[0]} the run cannot tell." if few and verdict == "consistent" else ""
 

@@ -24,12 +24,12 @@ class Block(Protocol):
 
     @property
     def step(self) -> Callable[..., Tree]:
-        """One tick: (the next state, the output)."""
+        """Return (the next state, the output) of a tick."""
         ...
 
 
 class Sensor(Protocol):
-    """What the world, the estimators and the fit ask of a sensor. m = `size`."""
+    """A sensor, as the world, the estimators and the fit use it. m = `size`."""
 
     @property
     def size(self) -> int:
@@ -65,7 +65,7 @@ class Sensor(Protocol):
         ...
 
     def step(self, state: Tree, motion: Motion, dt_s: float, noise: np.ndarray) -> tuple[Tree, Slot]:
-        """What the sensor says at the end of a tick; `noise` (noise_size,) are unit normals."""
+        """Return the reading at the end of a tick; `noise` (noise_size,) are unit normals."""
         ...
 
 
@@ -82,7 +82,7 @@ class Estimator(Protocol):
         ...
 
     def step(self, belief: Tree, tick: Tick, /) -> tuple[Tree, Estimate]:
-        """One tick: the next belief, and η, ν (3,) with their covariance (6, 6)."""
+        """Return the next belief, and η, ν (3,) with their covariance (6, 6)."""
         ...
 
 
@@ -95,7 +95,7 @@ class Guide(Protocol):
         ...
 
     def step(self, state: Tree, estimate: Estimate, /) -> tuple[Tree, Reference]:
-        """One tick: the next state, and the pose and velocity (3,) to be at."""
+        """Return the next state, and the wanted pose and velocity, (3,) each."""
         ...
 
 
@@ -107,7 +107,7 @@ class Controller(Protocol):
         ...
 
     def step(self, state: Tree, reference: Reference, estimate: Estimate, /) -> tuple[Tree, Command]:
-        """One tick: the next state, and u (n,) stamped as the estimate."""
+        """Return the next state, and u (n,) with the stamp of the estimate."""
         ...
 
 
@@ -119,19 +119,19 @@ class Supervision(Protocol):
         ...
 
     def step(self, state: Tree, command: Command, tick: Tick, estimate: Estimate, /) -> tuple[Tree, Command]:
-        """One tick: the next state, and the command (n,) that may reach the motors."""
+        """Return the next state, and the command (n,) that may reach the motors."""
         ...
 
 
 class World(Protocol):
-    """Where the loop runs: simulated, replayed, or the real robot. A world that derives from this one says nothing of
-    what it does not know."""
+    """A world in which the loop runs: simulated, replayed, or the real robot. The defaults stand for a world that does
+    not measure or count these things."""
 
     commands: int  # n, the length of a command
     notes: Sequence[Diagnostic | str] = ()  # for the beginning of a run
 
     def read(self, t_ns: int) -> list[Tick]:
-        """What happened since the last time, in order; the last one is stamped `t_ns`."""
+        """Return the ticks since the last call, in order; the last one is stamped `t_ns`."""
         ...
 
     def write(self, command: Command) -> None:

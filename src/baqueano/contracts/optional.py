@@ -1,4 +1,4 @@
-"""What a block may leave out, and what stands for it: the one place where a block is asked what it has.
+"""The optional attributes of blocks with their defaults: the one module that asks a block for its attributes.
 
 A class of yours needs the methods of its room's protocol (blocks.py, vehicles/vehicle.py) and none of these names.
 """

@@ -48,7 +48,7 @@ class Gains(NamedTuple):
 
 
 class Gyro(NamedTuple):
-    """Where the estimator tells what it did with the gyro."""
+    """An estimator that reports its use of the gyro."""
 
     at: slice  # of the IMU in its innovation; the gyro is the last
     scale: float
@@ -56,7 +56,7 @@ class Gyro(NamedTuple):
 
 
 class HeadingHoldState(NamedTuple):
-    """What a hold remembers."""
+    """State of a heading hold."""
 
     hand: Tree
     t_ns: int  # of the last tick, -1 before the first
@@ -70,7 +70,7 @@ class HeadingHoldState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingHold:
-    """What `hand`, a controller, asks for, with (1) where it asks for straight on."""
+    """The commands of the controller `hand`, with (1) where it asks for straight on."""
 
     as_written: ClassVar[bool] = True
 
@@ -81,7 +81,7 @@ class HeadingHold:
     gyro: Gyro | None = None
 
     def init(self) -> HeadingHoldState:
-        """Nothing is held."""
+        """Return a state without a heading to hold."""
         return HeadingHoldState(self.hand.init(), -1, 0.0)
 
     def step(
@@ -123,7 +123,7 @@ class HeadingHold:
         return min(max(turn, -bound), bound), more
 
     def _left_out(self, estimate: Estimate) -> float:
-        """What the gyro said beyond the estimate, if the estimator left it out; else 0 [rad/s]."""
+        """Return the gyro's turn rate beyond the estimate, if the estimator left it out; else 0 [rad/s]."""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.gyro is None or y is None or S is None:
             return 0.0

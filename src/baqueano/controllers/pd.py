@@ -24,7 +24,7 @@ from baqueano.vehicles.bounds import check_bounds
 
 
 class PdState(NamedTuple):
-    """What the derivative needs of the previous tick."""
+    """The data of the previous tick that the derivative needs."""
 
     t_ns: int  # -1 before the first tick
     e_psi: float  # [rad]
@@ -51,7 +51,7 @@ class Pd:
             raise Invalid(fault("pd.limit", found=str(self.limit.shape)))
 
     def init(self) -> PdState:
-        """No tick yet."""
+        """Return a state before the first tick."""
         return PdState(-1, 0.0)
 
     def step(self, state: PdState, reference: Reference, estimate: Estimate) -> tuple[PdState, Command]:

@@ -31,7 +31,7 @@ class Schedule:
 
     @classmethod
     def at_rate(cls, u: np.ndarray, rate_hz: float) -> "Schedule":
-        """One command per tick."""
+        """Return the command of this tick."""
         return cls(
             np.round(np.arange(len(u)) * (NANOSECONDS / rate_hz)).astype(np.int64), np.array(u, dtype=float)
         )

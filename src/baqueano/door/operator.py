@@ -22,7 +22,7 @@ SILENCE_S = 0.4  # 0.5 s is promised: the loop and the firmware take their part
 
 
 class Operator:
-    """What is wanted."""
+    """The wanted motion."""
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._now_ns = now_ns
@@ -41,8 +41,8 @@ class Operator:
 
     # from outside
 
-    def heard(self, who: object) -> None:
-        """A sign of life of `who`."""
+    def sign_of_life(self, who: object) -> None:
+        """Take a sign of life of `who`."""
         if who is self._holder:
             self._heard_ns = self._now_ns()
 
@@ -51,7 +51,7 @@ class Operator:
         with self._lock:
             self._nobody_but(who)
             self._holder = who
-        self.heard(who)
+        self.sign_of_life(who)
 
     def release(self, who: object) -> None:
         """`who` has gone. The drive of a holder who did not say goodbye ends by (1)."""
@@ -67,7 +67,7 @@ class Operator:
                 raise SafetyStop(note("door.own-mission", Severity.ERROR))
             if (
                 self._taken and self._holder is None
-            ):  # its holder has gone: whoever comes now must not lend it signs of life
+            ):  # its holder has gone: a new operator must not lend it signs of life
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
             self._nobody_but(who)
 
@@ -85,7 +85,7 @@ class Operator:
             u = np.asarray(u, dtype=float)
             if u.ndim == 1 and np.all(np.isfinite(u)):
                 self._u, self._u_ns = u, self._now_ns()
-            self.heard(who)
+            self.sign_of_life(who)
 
     def mark(self, who: object) -> None:
         """The vehicle is on its mark now."""
@@ -112,7 +112,7 @@ class Operator:
 
     @property
     def done(self) -> bool:
-        """Whether the holder has ended the drive."""
+        """Return True if the holder has ended the drive."""
         return self._quit
 
     def next(self) -> tuple[str, bool, str] | None:
@@ -129,12 +129,12 @@ class Operator:
         return None
 
     def marked(self) -> int:
-        """How often the holder said so since this was last asked."""
+        """Return the number of marks by the holder since the last call."""
         marks, self._marks = self._marks, 0
         return marks
 
     def forget(self, why: Diagnostic | None) -> None:
-        """What was asked for was dealt with, and the stop for the reason `why`; one that came meanwhile stays."""
+        """Clear the handled request and the stop for the reason `why`; a new one stays."""
         with self._lock:
             self._stop = None if self._stop == why else self._stop
             self.clear_asked, self._quit, self._u = False, False, None

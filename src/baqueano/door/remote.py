@@ -55,16 +55,16 @@ class Remote:
     """A vehicle that can be talked to."""
 
     def __init__(self, to: BinaryIO, of: BinaryIO, name: str) -> None:
-        self.name, self.said = name, queue.SimpleQueue()
+        self.name, self.inbox = name, queue.SimpleQueue()
         self.state: JsonObject = {}
-        self.heard = ""  # the last word that was acknowledged
+        self.acknowledged = ""  # the last word that was acknowledged
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
         self._to, self._of, self._lock = to, of, threading.Lock()
         self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
         self._hearing.start()
 
     def say(self, **words: Any) -> None:
-        """One word to the vehicle. RobotUnreachable where nobody takes it."""
+        """Send a message to the vehicle. RobotUnreachable where nobody takes it."""
         with self._lock:
             try:
                 self._to.write(encoded(words))
@@ -78,17 +78,17 @@ class Remote:
         end = time.monotonic() + within_s
         while True:
             try:
-                said = self.said.get(timeout=max(0.0, end - time.monotonic()))
+                said = self.inbox.get(timeout=max(0.0, end - time.monotonic()))
             except queue.Empty:
                 raise RobotUnreachable(fault("remote.silent", host=self.name, within_s=within_s)) from None
             if said is None:
-                self.said.put(None)  # for whoever asks again
+                self.inbox.put(None)  # for the next reader
                 raise RobotUnreachable(fault("remote.closed", host=self.name))
             match said["is"]:
                 case "state":
                     self.state = said
                 case "heard":
-                    self.heard = said["do"]
+                    self.acknowledged = said["do"]
             if said["is"] in kinds:
                 return said
             if said["is"] == "no":
@@ -116,17 +116,17 @@ class Remote:
         progress: Callable[[float], None] = lambda seconds: None,
         say: Callable[[str], object] = lambda text: None,
         words: Callable[[], list["TableRow"]] = list,
-        told: Callable[["JsonObject"], Any] = lambda state: None,
+        on_state: Callable[["JsonObject"], Any] = lambda state: None,
     ) -> Run:
         """Drives a mission there; its run, which is then at `path`. `hand` gives the command that is wanted now, and
-        ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives what else is to be said, `told` gets the
+        ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives further messages to send, `on_state` gets the
         vehicle's state and "link_ms", the way there and back. SafetyStop if the vehicle was stopped; the run is
         there."""
         self._forget_others()
         name = uuid4().hex
         self._check_version()
         self.say(do="mission", id=name, mission=mission.json(), attended=attended, door=VERSION)
-        done = self._driven(name, hand, progress, say, words, told)
+        done = self._driven(name, hand, progress, say, words, on_state)
         if done["run"] is not None:
             self.fetch(done["run"], path)
         why, code = done["why"], int(done.get("code", 0))
@@ -141,9 +141,9 @@ class Remote:
         progress: Callable[[float], None],
         say: Callable[[str], object],
         words: Callable[[], list["TableRow"]],
-        told: Callable[["JsonObject"], Any],
+        on_state: Callable[["JsonObject"], Any],
     ) -> "JsonObject":
-        """How the drive of this id ended; signs of life until then."""
+        """Return the end of the drive of this id; send signs of life until then."""
         begun, ending = time.monotonic(), False
         while True:
             try:
@@ -155,7 +155,7 @@ class Remote:
                     self.say(**word)
                 self._ping()
                 said = self._next(BEAT_S if hand is None or ending else HAND_S)
-                told(self.state | {"link_ms": self.link_ms})
+                on_state(self.state | {"link_ms": self.link_ms})
                 if said is None:
                     progress(time.monotonic() - begun)
                 elif said["is"] == "event":
@@ -176,11 +176,11 @@ class Remote:
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
     def _forget_others(self) -> None:
-        """What was said until now is of other drives."""
-        while not self.said.empty():
-            said = self.said.get()
+        """Drop the messages until now: they are of other drives."""
+        while not self.inbox.empty():
+            said = self.inbox.get()
             if said is None:  # the connection was closed, which still holds
-                self.said.put(None)
+                self.inbox.put(None)
                 return
             if said["is"] == "state":
                 self.state = said
@@ -252,11 +252,11 @@ class Remote:
             while (line := self._of.readline(LONGEST_LINE)).endswith(b"\n"):
                 if (said := decoded(line)) is None:
                     continue
-                while said["is"] != "state" and self.said.qsize() >= WAITING:  # nobody listens just now
+                while said["is"] != "state" and self.inbox.qsize() >= WAITING:  # nobody listens just now
                     time.sleep(HAND_S)
-                if self.said.qsize() < WAITING:
-                    self.said.put(said)
-        self.said.put(None)
+                if self.inbox.qsize() < WAITING:
+                    self.inbox.put(said)
+        self.inbox.put(None)
 
 
 @contextmanager
@@ -319,7 +319,7 @@ def stop(host: str, why: Diagnostic) -> "JsonObject":
     """The state of the vehicle at HOST once it is STOPPED. AnswerNo where it heard the stop and was not seen STOPPED
     within STOP_S: a drive that is being prepared ends before it moves, and only then."""
     with reached(host, do="stop", why=why) as remote:
-        if not remote.wait(lambda: remote.heard == "stop" or _stopped(remote), GREETING_S):
+        if not remote.wait(lambda: remote.acknowledged == "stop" or _stopped(remote), GREETING_S):
             raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
         if not remote.wait(lambda: _stopped(remote), STOP_S):
             raise AnswerNo(

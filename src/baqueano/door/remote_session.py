@@ -1,6 +1,6 @@
-"""Work at a vehicle that ends when whoever asked for it is gone: Ctrl-C, a lost ssh, a laptop that died.
+"""Work at a vehicle that ends when its user is gone: Ctrl-C, a lost ssh, a laptop that died.
 
-    ssh ends      its stdin there ends, and the program is told nothing else: without a terminal no signal comes  (1)
+    ssh ends      its stdin there ends, and nothing else: without a terminal no signal comes                      (1)
     Wi-Fi ends    nothing ends: sshd there may wait for hours; so a sign of life goes into stdin each BEAT_S      (2)
     HUP, TERM     a terminal that hung up, a machine that is switched off                                         (3)
 
@@ -29,8 +29,8 @@ ENDING_S = 15.0  # for which the other end may put in order what it began
 STDIN = 0
 
 
-def said(command: list[str]) -> tuple[bytes, int]:
-    """What a program answers, and its exit code; what it says to people is shown as it comes. Meanwhile signs of life
+def answer_of(command: list[str]) -> tuple[bytes, int]:
+    """Return the answer of a program, and its exit code; show its messages as they come. Meanwhile signs of life
     go into its stdin. Ctrl-C ends them, and the program is waited for, so that its last words are heard; a second
     Ctrl-C leaves it."""
     program = subprocess.Popen(
@@ -73,7 +73,7 @@ def _deaf_to_ctrl_c() -> None:
 
 @contextmanager
 def attended(say: Callable[[str], object]) -> Iterator[None]:
-    """KeyboardInterrupt within, once whoever asked for the work is gone. In the main thread of a Unix alone."""
+    """Raise KeyboardInterrupt within, once the user of the work is gone. In the main thread of a Unix alone."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGHUP"):
         yield
         return

@@ -8,7 +8,7 @@
 `why`, `said` and `about` are diagnostics (wire.py). `door` is the version of the words: a mission of another one is
 refused, a stop never is; the `why` of a `no` is a sentence, which each version understands.
 
-Everybody is told of every drive; by its `id`, a text of whoever asked for it, he knows it again. Whoever comes is told
+Every connection hears of every drive; its owner recognises its `id`, a text of the owner. A new connection is told
 the last state at once: while a mission is prepared there is no other. A stop is answered by `heard` when the service
 has it. A mission is decoded by the service, when it is driven: what is refused costs the one who drives no tick.
 
@@ -48,7 +48,7 @@ LOOK_S = 0.05
 
 
 class Guest:
-    """One connection."""
+    """A connection."""
 
     def __init__(self, line: socket.socket) -> None:
         self.line = line
@@ -62,18 +62,18 @@ class Guest:
 
     @property
     def asleep(self) -> bool:
-        """Whether too much waits for it."""
+        """Return True if too much waits for it."""
         return len(self.going) > PENDING
 
 
 class Door:
-    """Listens at `path` in a thread of its own; hands what is said to `operator`."""
+    """Listen at `path` in a thread of its own, and hand the messages to `operator`."""
 
     def __init__(self, path: Path, operator: "Operator", folder: Path) -> None:
         self.path, self.operator, self.folder = path, operator, folder
         self._guests: set[Guest] = set()
-        self._state: JsonObject = {}  # that was told last
-        self._telling = threading.Lock()  # so that whoever comes meanwhile misses none
+        self._state: JsonObject = {}  # the last one sent
+        self._telling = threading.Lock()  # so that a new connection misses none
         self._done = threading.Event()
         self._selector = selectors.DefaultSelector()
         self._listener = _listening(path)
@@ -147,7 +147,7 @@ class Door:
             self._do(guest, said, said["do"])
         except BaqueanoError as error:
             self._refuse(guest, error.diagnostic, error.exit_code)
-        except Exception as error:  # whatever a line may hold: this thread is the only ear of the service
+        except Exception as error:  # any line may come, and this thread is the only reader of the service
             self._refuse(guest, note("door.not-understood", Severity.ERROR, error=named(error)), 2)
 
     def _refuse(self, guest: Guest, about: Diagnostic, code: int) -> None:
@@ -158,7 +158,7 @@ class Door:
         words: dict[str, Callable[[], object]] = {
             "mission": lambda: self._ask(guest, said),
             "hand": lambda: self.operator.want(guest, said["u"]),
-            "beat": lambda: self.operator.heard(guest),
+            "beat": lambda: self.operator.sign_of_life(guest),
             "mark": lambda: self.operator.mark(guest),
             "ping": lambda: guest.say({"is": "pong", "token": said.get("token")}),
             "end": lambda: self.operator.end(guest),

@@ -1,6 +1,6 @@
-"""ssh: how a HOST is reached, and what is said there on this terminal.
+"""ssh: the way to a HOST, and its commands, on this terminal.
 
-ssh … -- HOST COMMAND      what stands behind -- is no option of ssh, whatever it begins with
+ssh … -- HOST COMMAND      what stands behind -- is never an option of ssh, even with a - in front
 """
 
 import codecs
@@ -38,7 +38,7 @@ def there(host: str) -> list[str]:
 
 
 def ssh(host: str, command: str, *options: str) -> list[str]:
-    """Return what runs `command` at HOST. UsageError for what is no computer."""
+    """Return what runs `command` at HOST. UsageError where HOST is not a computer."""
     if host in ("emulated", "simulated"):
         raise UsageError(fault("ssh.no-hardware", host=host))
     if host.startswith(("/", "COM")):
@@ -90,7 +90,7 @@ def shown(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
 
 
 def _show(of: IO[bytes], to: TextIO) -> None:
-    """Letter by letter: a question for a password has no newline. A terminal that ssh has made raw needs \\r."""
+    """Forward byte by byte: a question for a password ends without a newline. A raw terminal of ssh needs \\r."""
     decoder = codecs.getincrementaldecoder("utf-8")("replace")
     while True:
         try:

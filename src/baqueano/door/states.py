@@ -1,4 +1,4 @@
-"""What the vehicle is allowed to do just now, and how it comes from one state to the next.
+"""The states of the vehicle, and the transitions between them.
 
     DISARMED ──ready──► READY ──mission──► MISSION ──done──► READY
         ▲                 │ └───manual───► MANUAL  ──done──► READY
@@ -57,7 +57,7 @@ class Machine:
 
     @property
     def advice(self) -> Diagnostic:
-        """Return what a person can do about it."""
+        """Return the line by which a person can continue."""
         if self.state is DoorState.DISARMED:
             return note("door.mend")
         if self.state is DoorState.STOPPED:

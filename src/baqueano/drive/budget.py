@@ -42,8 +42,8 @@ class Budgeted:
 
 
 def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:
-    """What `call` gives; TimeoutError, raised at the line that runs then, if it takes longer. Where the system has no
-    such alarm, or in a thread, there is no limit."""
+    """Return the result of `call`; TimeoutError, raised at the running line, if it takes longer. Without an alarm,
+    or in a thread, the time is not limited."""
     if not (hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()):
         return call(*inputs)
     running = True

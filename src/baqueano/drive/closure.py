@@ -1,6 +1,6 @@
-"""What coming back to a mark tells of the sensors' scales.
+"""Scales of the sensors from a return to a mark.
 
-Between two moments at which the vehicle stands on its mark, t₁ and t₂, it has turned by whole turns, whatever it did:
+Between two moments at which the vehicle stands on its mark, t₁ and t₂, it has turned by whole turns:
 
     s_ω = ∫ (z_ω − b) dt / (c · 2π k),   k = round(∫ (z_ω − b) dt / (s₀ c · 2π)) ≠ 0                       (1)
     σ(s_ω) = √(σ_mark² + (σ_b T)² + σ_w² T³/3 + σ_z² T δ) / (c · 2π |k|)                                   (2)
@@ -43,7 +43,7 @@ REST_S, LEAST_S = 1.0, 1.0  # without a command before it counts as standing; of
 
 @dataclass(frozen=True)
 class Closure:
-    """What a run says between its first mark and its last."""
+    """The motion of a run between its first mark and its last."""
 
     gyro: str  # name of the IMU
     turns: int
@@ -147,7 +147,7 @@ def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: i
 
 
 def _gain(sensor: Sensor) -> float:
-    """What the gyro says per rad/s, by the vehicle file."""
+    """Return the gyro's reading per rad/s, by the vehicle file."""
     one, none = (Motion(np.zeros(3), np.array([0.0, 0.0, w]), np.zeros(3), np.zeros(2)) for w in (1.0, 0.0))
     return float(sensor.h(one)[-1] - sensor.h(none)[-1])
 

@@ -46,7 +46,7 @@ AFTER_S = 0.5  # of a pulse, in which its motion shows
 
 
 class Pulse(NamedTuple):
-    """One pulse and what followed it."""
+    """A pulse and the motion after it."""
 
     u: np.ndarray  # (n,)
     v: float  # the largest speed, signed [m/s]
@@ -57,7 +57,7 @@ class Pulse(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class First:
-    """What a first drive showed."""
+    """The result of a first drive."""
 
     run: Run
     pulses: tuple[Pulse, ...]
@@ -127,13 +127,13 @@ def directions(vehicle_file: VehicleFile) -> np.ndarray:
 
 
 def two_wheels(vehicle_file: VehicleFile) -> bool:
-    """Whether the commands are mixed to a left and a right wheel, and both may move."""
+    """Return True if the commands are mixed to a left and a right wheel, and both may move."""
     limit = vehicle_file.command.limit
     return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
 
 
 def felt(run: Run, vehicle_file: VehicleFile) -> First:
-    """What commands and IMU of a first drive say."""
+    """Estimate the numbers of a first drive from commands and IMU."""
     ways = directions(vehicle_file)
     pulses = pulses_of(run)
     at = np.array([_first_moved(pulses, way) for way in ways])
@@ -274,7 +274,7 @@ def _nothing_moved(how: str, tried: float) -> Diagnostic:
 
 
 def _along(u: np.ndarray, way: np.ndarray) -> bool:
-    """Whether both are parallel."""
+    """Return True if both are parallel."""
     return bool(abs(abs(u @ way) - np.linalg.norm(u) * np.linalg.norm(way)) < 1e-6 * (u @ u + way @ way))
 
 

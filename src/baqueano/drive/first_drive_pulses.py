@@ -29,7 +29,7 @@ BACK_M = 0.05  # from the spot, above which the way back goes before
 
 
 class Pulses(NamedTuple):
-    """What `Careful` remembers. D directions."""
+    """State of `Careful`. D directions."""
 
     begun_ns: int  # -1 before the first tick
     since_ns: int  # of the pulse or the pause
@@ -78,7 +78,7 @@ class Careful:
         return state, u, over
 
     def _watched(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """How far the pulse is felt, and whether it is enough."""
+        """Return the motion that the pulse caused, and if it is enough."""
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turned = abs(estimate.eta[2] - state.at[2])

@@ -1,6 +1,6 @@
-"""Does the model still fit, and do the sensors agree with it?
+"""Agreement of the model with the vehicle, and of the sensors with the model.
 
-The filter foretells every measurement, and how far off it may be:
+The filter predicts every measurement and the variance of its error:
 
     NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
 
@@ -43,7 +43,7 @@ class Health:
         self._sensors = sensors
         self._window: deque[tuple[int, float]] = deque()
         self._sum = 0.0
-        self.told = False
+        self.reported = False
 
     @property
     def degraded(self) -> tuple[Finding, ...]:
@@ -52,13 +52,13 @@ class Health:
 
     def lines(self, tick: Tick, estimate: Estimate) -> list[Line]:
         """Return the events of a tick."""
-        self.saw(tick)
-        noticed: list[Notice] = [] if self._sensors is None else self._sensors.heard(tick, estimate)
+        self.count(tick)
+        noticed: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         if (
             self._sensors is not None and self._sensors.suspect
         ):  # a fit to readings of a broken sensor helps nobody
             self._forget()
-        said = self.heard(tick.t_ns, estimate)
+        said = self.check(tick.t_ns, estimate)
         model = [] if said is None else [(SOURCE, "warning", said)]
         return [*model, *((SENSORS_SOURCE, str(one.said.severity), one.said) for one in noticed)]
 
@@ -76,14 +76,14 @@ class Health:
         """Return a message for each command and measurement that left the envelope."""
         return self._watch.flags(note("envelope.this-run"))
 
-    def saw(self, tick: Tick) -> None:
+    def count(self, tick: Tick) -> None:
         """Count a tick for `beyond`."""
-        self._watch.heard(tick)
+        self._watch.update(tick)
 
-    def heard(self, t_ns: int, estimate: Any) -> Diagnostic | None:
+    def check(self, t_ns: int, estimate: Any) -> Diagnostic | None:
         """Return a message when the model does not fit any more; None else, and after it was said."""
         y, S = estimate.innovation, estimate.innovation_cov
-        if self.told or y is None or S is None:
+        if self.reported or y is None or S is None:
             return None
         try:
             square = _nis(y.tolist(), S.tolist())
@@ -100,7 +100,7 @@ class Health:
         nis = self._sum / max(1, len(self._window))
         if nis <= TOO_LARGE:
             return None
-        self.told = True
+        self.reported = True
         fix = "baqueano identify last"
         return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, times=np.sqrt(nis))
 

@@ -34,6 +34,6 @@ def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
 
 
 def ours() -> bool:
-    """Is Ctrl-C Python's here? Not in a thread, nor in a program that took it for itself."""
+    """Return True if Python handles Ctrl-C here: not in a thread, nor in a program that handles it itself."""
     main = threading.current_thread() is threading.main_thread()
     return main and signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -1,4 +1,4 @@
-"""What is to be driven, as data: the same on the laptop, in a simulation and on the vehicle.
+"""A mission as data: the same on the laptop, in a simulation and on the vehicle.
 
 `perform` turns it into a run with the verbs of verbs.py. `packed` makes it ready to be sent: its JSON then holds every
 double with all its digits, the text of the vehicle file and of the blocks that the user wrote.
@@ -32,7 +32,7 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mission:
-    """One drive. An experiment has `u`, a lesson a route or, driven by hand, neither, a repetition a route; UsageError
+    """A mission. An experiment has `u`, a lesson a route or, driven by hand, neither, a repetition a route; UsageError
     where it lacks them.
 
     >>> lesson_by_hand = Mission("teach")
@@ -58,7 +58,7 @@ class Mission:
                 raise UsageError(fault("mission.lacks", kind=kind, name=name))
 
     def json(self) -> str:
-        """One line of JSON."""
+        """Return a line of JSON."""
         route = None if self.route is None else {k: _listed(v) for k, v in self.route._asdict().items()}
         return json.dumps(
             {
@@ -162,7 +162,7 @@ def unpacked(mission: Mission, folder: Path) -> VehicleFile:
 
 
 def _kinds(data: JsonObject) -> list[str]:
-    """Every kind that the tables of a vehicle file name."""
+    """Return every kind that the tables of a vehicle file name."""
     tables = [t for t in data.values() if isinstance(t, dict)]
     tables += [t for t in data.get("sensors", {}).values() if isinstance(t, dict)]
     return [str(table["kind"]) for table in tables if "kind" in table]

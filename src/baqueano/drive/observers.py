@@ -1,4 +1,4 @@
-"""Who watches a drive: an Observer is asked at each tick, and may stop the vehicle for what no signal of it shows."""
+"""Observers of a drive: each is called at every tick, and may stop the vehicle by what its signals do not show."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ class Progress(Observer):
 
 
 class WatchdogState(NamedTuple):
-    """What the supervisor remembers, and why there is no motion any more."""
+    """State of the watchdog: the supervisor's, and the reason for stopped motors."""
 
     supervisor: Tree
     why: Diagnostic | None  # None while it goes on

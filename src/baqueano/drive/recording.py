@@ -1,4 +1,4 @@
-"""What one drive writes down: each tick, what the world and the monitor say beside it, and how it ended."""
+"""The recorder of a drive: each tick, the messages of the world and the monitor, and the end."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -33,12 +33,12 @@ class Recording:
         self.last_ns = self.begun_ns
 
     def begin(self, notes: Iterable[Diagnostic | str]) -> None:
-        """What is known before the first tick."""
+        """Write the data that are known before the first tick."""
         for one in notes:
             self.sink.event(self.begun_ns, "info", "drive", one)
 
     def tick(self, record: Record) -> None:
-        """One record of the loop."""
+        """Write a record of the loop."""
         sink, t_ns = self.sink, record.tick.t_ns
         sink.record(record)
         for truth_ns, motion in self.world.new_truths():

@@ -1,4 +1,4 @@
-"""One drive: blocks and a world in, a run out. The verbs of this room all end here."""
+"""A drive: blocks and a world in, a run out. The verbs of this room all end here."""
 
 import inspect
 from collections.abc import Iterable, Sequence
@@ -32,7 +32,7 @@ from baqueano.worlds import Simulated
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditions:
-    """Where a drive goes and how.
+    """The recorder and the options of a drive.
 
     The world is a simulation of `truth` (a vehicle file; that of the drive if not given) with the noise of `seed`, for
     `duration_s` at most, unless another `world` and its clock `ticking` are given. `eta` (3,) [m, rad] is the pose at
@@ -104,7 +104,7 @@ def drive(
 
     def driven(sink: RunSink) -> None:
         recording = Recording(sink, world, health, observers, _first_ns(ticking))
-        start, elsewhere = told_start(blocks.estimator, given.start)
+        start, elsewhere = initial_pose_for(blocks.estimator, given.start)
         recording.begin([*world.notes, *notes, *([] if elsewhere is None else [elsewhere])])
         _run(blocks, ticking, start, recording)
 
@@ -210,7 +210,7 @@ def _may_hang(block: object) -> bool:
     return not (optional.of(block, "as_written") or isinstance(block, Compiled))
 
 
-def told_start(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
+def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
     """The start (3,) or (6,) to tell the estimator, as much of it as its init() takes, None for one that
     takes none; and a diagnostic if that matters."""
     if takes := len(inspect.signature(estimator.init).parameters):

@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Estimator
 from baqueano.diagnostics import fault
-from baqueano.drive.session import told_start
+from baqueano.drive.session import initial_pose_for
 from baqueano.errors import UsageError
 from baqueano.estimators.pauses import split
 from baqueano.estimators.smoother import can_be_smoothed, smooth
@@ -23,7 +23,7 @@ def smoothed(
     """Return the run with the estimates of `estimator` smoothed over its ticks, from the pose `start` (3,), or pose and
     velocity (6,). UsageError for an estimator that is no Kalman filter, or that cannot be compiled."""
     sizes = {name: sensor.size for name, sensor in vehicle_file.sensors._asdict().items()}
-    given, _ = told_start(estimator, start)
+    given, _ = initial_pose_for(estimator, start)
     belief = estimator.init(
         *(() if given is None else (given,) if len(given) == 3 else (given[:3], given[3:]))
     )

@@ -55,7 +55,7 @@ Driver: TypeAlias = Route | Guide | Sequence[tuple[float, Sequence[float]]] | Ca
 
 
 class Taught(NamedTuple):
-    """What a lesson leaves."""
+    """The result of a lesson."""
 
     run: Run
     route: Route  # of the estimate, at ROUTE_RATE_HZ

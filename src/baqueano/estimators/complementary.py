@@ -64,7 +64,7 @@ class Complementary:
         return ComplementaryBelief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 
     def step(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """One tick; one that is not newer changes nothing."""
+        """Advance by a tick; one that is not newer changes nothing."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
@@ -72,7 +72,7 @@ class Complementary:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """One row.  (1)-(4)"""
+        """Advance by a row.  (1)-(4)"""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))

@@ -1,4 +1,4 @@
-"""A covariance is symmetric and has no negative eigenvalue. Here both are checked, and kept.
+"""A covariance is symmetric with eigenvalues ≥ 0. This module checks and restores both.
 
     nearest valid matrix, in the Frobenius norm:  V max(Λ, 0) Vᵀ  of the symmetric part     Higham 1988
     (1)

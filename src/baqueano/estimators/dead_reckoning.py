@@ -97,7 +97,7 @@ class DeadReckoning:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """One row; beyond the longest one the mean stays and its covariance grows."""
+        """Advance by a row; beyond the longest one the mean stays and its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]

@@ -68,7 +68,7 @@ MODES = ("default", "paper")
 
 
 class Belief(NamedTuple):
-    """What the filter carries from tick to tick."""
+    """State of the filter: mean, covariance, drivetrain."""
 
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (9,) η, ν, ν̇
@@ -126,7 +126,7 @@ class Ekf:
             raise Invalid(fault("ekf.initial-std", found=self.initial_std))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
-        """At rest at the origin, unless told otherwise."""
+        """Return a belief at rest at the origin, unless `eta` is given."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         effort = np.zeros(self.vehicle.commands)
         nu_dot = self.vehicle.nu_dot(start[1], effort, start[0][2]) if self._dynamic else np.zeros(3)
@@ -143,7 +143,7 @@ class Ekf:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """One row, finite and positive definite whatever its length. Beyond the longest row the mean is held; its
+        """Advance by a row, finite and positive definite for any length. Beyond the longest row the mean stays and its
         covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
@@ -206,14 +206,14 @@ class Ekf:
         return mean, np.where(take, found.cov, cov), y, S, w
 
     def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
-        """How old a measurement is [s]; None where all are new."""
+        """Return the age of the measurement [s]; None where all are new."""
         if self.mode == "paper":
             return None
         old_s = age_s(sensor, slot)
         return None if isinstance(old_s, float) and old_s == 0.0 else old_s
 
     def _h(self, mean: np.ndarray, sensor: Sensor, old_s: Value) -> np.ndarray:
-        """What the sensor would show, (m,).  (7)"""
+        """Return the predicted measurement, (m,).  (7)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         if old_s is not None:
             turned = old_s * nu[2]

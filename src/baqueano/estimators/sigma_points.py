@@ -8,7 +8,7 @@ moments of ξ up to the third. Of f, whose value at x̄ is 0:
     mean  m,   covariance  o oᵀ + ē ēᵀ,   with x  L oᵀ                                                    (3)
 
 A linear function has o = G L alone. All weights are positive (κ = 0 of Julier and Uhlmann 1997; the cubature points of
-Arasaratnam and Haykin 2009), so (3) is a covariance whatever f is. f gives differences from its value at x̄, headings
+Arasaratnam and Haykin 2009), so (3) is a covariance for any f. f gives differences from its value at x̄, headings
 wrapped: so the mean of headings on both sides of ±π lies between them.
 """
 

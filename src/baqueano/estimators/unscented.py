@@ -94,7 +94,7 @@ class Unscented:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """One row; beyond the longest one the mean stays and its covariance grows."""
+        """Advance by a row; beyond the longest one the mean stays and its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
         x, y, s, w = self._predict(belief, effort, row), [], [], []

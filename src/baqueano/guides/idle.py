@@ -1,4 +1,4 @@
-"""No guidance: an experiment and a drive by hand ask for no place to be at."""
+"""The guide of experiments and drives by hand, which have no reference."""
 
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple

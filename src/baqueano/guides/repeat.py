@@ -25,7 +25,7 @@ from baqueano.signals import Estimate, Reference, seconds
 
 
 class RepeatState(NamedTuple):
-    """When the route was begun."""
+    """The start time of the route."""
 
     start_ns: int  # -1 before the first tick
 
@@ -65,7 +65,7 @@ class Repeat:
         return RepeatState(-1)
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
-        """Where the teacher was at this time.  (1)"""
+        """Return the pose and velocity of the teacher at this time.  (1)"""
         start_ns: Value = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
@@ -79,7 +79,7 @@ class Repeat:
 
 
 def with_laps(guide: Guide, laps: int) -> Guide:
-    """Return the guide for so many laps, if it knows laps; another object, whatever class it is of.
+    """Return the guide with this number of laps, a new object of the same class, if it has the attribute `laps`.
 
     A dataclass is checked again; of a plain class, which reads self.laps in its step, the copy has another `laps`.
     UsageError where that cannot be set.

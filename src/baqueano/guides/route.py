@@ -76,6 +76,6 @@ def run_through(route: Route) -> Route:
 
 
 def end_gap(route: Route) -> tuple[float, float]:
-    """How far the end lies from the start: distance [m], heading [rad]."""
+    """Return the distance [m] and the turn [rad] between the end and the start."""
     d = route.eta[-1] - route.eta[0]
     return float(np.hypot(d[0], d[1])), float(abs(wrap(d[2])))

@@ -26,7 +26,7 @@ POINTS = 1441  # of a drawn route, four to the degree of a circle
 
 @lru_cache(maxsize=32)
 def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float) -> Route:
-    """A circle whose radius swings `waves` times a lap by ± `amplitude_m`, once round at `speed_m_s`.  (1)
+    """Return a circle whose radius varies `waves` times a lap by ± `amplitude_m`, once round at `speed_m_s`.  (1)
 
     >>> route = sinuous_circle(0.6, 0.08, 5, 0.2)
     >>> print(route.eta.shape, f"{route.t_s[-1]:.1f} s, {route.eta[-1, 2] / np.pi:.1f} π")
@@ -115,7 +115,7 @@ class SinuousCircle:
         return self._repeat().init()
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
-        """Where the vehicle should be at this time.  (1)"""
+        """Return the wanted pose and velocity at this time.  (1)"""
         return self._repeat().step(state, estimate)
 
 

@@ -1,8 +1,8 @@
-"""The sentences of diagnostics: one folder for each language, in it one module for each room, a template by code.
+"""The sentences of diagnostics: a template by code, one module for each room, translated by language.py.
 
 A template is a format string over the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit` brings
 the space before it, so that `{x:.3g}{unit}` holds without one; `of_run` names the run among several, and stands before
-the sentence. `{arg[use]}` names an argument, as whoever reads it writes it, and `{arg[use]:{sensor}}` gives it that
+the sentence. `{arg[use]}` names an argument in the reader's notation, and `{arg[use]:{sensor}}` gives it that
 value. What has no template, or other figures, is shown by its code: another version said it.
 """
 
@@ -12,9 +12,9 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
+from baqueano import language
 from baqueano.diagnostics import Diagnostic, Verdict
 
-LANGUAGES = ("english",)
 ROOMS = (
     "block_checks", "block_fields", "blocks", "cli", "compare", "data", "door", "drive", "fit", "fit_errors",
     "hardware", "monitor", "names", "noise", "recordings", "robot", "runs", "simulate", "study", "symbolic", "tune",
@@ -24,9 +24,9 @@ NAMED = 5  # subjects that are named after the first, of messages that are alike
 
 
 @cache
-def templates(language: str = "english") -> dict[str, str]:
-    """Return the template of each code."""
-    rooms = [import_module(f"{__name__}.{language}.{room}").TEMPLATES for room in ROOMS]
+def templates() -> dict[str, str]:
+    """Return the English template of each code."""
+    rooms = [import_module(f"{__name__}.english.{room}").TEMPLATES for room in ROOMS]
     return {str(code): template for room in rooms for code, template in room.items()}
 
 
@@ -50,10 +50,8 @@ class _Arguments:
         return self.written(name)
 
 
-def text(
-    said: "Diagnostic | str | None", language: str = "english", argument: Callable[[str], object] = Argument
-) -> str:
-    """Return the sentence of a diagnostic, "" of none. What is text already is returned as it is.
+def text(said: "Diagnostic | str | None", argument: Callable[[str], object] = Argument) -> str:
+    """Return the sentence of a diagnostic in the current language, "" of none. A text is returned as it is.
 
     `argument` writes the name of an argument for the reader, and its value behind the colon of a format.
 
@@ -63,12 +61,13 @@ def text(
     """
     if said is None or isinstance(said, str):
         return said or ""
-    figures = _rendered(said, language, argument)
+    figures = _rendered(said, argument)
     run = figures.pop("of_run", "")
     before = f"{run}: " if run else ""
-    template = templates(language).get(str(said.code))
+    template = templates().get(str(said.code))
     try:
         if template is not None:
+            template = language.translated(template, str(said.code))
             subject = said.subject.removeprefix("model.")
             sentence = template.format_map(
                 {"subject": subject, "fix": said.fix, "arg": _Arguments(argument)} | figures
@@ -80,9 +79,9 @@ def text(
     return f"{before}{said.code}{f' ({shown})' if shown else ''}{f'. Type: {said.fix}' if said.fix else ''}"
 
 
-def texts(found: "Iterable[Diagnostic | str]", language: str = "english") -> list[str]:
+def texts(found: "Iterable[Diagnostic | str]") -> list[str]:
     """Return the sentence of each."""
-    return [text(one, language) for one in found]
+    return [text(one) for one in found]
 
 
 def ended(sentence: str) -> str:
@@ -109,12 +108,12 @@ def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherw
     return f"{verdict}: {said}" if said else str(verdict)
 
 
-def grouped(found: Sequence[Diagnostic], language: str = "english") -> list[str]:
+def grouped(found: Sequence[Diagnostic]) -> list[str]:
     """Return a sentence for each kind of message: those that differ in subject, run and numbers alone are one."""
     alike: dict[Any, list[Diagnostic]] = {}
     for one in found:
         alike.setdefault((one.severity, _kind(one)), []).append(one)
-    return [text(_as_one(same), language) for same in alike.values()]
+    return [text(_as_one(same)) for same in alike.values()]
 
 
 def _kind(said: Diagnostic) -> tuple[Any, ...]:
@@ -136,13 +135,13 @@ def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:
     )
 
 
-def _rendered(said: Diagnostic, language: str, argument: Callable[[str], object]) -> dict[str, Any]:
-    """Return the figures, a cause among them as its sentence."""
+def _rendered(said: Diagnostic, argument: Callable[[str], object]) -> dict[str, Any]:
+    """Return the figures as the language writes them, a cause among them as its sentence."""
     return {
-        name: text(value, language, argument).rstrip(".")
+        name: text(value, argument).rstrip(".")
         if isinstance(value, Diagnostic)
         else f" {value}"
         if name == "unit" and value
-        else value
+        else language.number(value)
         for name, value in said.figures.items()
     }

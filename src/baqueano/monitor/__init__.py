@@ -1,4 +1,4 @@
-"""Which sensor is off? Runs of readings against the model by the commands alone, and a third witness.
+"""Find a wrong sensor: runs of readings against the model by the commands alone, and a third witness.
 
 agreement.py judges numbers, witness.py decides between sensor and model, findings.py says it.
 """

@@ -1,4 +1,4 @@
-"""Does each number of each sensor agree with the model, and with the estimator? Figures only; findings.py says it.
+"""Agreement of each number of each sensor with the model and the estimator. Figures only; findings.py says it.
 
 A reading z disagrees if it is not finite, if it stands at the end of its range, or if
 
@@ -54,7 +54,7 @@ class Agreement:
         return numbers_of(self.model)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
-        """No doubt."""
+        """Return zero disagreement."""
         zero = np.zeros(len(self.numbers.names))
         rows = Memory(*[zero] * len(Memory._fields))
         rows = rows._replace(bias_var=(BEFORE_REST * self.numbers.bias_std) ** 2)

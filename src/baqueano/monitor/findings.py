@@ -18,7 +18,7 @@ NOTHING, PROPORTIONAL = 0.15, 0.7  # ratio below which it is zero; part that one
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One number of a sensor that has disagreed for a while."""
+    """A number of a sensor that has disagreed for a while."""
 
     name: str  # "imu[2]"
     t_ns: int

@@ -1,4 +1,4 @@
-"""Every number of every sensor of a vehicle: what it shows, its bias, its range, and which numbers fail together."""
+"""The numbers of every sensor of a vehicle: what each shows, its bias, its range, and which numbers fail together."""
 
 from functools import lru_cache
 from typing import NamedTuple

@@ -68,7 +68,7 @@ class Watching:
             Refusals(name, no, n) for name, no, n in zip(names, self._refused, self._arrived, strict=True)
         )
 
-    def heard(self, tick: Tick, estimate: Estimate) -> list[Notice]:
+    def update(self, tick: Tick, estimate: Estimate) -> list[Notice]:
         """Return what begins, gets worse or ends with this tick."""
         if estimate.weight is not None:
             self._counts = True

@@ -1,4 +1,4 @@
-"""Is it the sensor or the model? The other numbers are the third witness.
+"""Decide between the sensor and the model. The other numbers are the third witness.
 
 Number c disagrees with the model. Two hypotheses foretell the others, r ~ N(0, S), S = H P Hᵀ + N, W = S⁻¹, w = W r:
 

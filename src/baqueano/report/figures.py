@@ -62,7 +62,7 @@ def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
 
 
 def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Sequence[str]) -> "Figure":
-    """What the sensors measured and what the model says, a panel per channel.
+    """Draw the measurements of the sensors and the model's predictions, a panel per channel.
 
     t_s (N,), measured (N, m) and model (N, m); names like "a_x [m/s²]".
     """
@@ -114,7 +114,7 @@ def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
 def estimates(
     names: Sequence[str], value: np.ndarray, sd: np.ndarray, truth: np.ndarray | None = None
 ) -> "Figure":
-    """Each estimate with its 95 % interval, relative to the truth, or to itself without one [%]."""
+    """Draw each estimate with its 95 % interval, relative to the truth, or to itself without one [%]."""
     plt = pyplot()
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
@@ -178,7 +178,7 @@ def paths(
 
 
 def _shaded(band: np.ndarray) -> Any:
-    """One patch of the triangles between the edges (M, 2, 2), all turned alike: where they overlap it is as light."""
+    """Return one patch of the triangles between the edges (M, 2, 2), equally oriented: overlaps stay as light."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
@@ -236,7 +236,7 @@ THICK = {"asked for": 2.6, "reference": 2.0, "truth": 1.8}
 
 
 def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
-    """One curve of a panel, drawn as its name says."""
+    """Draw a curve of a panel in the style of its name."""
     if name == "limit":
         for k, edge in enumerate((y, -y)):
             axis.plot(t[[0, -1]], edge[[0, -1]], color=ALARM, lw=0.9, ls=(0, (5, 4)), label="" if k else name)

@@ -1,4 +1,4 @@
-"""Sections about a fit: what was estimated, how the model meets the data, what is left over."""
+"""Sections about a fit: the estimates, the agreement of the model with the data, the residuals."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -96,7 +96,7 @@ def _row(row: "TableRow") -> "JsonObject":
 
 
 def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
-    """What the verdict means for the reader, and what to do now."""
+    """Return the meaning of the verdict for the reader, and the next step."""
     said = [ended(reason) for reason in texts(fit.reasons)]
     said = [f"• {one}" for one in said] if len(said) > 1 else said
     if held_out is not None:
@@ -136,7 +136,7 @@ def _explained(channels: Any, run: str) -> list[Any]:
 
 
 def _least(channels: Any) -> dict[str, float]:
-    """What the model explains of the channel that it explains least, by run, in their order."""
+    """Return the share of the worst channel that the model explains, by run, in their order."""
     least: dict[str, float] = {}
     for c in channels:
         if np.isfinite(c.explained):

@@ -32,7 +32,7 @@ VERDICTS = {
 
 
 def page_of_run(run: Run, alignment: str = "none") -> Page:
-    """All that a run can show: path, errors, innovations, commands, what was noticed.  alignment as in compare."""
+    """Return the sections of a run: path, errors, innovations, commands, events.  alignment as in compare."""
     one = compare(run, alignment=alignment).runs[0]
     judged = one.row()
     drawn = paths(run, alignment)
@@ -186,7 +186,7 @@ def driving(run: Run, judged: dict) -> list[Section]:
 
 
 def _paces(judged: dict) -> list[Table | Drawing]:
-    """How far the speed was off its reference, after the first second."""
+    """Draw the error of the speed against its reference, after the first second."""
     rows = [
         {
             "speed": whose,
@@ -212,7 +212,7 @@ class _Channel(NamedTuple):
 
 
 def _commands(run: Run) -> Section:
-    """Each command, and each wheel behind the mix, with its limit."""
+    """Draw each command, and each wheel behind the mix, with its limit."""
     t = seconds(run.t_ns, run.t_ns[0])
     panels, rows = [], []
     for name, curves, sent, limit in _channels(run):
@@ -256,7 +256,7 @@ def _channels(run: Run) -> list[_Channel]:
 
 
 def _command_names(run: Run) -> tuple[list[str], str]:
-    """As the vehicle file of the run calls its commands, and their unit in brackets."""
+    """Return the names of the commands by the vehicle file of the run, and their unit in brackets."""
     try:
         command = tomllib.loads(run.vehicle_text)["command"]
         return [str(name) for name in command["names"]], f" [{command['unit']}]" if "unit" in command else ""

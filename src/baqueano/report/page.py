@@ -1,4 +1,4 @@
-"""One self-contained HTML page: headline figures, tables, drawings; no script, no network, prints well."""
+"""Write one self-contained HTML page: headline figures, tables, drawings; without script or network, ready to print."""
 
 import html
 import os
@@ -21,7 +21,7 @@ WIDE_IN = 8.0
 
 @dataclass(frozen=True)
 class Headline:
-    """One number that the reader should take away."""
+    """A headline figure."""
 
     label: str
     value: str
@@ -61,7 +61,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole report. `verdict` is the word in the coloured badge, "" for none."""
+    """A complete report. `verdict` is the word in the coloured badge, "" for none."""
 
     title: str
     subtitle: str

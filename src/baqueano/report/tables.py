@@ -46,7 +46,7 @@ def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None)
     ]
     for row in rows:
         value, sd = row["estimate"], row["sd"]
-        cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else told(value, sd)
+        cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else with_error(value, sd)
         lines.append(f"    {symbol(row['name'], blocks)} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
     meant = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]
     return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *meant, ""])
@@ -75,8 +75,8 @@ def _under(letter: str, index: str) -> str:
     return f"${letter[:-1]},{index}}}$" if letter.endswith("}") else f"${letter}_{{{index}}}$"
 
 
-def told(value: float, sd: float | None) -> tuple[str, str]:
-    """A value and its standard error, to two digits of the error."""
+def with_error(value: float, sd: float | None) -> tuple[str, str]:
+    """Return a value and its standard error, to two digits of the error."""
     if sd is None or not np.isfinite(sd) or sd <= 0.0:
         return f"${value:.5g}$", "--"
     digits = max(0, 1 - int(np.floor(np.log10(sd))))
@@ -85,7 +85,7 @@ def told(value: float, sd: float | None) -> tuple[str, str]:
     return f"${value:.{digits}f}$", f"${sd:.{digits}f}$"
 
 
-def ending_of(path: Path) -> str:
+def suffix_of(path: Path) -> str:
     """ ".csv" or ".tex"; UsageError for another."""
     if path.suffix not in (".csv", ".tex"):
         raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", found=path))
@@ -95,7 +95,7 @@ def ending_of(path: Path) -> str:
 def save_table(rows: list["TableRow"], path: str | Path, caption: str = "", blocks: object = None) -> Path:
     """Written as its ending says, .csv or .tex; a reader never sees half of it."""
     path = Path(path)
-    text = csv_text(rows) if ending_of(path) == ".csv" else latex_text(rows, caption, blocks)
+    text = csv_text(rows) if suffix_of(path) == ".csv" else latex_text(rows, caption, blocks)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(path.name + ".part")
     unfinished.write_text(text, encoding="utf-8", newline="\n")

@@ -27,7 +27,7 @@ TREE = Path(baqueano.__file__).resolve().parents[2]
 def emulated(
     vehicle_file: "VehicleFile", truth: object, seed: int = 0
 ) -> Iterator[Callable[[], "JsonObject"]]:
-    """What gives the options `world` and `ticking` of one drive after the other on the emulated vehicle; `truth` is the
+    """Return what gives the options `world` and `ticking` of each drive on the emulated vehicle; `truth` is the
     file of its body.
 
     UsageError outside a source tree, or where Debian packages are missing: it says which.

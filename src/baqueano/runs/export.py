@@ -30,14 +30,14 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
     names, columns = zip(*_columns(run), strict=True)
     rows = np.column_stack(columns)
 
-    def said(x: float) -> str:
+    def cell(x: float) -> str:
         return "" if math.isnan(x) else repr(x).replace(".", decimal)
 
     path = _new(path)
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, delimiter=";" if decimal == "," else ",")
         writer.writerow(names)
-        writer.writerows([said(x) for x in row] for row in rows.tolist())
+        writer.writerows([cell(x) for x in row] for row in rows.tolist())
     return path
 
 

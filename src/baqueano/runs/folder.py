@@ -30,7 +30,7 @@ SPAN = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
 class ListedRun(NamedTuple):
-    """One line of `runs ls`."""
+    """A line of `runs ls`."""
 
     number: int | None
     name: str
@@ -131,8 +131,8 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
 
 
 def listing(folder: Path | str = "runs") -> list[ListedRun]:
-    """All runs of a folder, by number and name. Files that are no run are listed with what is wrong. FileError where
-    there is no such folder."""
+    """Return all runs of a folder, by number and name, with the fault of each file that is not a run. FileError where
+    the folder does not exist."""
     folder = Path(folder)
     if not folder.is_dir():
         raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
@@ -166,7 +166,7 @@ def vehicle_name(vehicle_text: str) -> str:
 
 
 def listing_table(rows: list[ListedRun]) -> str:
-    """One line per run."""
+    """Return the table of runs, a line each."""
     head = ("run", "kind", "duration", "vehicle", "verdict", "notes")
     lines = [head] + [
         (
@@ -202,7 +202,7 @@ def claim(folder: Path | str, label: str) -> Path:
 
 
 def release(path: Path) -> None:
-    """What `claim` took is free again; a run that was written keeps its number by its own name."""
+    """Free the number that `claim` took; a written run keeps its number by its own name."""
     taken = path.with_name(path.name + ".part")
     with suppress(OSError):
         if taken.stat().st_size == 0:

@@ -1,4 +1,4 @@
-"""Where the loop writes a drive: a RunWriter, or a run in memory."""
+"""Recorders of a drive: a RunWriter writes it to a file, `InMemory` keeps it."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -13,7 +13,7 @@ from baqueano.signals import Motion, measured_ns
 
 
 class RunSink(Protocol):
-    """What takes a drive, piece by piece."""
+    """A recorder of a drive, tick by tick."""
 
     @property
     def failure(self) -> OSError | None:
@@ -21,11 +21,11 @@ class RunSink(Protocol):
         ...
 
     def record(self, record: Record) -> None:
-        """One tick."""
+        """Record a tick."""
         ...
 
     def truth(self, t_ns: int, motion: Motion) -> None:
-        """Where the vehicle is."""
+        """Record the true pose and velocity."""
         ...
 
     def channel(self, name: str, t_ns: int, z: np.ndarray) -> None:
@@ -39,7 +39,7 @@ class RunSink(Protocol):
 
 @dataclass
 class RunInMemory:
-    """What a RunWriter takes, kept in memory."""
+    """A recorder with the methods of RunWriter that keeps all in memory."""
 
     vehicle_text: str
     metadata: dict[str, str]
@@ -50,15 +50,15 @@ class RunInMemory:
     failure: OSError | None = None  # memory takes everything
 
     def record(self, record: Record) -> None:
-        """One tick."""
+        """Record a tick."""
         self.records.append(record)
 
     def truth(self, t_ns: int, motion: Motion) -> None:
-        """Where the vehicle is."""
+        """Record the true pose and velocity."""
         self.truths.append((t_ns, motion))
 
     def channel(self, name: str, t_ns: int, z: np.ndarray) -> None:
-        """What no sensor of the vehicle holds."""
+        """Record a channel of no sensor of the vehicle."""
         self.channels.setdefault(name, []).append((t_ns, z))
 
     def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:

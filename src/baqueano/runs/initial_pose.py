@@ -1,4 +1,4 @@
-"""Where a replay begins: where the run says that the vehicle was.
+"""The initial pose of a replay, as the run gives it.
 
 A run of ours tells its start. In somebody else's recording it is read off the truth: the pose between two of
 its samples, and, where the truth has no velocity (a camera),
@@ -37,7 +37,7 @@ def initial_pose(run: Run) -> np.ndarray:
 
 
 def _known(truth: TruthLog) -> TruthLog:
-    """The truth without the rows that have no pose."""
+    """Return the truth without the rows that lack a pose."""
     keep = np.isfinite(truth.eta).all(axis=1)
     return TruthLog(*(column[keep] for column in truth))
 

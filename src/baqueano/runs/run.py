@@ -26,7 +26,7 @@ OLDEST_S = 0.25  # a measurement that is older by its stamp has a stamp of anoth
 
 
 class Channel(NamedTuple):
-    """One sensor's measurements, in the order in which they arrived."""
+    """The measurements of a sensor, in order of arrival."""
 
     t_ns: np.ndarray  # (M,) int64, when measured
     arrival_ns: np.ndarray  # (M,) int64, when the loop got it; never decreases
@@ -34,7 +34,7 @@ class Channel(NamedTuple):
 
 
 class EstimateLog(NamedTuple):
-    """What an estimator believed."""
+    """The estimates of a run."""
 
     t_ns: np.ndarray  # (N,) int64
     eta: np.ndarray  # (N, 3)
@@ -45,7 +45,7 @@ class EstimateLog(NamedTuple):
 
 
 class ReferenceLog(NamedTuple):
-    """Where the vehicle should have been."""
+    """The wanted poses and velocities of a run."""
 
     t_ns: np.ndarray  # (N,) int64
     eta: np.ndarray  # (N, 3)
@@ -54,7 +54,7 @@ class ReferenceLog(NamedTuple):
 
 
 class TruthLog(NamedTuple):
-    """Where the vehicle was: from a simulation, or a camera (then ν and ν̇ are NaN)."""
+    """The true motion: from a simulation, or a camera (then ν and ν̇ are NaN)."""
 
     t_ns: np.ndarray  # (K,) int64
     eta: np.ndarray  # (K, 3)
@@ -74,7 +74,7 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """Everything that was recorded. Arrays are made int64 or float64 and their shapes are checked."""
+    """A recorded run. Arrays are made int64 or float64 and their shapes are checked."""
 
     name: str
     path: Path | None
@@ -121,7 +121,7 @@ class Run:
 
     @property
     def duration_s(self) -> float:
-        """From the first tick to the last [s]."""
+        """Return the time from the first tick to the last [s]."""
         return float(seconds(self.t_ns[-1], self.t_ns[0])) if len(self.t_ns) else 0.0
 
     @property
@@ -146,7 +146,7 @@ class Run:
             yield Tick(t_ns, u, slots(*row))
 
     def cut(self, from_s: float = 0.0, to_s: float = float("inf")) -> "Run":
-        """What happened from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
+        """Return the part from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
         low, high = (self._instant(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
         # what arrived by the tick before stays with it
@@ -194,7 +194,7 @@ def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
 
 
 def age_s(measured_ns: Value, t_ns: Value) -> Value:
-    """How old a measurement is at `t_ns` [s]; 0 where its stamp is ahead, or so old that it is a clock that is off."""
+    """Return the age of a measurement at `t_ns` [s]; 0 where the stamp is ahead or its clock is off."""
     age = seconds(t_ns, measured_ns)
     return np.where((age >= 0.0) & (age <= OLDEST_S), age, 0.0)[()]
 

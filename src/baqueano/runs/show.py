@@ -1,4 +1,4 @@
-"""What a run holds: topics, counts, rates, gaps, events.
+"""The content of a run: topics, counts, rates, gaps, events.
 
 rate = (N − 1) / (t_N − t_1),   a gap is a step longer than 1.8 times the median step                  (1)
 """
@@ -32,7 +32,7 @@ class ShownRun:
         return "WARN" if self.run.notes else "USABLE"
 
     def rows(self) -> list["TableRow"]:
-        """One flat dict per topic; not known is None."""
+        """Return a flat dict per topic; unknown is None."""
         run = self.run
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
         rows = [_row("command applied", run.t_ns, run.applied, start)]
@@ -95,7 +95,7 @@ class ShownRun:
 
 
 def show(run: "Run") -> ShownRun:
-    """What a run holds."""
+    """Return the content of a run."""
     return ShownRun(run)
 
 

@@ -182,7 +182,7 @@ class Imu:
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
-        """What the IMU says at the end of a tick; `noise` (6,) are unit normals."""
+        """Return the reading of the IMU at the end of a tick; `noise` (6,) are unit normals."""
         state, has, z = sample(self, state, motion, dt_s)
         walk = self._channels(self.accel_bias_walk * np.ones(2), self.gyro_bias_walk)
         bias = state.bias + walk * np.sqrt(dt_s) * noise[3:]
@@ -208,5 +208,5 @@ class Imu:
 
     @staticmethod
     def _channels(accel: np.ndarray, gyro: float) -> np.ndarray:
-        """One value for each of the three channels (3,)."""
+        """Return a value for each of the three channels (3,)."""
         return np.array([accel[0], accel[1], gyro])

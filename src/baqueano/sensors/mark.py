@@ -22,7 +22,7 @@ from baqueano.vehicles.bounds import check_bounds
 
 
 class MarkState(NamedTuple):
-    """What a mark remembers."""
+    """State of a mark."""
 
     before: float  # h at the tick before [m]
 
@@ -69,18 +69,18 @@ class Mark:
         return np.eye(1) * self.noise_std**2
 
     def h(self, motion: Motion) -> np.ndarray:
-        """How far beyond the line (1,).  (1)"""
+        """Return the distance beyond the line [m] (1,).  (1)"""
         x, y = motion.eta[0] - self.point_m[0], motion.eta[1] - self.point_m[1]
         return np.array([x * np.cos(self.heading_rad) + y * np.sin(self.heading_rad)])
 
     def init(self) -> MarkState:
-        """Nothing was passed; a vehicle that starts on the line does not pass it by leaving."""
+        """Return a state before any passage; a vehicle that starts on the line does not pass it by leaving."""
         return MarkState(0.0)
 
     def step(
         self, state: MarkState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[MarkState, Slot]:
-        """How far beyond the line the body is, if it was passed in this tick; `noise` (1,)."""
+        """Return the distance of the body beyond the line, if it passed in this tick; `noise` (1,)."""
         h = self.h(motion)
         x, y = motion.eta[0] - self.point_m[0], motion.eta[1] - self.point_m[1]
         aside = np.abs(y * np.cos(self.heading_rad) - x * np.sin(self.heading_rad))

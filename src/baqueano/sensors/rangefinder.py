@@ -63,7 +63,7 @@ class Rangefinder(Sampled):
         return np.array([square / np.maximum(np.cos(alpha), LEAST_COS)])
 
     def sees(self, motion: Motion) -> Value:
-        """Is the wall there, within reach, and square enough?"""
+        """Return True if the wall is there, within reach, and square enough."""
         (square, alpha), r = self._facing(motion), self.h(motion)[0]
         beam, n = motion.eta[2] + self.heading_rad, self.wall_heading_rad
         x, y = (

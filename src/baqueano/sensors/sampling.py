@@ -1,4 +1,4 @@
-"""When a sensor measures, and what its signal goes through first: what all sensors have in common.
+"""Sampling times and low-pass of a sensor, which all sensors share.
 
 A sensor of rate f is asked at every tick of δ seconds and answers where its phase passes a whole number:
 
@@ -35,7 +35,7 @@ class Signal(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """What a sensor remembers."""
+    """State of a sensor."""
 
     phase: float  # part of a period since the last measurement
     ticks: float  # ticks seen

@@ -84,7 +84,7 @@ class Tags:
         return self.points_m - here @ self.points_m / np.sum(here)
 
     def init(self) -> TagsState:
-        """Nothing was read; a vehicle that starts on a tag does not read it by leaving."""
+        """Return a state before any reading; a vehicle that starts on a tag does not read it by leaving."""
         return TagsState(np.zeros(2), 0.0)
 
     def step(

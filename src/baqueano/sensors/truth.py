@@ -27,7 +27,7 @@ class Truth:
         return np.concatenate([motion.eta, motion.nu])
 
     def init(self) -> tuple[()]:
-        """Nothing to remember."""
+        """Return an empty state."""
         return ()
 
     def step(

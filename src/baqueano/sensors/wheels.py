@@ -37,8 +37,8 @@ def radii() -> Any:
     )  # fmt: skip
 
 
-def well_known(scale: str) -> Any:
-    """Return the parameter that tells the standard deviation of a scale."""
+def std_of_scale(scale: str) -> Any:
+    """Return the parameter for the standard deviation of a scale."""
     return parameter("1", f"how well {scale} is known", low=0.0, high=1.0, default=0.01, role="noise")
 
 
@@ -72,7 +72,7 @@ class Wheels(Sampled):
     radius_scale: np.ndarray = radii()
     noise_std: float = parameter("m/s", "white noise of a wheel", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
-    radius_scale_std: float = well_known("each radius_scale")
+    radius_scale_std: float = std_of_scale("each radius_scale")
     slip_std: float = slip()
     slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(
@@ -105,7 +105,7 @@ class Odometer(Sampled):
     )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of the speed", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
-    scale_std: float = well_known("scale")
+    scale_std: float = std_of_scale("scale")
     slip_std: float = slip()
     slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(

@@ -62,7 +62,7 @@ def simulate_loops(
     name: str = "closed loop",
     backend: str = "auto",
 ) -> Iterator[Run]:
-    """One run per seed, through one kernel.
+    """Return a run per seed, through one kernel.
 
     `route` is a Route or a guide block. `perfect`: the pose is known, no estimator in the loop. `eta0` (3,) [m, rad]
     is where the vehicle starts, else where the route does; the estimator is told. `controller` is a block in place of
@@ -109,7 +109,7 @@ def closed_loop(
     output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
 ) -> Scan:
-    """The kernel of (1): a `scan` over Input, SystemState → Heard, or → output(Heard).
+    """The kernel of (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
 
     With `paths` into the system it takes the numbers there as θ.
     """
@@ -130,7 +130,7 @@ def closed_loop(
 
 
 def as_run(name: str, t_ns: np.ndarray, heard: Tree, told: dict[str, str]) -> Run:
-    """The run that N ticks of Heard amount to."""
+    """The run that N ticks of LoopOutput amount to."""
     record, truth = heard.record, heard.truth
     est, ref = record.estimate, record.reference
     return Run(
@@ -154,7 +154,7 @@ def start_of(system: System) -> np.ndarray:
 
 
 def lasting(system: System) -> float:
-    """Seconds from the first tick until the guide has nothing more to ask for, whatever the vehicle does."""
+    """Return the time from the first tick to the end of the reference [s], for any motion of the vehicle."""
     low, high = -1, LONGEST_NS
     if not _done(system, high):
         raise UsageError(fault("simulate.never-done"))

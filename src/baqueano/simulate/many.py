@@ -49,7 +49,7 @@ class Many:
     outside: tuple[Diagnostic, ...] = ()  # commands that leave the envelope of the fit
 
     def rows(self) -> list[TableRow]:
-        """One flat row per time: mean and standard deviation over the vehicles."""
+        """Return a flat row per time: mean and standard deviation over the vehicles."""
         good = self.eta[self._finite], self.nu[self._finite]
         columns = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
         out = []

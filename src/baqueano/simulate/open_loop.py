@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 
 
 class OpenLoopState(NamedTuple):
-    """What one tick takes from outside."""
+    """The inputs of a tick."""
 
     u: np.ndarray  # (n,) the command
     noise: DrawnNoise | None  # unit normals; None: no noise at all
 
 
-class Said(NamedTuple):
-    """What one tick shows."""
+class Readings(NamedTuple):
+    """The outputs of a tick."""
 
     truth: Motion
     slots: ByName[Slot]
@@ -102,13 +102,13 @@ def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
 def open_loop(
     model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
 ) -> Scan:
-    """The kernel of (1): a `scan` over Driven, WorldState → Said."""
+    """The kernel of (1): a `scan` over Driven, WorldState → Readings."""
     dt_s = 1.0 / rate_hz
 
-    def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Said]:
+    def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Readings]:
         unit = quiet(sensors) if x.noise is None else x.noise
         state, truth, slots = world_step(model, sensors, state, x.u, dt_s, unit)
-        return state, Said(truth, slots)
+        return state, Readings(truth, slots)
 
     example = OpenLoopState(np.zeros(model.commands), quiet(sensors) if noise else None)
     return scan(step, world_init(model, sensors), example, backend=backend)
@@ -137,7 +137,7 @@ def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
 
 
 def metadata(kind: str, seed: int, rate_hz: float, backend: str, noise: bool) -> dict[str, str]:
-    """What made a simulated run."""
+    """Return the metadata of a simulated run."""
     return versions() | {
         "kind": kind,
         "seed": str(seed),

@@ -39,22 +39,22 @@ class System(NamedTuple):
 
 
 class Input(NamedTuple):
-    """What one tick of a loop takes from outside."""
+    """The inputs of a tick of a loop."""
 
     t_ns: Value  # the end of the tick, int; (N,) for a whole run
     noise: DrawnNoise | None  # unit normals; None: no noise at all
 
 
 class SystemState(NamedTuple):
-    """What a simulated loop carries from tick to tick."""
+    """State of a simulated loop."""
 
     world: WorldState
     blocks: loop.States
     u: np.ndarray  # (n,) the command in force
 
 
-class Heard(NamedTuple):
-    """What a simulated loop says at each tick."""
+class LoopOutput(NamedTuple):
+    """The outputs of a simulated loop at each tick."""
 
     record: loop.Record
     truth: Motion
@@ -66,21 +66,21 @@ def quiet(sensors: SensorBlocks) -> DrawnNoise:
 
 
 def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
-    """Everything at rest at the pose `eta0` (3,), known to the estimator."""
+    """Return the state at rest at the pose `eta0` (3,), which the estimator has too."""
     world = world_init(system.model, system.sensors, eta0)
     return SystemState(world, loop.init(system.blocks, eta0), np.zeros(system.model.commands))
 
 
-def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, Heard]:
-    """One tick of the world under the command in force, then one of the loop: pure."""
+def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
+    """Advance the world by a tick under the command in force, then the loop: pure."""
     noise = quiet(system.sensors) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
-    return SystemState(world, states, record.command.u), Heard(record, truth)
+    return SystemState(world, states, record.command.u), LoopOutput(record, truth)
 
 
 def sizes(system: System, paths: Sequence[str]) -> list[int]:
-    """How many numbers stand at each path."""
+    """Return the count of numbers at each path."""
     return [np.size(value(system, path)) for path in paths]
 
 

@@ -51,7 +51,7 @@ SCALE = 1.015  # of the gyro in truth: nothing on board tells it, and its data s
 
 @dataclass(frozen=True)
 class Demo:
-    """All that the demo found."""
+    """The results of the demo."""
 
     truth: VehicleFile
     fit: Fit
@@ -71,7 +71,7 @@ class Demo:
         return np.array([at[n] if n in at else float(self.truth.value(n)) for n in self.fit.names])
 
     def rows(self) -> list["TableRow"]:
-        """One row per parameter: estimate, sd, truth, how many sd between them, and a verdict."""
+        """Return a row per parameter: estimate, sd, truth, their distance in sd, and a verdict."""
         out = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):
             z = None if row["estimate"] is None or not row["sd"] else (row["estimate"] - truth) / row["sd"]
@@ -151,7 +151,7 @@ class Demo:
 def demo(
     folder: Path, seed: int = 0, backend: str = "auto", say: Callable[[str], object] = lambda text: None
 ) -> Demo:
-    """Everything, into `folder`: runs, route, vehicle.toml, report.html. Raises AnswerNo if the fit is refused."""
+    """Run the demo into `folder`: runs, route, vehicle.toml, report.html. Raises AnswerNo if the fit is refused."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, believed = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)

@@ -8,7 +8,7 @@ robot drawn then needs 98.6 % of its duty without any feedback, and no controlle
 The cases:
 
     imu          the estimator has commands and IMU, the model is the identified one
-    pose         the estimator is told pose and velocity: what the controller alone does
+    pose         the estimator receives pose and velocity: what the controller alone does
     breakaway    dry friction and dead zone are 1.3 times higher at rest; pose known
     late         another 100 ms from command to motor; pose known
     dead_zone    10 % more dead zone than identified
@@ -77,7 +77,7 @@ CASES = {
 
 
 class EvenDrive(NamedTuple):
-    """One lap of one robot."""
+    """A lap of a robot."""
 
     case: str
     shape: str
@@ -92,7 +92,7 @@ class EvenDrive(NamedTuple):
 
 
 class DrivingLimit(NamedTuple):
-    """What a figure may be at most, in a case."""
+    """The largest allowed value of a figure."""
 
     figure: str
     most: float

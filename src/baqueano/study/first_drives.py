@@ -54,7 +54,7 @@ class Miswired(World):
         self.inner.write(Command(command.t_ns, np.array([0.5 * (left + right), 0.0, 0.5 * (right - left)])))
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Where it is."""
+        """Return the true motion since the last call."""
         return self.inner.new_truths()
 
 
@@ -65,7 +65,7 @@ class Row(NamedTuple):
     drives: int
     touched: int  # drives in which the body touched a wall
     nearest_m: float  # the least distance that was left between body and wall
-    named: int  # drives after which the wiring was told rightly
+    named: int  # drives after which the wiring was named rightly
     gain_off: float  # median of the larger of (felt ÷ true, true ÷ felt) gain; NaN where it is wired wrong
     longest_s: float
 
@@ -78,12 +78,12 @@ class FirstDrives:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What is not as it should be."""
+        """Return the failures."""
         touched = sum(row.touched for row in self.each)
         unnamed = sum(row.drives - row.named for row in self.each)
         return (
             *([f"in {touched} drives the body touched a wall"] if touched else []),
-            *([f"after {unnamed} drives the wiring was told wrongly"] if unnamed else []),
+            *([f"after {unnamed} drives the wiring was named wrongly"] if unnamed else []),
         )
 
     @property
@@ -98,7 +98,7 @@ class FirstDrives:
         )
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per wiring."""
+        """Return a flat row per wiring."""
         return [row._asdict() for row in self.each]
 
     def table(self) -> str:
@@ -115,7 +115,7 @@ class FirstDrives:
 
 
 class One(NamedTuple):
-    """One first drive."""
+    """Simulate a first drive."""
 
     wiring: str
     margin_m: float

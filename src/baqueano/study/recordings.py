@@ -1,4 +1,4 @@
-"""Judged by recordings that others made of real vehicles: what is found in each, and the bar it is held to.
+"""Recordings that others made of real vehicles: the findings in each, and the bar for them.
 
 Each module of `recorded` knows one recording: it imports it by a map, fits a vehicle file that begins from guesses to
 one part of it, and judges the fit on another part. The recordings do not come with the package: they are read from the
@@ -24,7 +24,7 @@ RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What all recordings say."""
+    """The results on all recordings."""
 
     each: tuple["JsonObject", ...]
     left_out: tuple[str, ...]  # sentences on recordings that are not there
@@ -38,7 +38,7 @@ class Recorded:
     def reasons(self) -> tuple[str, ...]:
         """The bars that are missed."""
         return tuple(
-            f"{r['recording']}: {r['quantity']} is {said(r['value'])}" for r in self.each if not r["ok"]
+            f"{r['recording']}: {r['quantity']} is {shown(r['value'])}" for r in self.each if not r["ok"]
         )
 
     @property
@@ -53,7 +53,7 @@ class Recorded:
         for r in self.each:
             ok = "yes" if r["ok"] else "NO"
             lines.append(
-                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {said(r['value'])}"
+                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {shown(r['value'])}"
             )
         lines += self.left_out
         met = sum(bool(r["ok"]) for r in self.each)
@@ -90,7 +90,7 @@ def files_of(maps: Sequence[str]) -> list[str]:
 
 
 def missing_of(asked: Sequence[str]) -> list[str]:
-    """Those that no folder of recordings holds; a name may have *."""
+    """Return the missing ones in all folders of recordings; a name may have *."""
     folders = data_folders()
     return [path for path in asked if not any(glob.glob(str(folder / path)) for folder in folders)]
 
@@ -109,7 +109,7 @@ def check_present() -> None:
         )
 
 
-def said(value: object) -> str:
+def shown(value: object) -> str:
     """A value of a row as text."""
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -44,7 +44,7 @@ def page_of_recordings(found: Recorded | None, study: TwoWays | None) -> Page:
 
 
 def sections_of(one: Judgement) -> list[Section]:
-    """One model on one run."""
+    """A model on a run."""
     title = f"Fitted on {one.fitted_on}, judged on {one.judged_on}"
     t_s, measured, model = one.predicted
     first = t_s <= t_s[0] + SHOWN_S

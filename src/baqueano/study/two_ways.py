@@ -64,7 +64,7 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True)
 class Fitted:
-    """What one run told."""
+    """The results of a run."""
 
     fit: Fit
     noise: Noise
@@ -84,12 +84,12 @@ class Judgement:
 
     @property
     def held_out(self) -> bool:
-        """Whether the model has not seen this run."""
+        """Return True if the model was not fitted to this run."""
         return self.fitted_on != self.judged_on
 
     @property
     def lost(self) -> bool:
-        """Whether the estimate lost the car, or the loop stopped."""
+        """Return True if the estimate lost the car, or the loop stopped."""
         return not self.figures["ate_m"] < LOST * self.driven_m or bool(stop_of(self.replayed))
 
     def row(self) -> "JsonObject":
@@ -112,11 +112,11 @@ class TwoWays:
     judged: tuple[Judgement, ...]
 
     def rows(self) -> list["TableRow"]:
-        """One row per model and run."""
+        """Return a row per model and run."""
         return [one.row() for one in self.judged]
 
     def parameters(self) -> list["TableRow"]:
-        """One row per parameter: estimate and standard error of each run."""
+        """Return a row per parameter: estimate and standard error of each run."""
         fits = {run: {row["name"]: row for row in done.fit.rows()} for run, done in self.fitted.items()}
         out = []
         for name, first in next(iter(fits.values())).items():
@@ -127,13 +127,13 @@ class TwoWays:
         return out
 
     def figures(self) -> list[dict[str, str]]:
-        """One row per figure, a column per model and run, as text."""
+        """Return a row per figure, a column per model and run, as text."""
         rows = {_head(one): one.row() for one in self.judged}
         return [{"figure": label} | {head: told(row) for head, row in rows.items()} for label, told in _LINES]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where a run commands what its model has not seen."""
+        """Return where a run commands more than the runs of its model."""
         out, seen = [], {one.judged_on: one.replayed.applied for one in self.judged}
         for one in self.judged if len(seen) > 1 else ():
             names = self.fitted[one.fitted_on].file.command.names
@@ -148,7 +148,7 @@ class TwoWays:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What keeps the verdict from being USABLE."""
+        """Return the reasons against USABLE."""
         out = [f"the fit on {run} is {done.fit.verdict}" for run, done in self.fitted.items()
                if done.fit.verdict != Verdict.USABLE]  # fmt: skip
         for one in self.judged:

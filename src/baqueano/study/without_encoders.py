@@ -49,7 +49,7 @@ NAMES = ("gain", "viscous drag", "dry friction", "cornering drag", f"speed at {A
 
 
 class GyroCalibration(NamedTuple):
-    """What is known of it."""
+    """A calibration of the gyro: its scale, and the tolerance that a user gives."""
 
     name: str
     scale: float
@@ -57,7 +57,7 @@ class GyroCalibration(NamedTuple):
 
 
 class KnownGains(NamedTuple):
-    """What a fit says of the drive."""
+    """The results of a fit."""
 
     value: np.ndarray  # (5,) in the order of NAMES
     sd: np.ndarray  # (5,)
@@ -145,7 +145,7 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
 
 
 def of_words(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
-    """What is said of the gyro, and of the run that goes beyond what was driven."""
+    """Return the rows about the gyro, and about the run beyond the range of the fit."""
     told = any(one.code == "seen.gyro-scale" for one in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [

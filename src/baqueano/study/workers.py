@@ -19,7 +19,7 @@ R = TypeVar("R")
 
 
 def processors() -> int:
-    """That this process may use."""
+    """Return the count of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 

@@ -1,4 +1,4 @@
-"""When an estimate counts as wrong: off by many of its own standard errors and by a visible part of the truth."""
+"""The definition of a wrong estimate: off by many of its own standard errors and by a visible part of the truth."""
 
 import numpy as np
 

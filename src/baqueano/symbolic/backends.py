@@ -1,4 +1,4 @@
-"""Which back end runs: "c" where there is a compiler, else "python"; "numpy" runs the text as it is."""
+"""The choice of the back end: "c" where there is a compiler, else "python"; "numpy" runs the text as it is."""
 
 import os
 import sys

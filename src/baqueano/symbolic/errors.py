@@ -39,7 +39,7 @@ def here() -> str:
 
 @contextmanager
 def located() -> Iterator[None]:
-    """What NumPy finds wrong inside (shapes that do not fit, a method that does not exist) becomes a
+    """Turn an error of NumPy inside (shapes that do not fit, a method that does not exist) into a
     TraceError that names the user's line."""
     try:
         yield

@@ -1,4 +1,4 @@
-"""One call made fast: `function` for a function, `compiled` for the step of a block.
+"""Make a call fast: `function` for a function, `compiled` for the step of a block.
 
 The numbers of the arguments are written into one row of floats, the kernel of a scan of one tick fills
 another, and that is read as the result. Types, None and text belong to the shape of an argument, and are
@@ -89,7 +89,7 @@ class Function:
 
 
 class _Made(NamedTuple):
-    """What all functions of one text share."""
+    """The compiled parts that all functions of one text share."""
 
     quick: Runner  # for states that are 0 where the example is
     general: Callable[[], Runner]
@@ -116,7 +116,7 @@ def _made(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...
 
 
 def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> Hashable:
-    """Return what is equal for equal texts; None where `f` is no method, or one of a block with more than fields."""
+    """Return a key that is equal for equal texts; None for a plain function, or a block with more than fields."""
     if not inspect.ismethod(f) or not shapes:
         return None
     try:

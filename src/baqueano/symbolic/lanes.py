@@ -1,4 +1,4 @@
-"""What the lanes of a scan share, and what each has of its own."""
+"""The common inputs of the lanes of a scan, and the own inputs of each."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,7 +24,7 @@ class Lanes(NamedTuple):
 
     @classmethod
     def of(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Lanes":
-        """From trees whose leaves may lead with a lane axis, told by the number of their axes."""
+        """Return them from trees whose leaves may lead with a lane axis, by the number of their axes."""
         given = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
         own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in given]
         start = scan.example if carry is None else carry

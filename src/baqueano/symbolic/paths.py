@@ -28,7 +28,7 @@ _STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")
 
 
 def get(tree: Tree, path: str) -> Tree:
-    """What stands at `path`."""
+    """Return the value at `path`."""
     for step in _steps(path):
         tree = _child(tree, step, path)
     return tree

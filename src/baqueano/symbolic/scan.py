@@ -1,4 +1,4 @@
-"""One primitive: a step, repeated over time, with all that is wanted of it.
+"""A single primitive: a step, repeated over time, with all its uses.
 
     carry_{k+1}, output_k = step(θ, carry_k, input_k)                                                     (1)
 
@@ -244,7 +244,7 @@ class TracedScan(Scan):
         return self.runners[key]
 
     def _prepared(self, keep_all: bool, carry: Tree, flat: np.ndarray | None = None) -> Tree:
-        """What runs, and its start values (…, s)."""
+        """Return the kernel to run, and its start values (…, s)."""
         if carry is None and flat is None:
             if keep_all not in self.begun:
                 self.begun[keep_all] = self._begun(keep_all)

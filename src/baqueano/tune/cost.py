@@ -1,4 +1,4 @@
-"""What a good set of gains is: the paper's cost of a drive along its route.
+"""The cost of a set of gains: the paper's cost of a drive along its route.
 
     C(p) = Σ_t ‖η_ref(t) − η(t)‖_h                  Grotz et al., `equ:controller_cost_function`        (1)
     r² = Δx² + Δy² + (w Δψ)²,   ‖·‖_h = ½ r² for r ≤ k,   k r − ½ k² beyond                             (2)
@@ -29,7 +29,7 @@ class Weights(NamedTuple):
 
 
 class TickErrors(NamedTuple):
-    """What is told of a tick beside its cost."""
+    """The outputs of a tick beside its cost."""
 
     distance_m: Any  # from the reference
     heading_rad: Any
@@ -37,7 +37,7 @@ class TickErrors(NamedTuple):
 
 
 def tick_cost(weights: Weights, limit: np.ndarray, heard: Any) -> Any:
-    """One term of the sum, a scalar [m²].  (2), (3)"""
+    """Return a term of the sum, a scalar [m²].  (2), (3)"""
     d = heard.record.reference.eta - heard.truth.eta
     k = weights.huber_m
     r2 = d[0] * d[0] + d[1] * d[1] + (weights.radian_m * wrap(d[2])) ** 2

@@ -155,7 +155,7 @@ class Rehearsal:
 
     @property
     def backend(self) -> str:
-        """What runs the kernels."""
+        """Return the back end of the kernels."""
         return self._cost.backend
 
     def cost(self, gains: np.ndarray) -> float:
@@ -172,7 +172,7 @@ class Rehearsal:
         return total / len(self.vehicles), slope / len(self.vehicles)
 
     def drive(self, gains: np.ndarray) -> TunedDrive:
-        """How the vehicles drive with these gains."""
+        """Return the drives of the vehicles with these gains."""
         each = [
             self._shown.run(self._inputs, self._with(gains, v), carry=self._start)[1] for v in self.vehicles
         ]
@@ -265,7 +265,7 @@ def _asked(
 
 
 def _bounds(name: str, p: Any, full: float, bounds: dict[str, tuple[float, float]]) -> tuple[float, float]:
-    """Those that were given, else those of the field, else 0 and the full command for the smallest error."""
+    """Return the given ones, else those of the field, else 0 and the full command for the smallest error."""
     if name in bounds:
         return bounds[name]
     error = SMALLEST.get(p.unit.rpartition(" per ")[2], 0.01)

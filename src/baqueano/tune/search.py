@@ -20,7 +20,7 @@ CURVE = 7.0  # c: the middle of the range is 3 % of its upper end
 LOOKED_OVER = 24  # points of the cube
 STARTS = 3
 EVALUATIONS = 60  # of one descent
-SLOPE = 1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is no minimum of a smooth cost
+SLOPE = 1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is not a minimum of a smooth cost
 SIMPLEX = 150  # evaluations of one search without slopes
 SEARCHES, SIZE = 3, 0.1  # one after the other, and of the first simplex of each, of x
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
@@ -32,7 +32,7 @@ CostAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 
 class Descent(NamedTuple):
-    """One way down."""
+    """A descent of the cost."""
 
     start: np.ndarray  # (p,) gains
     gains: np.ndarray  # (p,) where it ended
@@ -135,7 +135,7 @@ def stretch(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Where g (p,) lies on a bound: −1 the lower, +1 the upper, 0 none."""
+    """Return where g (p,) is on a bound: −1 the lower, +1 the upper, 0 none."""
     x = place(np.clip(g, low, high), low, high)
     return np.where(x < NEAR_LIMIT, -1, np.where(x > 1.0 - NEAR_LIMIT, 1, 0))
 

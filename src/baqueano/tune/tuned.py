@@ -1,4 +1,4 @@
-"""What `tune` found, and how much to trust it."""
+"""The result of `tune`, and its trustworthiness."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +21,7 @@ AGREE = 1e-3  # costs that differ by less than this part are the same
 
 
 class Gain(NamedTuple):
-    """One gain."""
+    """A gain and its bounds."""
 
     name: str  # "alpha"
     unit: str
@@ -35,7 +35,7 @@ class Gain(NamedTuple):
 
 
 class TunedDrive(NamedTuple):
-    """How the vehicle drives with these gains."""
+    """The figures of a drive with these gains."""
 
     distance_rms_m: float
     distance_max_m: float
@@ -67,7 +67,7 @@ class Tuned:
 
     @property
     def agreed(self) -> int:
-        """How many descents reached the least cost."""
+        """Return the number of descents that reached the least cost."""
         return sum(d.cost <= self.cost * (1.0 + AGREE) for d in self.descents)
 
     @property
@@ -94,7 +94,7 @@ class Tuned:
         return tuple(found)
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per gain."""
+        """Return a flat row per gain."""
         drive = self.drive._asdict()
         whole = {"cost": self.cost, "cost_before": self.cost_before, "cost_standing": self.cost_standing}
         whole |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreed}

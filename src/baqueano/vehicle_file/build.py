@@ -33,7 +33,7 @@ ROUTE = ("t_s", "eta", "nu", "closed", "route")  # fields of a guide that come w
 
 
 class Surroundings(NamedTuple):
-    """What the rest of the file says to the table of a block."""
+    """The values that the rest of the file gives to the table of a block."""
 
     folder: str | None  # where "file.py:Class" is looked for
     rate_hz: float
@@ -114,8 +114,8 @@ def room(
     around: Surroundings,
     kind: str | None = None,
 ) -> BlockRoom | None:
-    """What the table of a room says. With another `kind` than the table's own, its keys are taken as far as
-    the other block has them: they were written for somebody else."""
+    """Return the content of a room's table. With another `kind` than the table's own, its keys are used as far as
+    the other block has them: they were written for another block."""
     path = (name,)
     own = table.get("kind", DEFAULT_KIND[name]) if isinstance(table, dict) else DEFAULT_KIND[name]
     found = _kind(sheet, path, name, {**table, "kind": kind} if kind else table, DEFAULT_KIND[name], around)

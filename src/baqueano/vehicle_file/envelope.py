@@ -92,7 +92,7 @@ class Watch:
             self._least[k] = np.min(x, initial=self._least[k])
             self._most[k] = np.max(x, initial=self._most[k])
 
-    def heard(self, tick: "Tick") -> None:
+    def update(self, tick: "Tick") -> None:
         """Count one Tick of a drive."""
         if self.envelope.names:
             self._ticks.append(tick)

@@ -87,8 +87,8 @@ class VehicleFile:
         return self._block("guide", kind, changes, given)
 
     def value(self, dotted: str) -> Any:
-        """What is in force under a key of the file, its default included: "model.friction.linear". UsageError with the
-        nearest keys where there is none of that name."""
+        """Return the value of a key of the file, its default included: "model.friction.linear". UsageError with the
+        nearest keys where the name is unknown."""
         from baqueano.vehicle_file.paths import value_in_force
 
         return value_in_force(self, dotted)
@@ -119,7 +119,7 @@ class VehicleFile:
 
     @property
     def guessed(self) -> bool:
-        """Whether nobody measured its model: none of its values comes from a fit. A file of the garage is its own
+        """Return True if none of the values of its model comes from a fit. A file of the garage is its own
         truth where it is simulated; for a vehicle on the floor it is a guess.
 
         >>> small = load("small")
@@ -131,7 +131,7 @@ class VehicleFile:
 
     @property
     def folder(self) -> str | None:
-        """Where a block of the user's own is looked for first."""
+        """Return the folder to search first for a block of the user's own."""
         return str(self.path.parent) if self.path else None
 
     @property
@@ -257,7 +257,7 @@ def _command(sheet: Sheet, channels: Channels, vehicle: "DynamicVehicle") -> Com
 
 
 def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
-    """The tables of the loop's blocks. What is lacking is told when the block is asked for: gains come with
+    """Return the tables of the loop's blocks. A missing table is an error only when its block is used: gains come with
     `tune`, noise with `identify`."""
     for room in LOOP_ROOMS:
         if room not in file.data or (file.on_disk is None and _is_users(file.data[room])):

@@ -14,7 +14,7 @@ def names() -> tuple[str, ...]:
 
 
 def holds(path: Path) -> bool:
-    """Whether the file is one of the garage, not one of the user's."""
+    """Return True if the file is one of the garage, not one of the user's."""
     return path.parent == FOLDER
 
 

@@ -1,4 +1,4 @@
-"""What a vehicle file says before its blocks: the command's channels and the body's measures."""
+"""The head of a vehicle file: the command's channels and the body's measures."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ class Channels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Geometry:
-    """What a tape measure says; all of it may be left out."""
+    """The measures of the body; all of them are optional."""
 
     radius_m: float | None = parameter("m", "radius of a round platform", low=1e-3, high=100.0, default=None)
     length_m: float | None = parameter(
@@ -44,7 +44,7 @@ class Geometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hardware:
-    """What is soldered and plugged in; nothing of it changes what the vehicle does in a simulation."""
+    """The wiring of the vehicle, which has no effect in a simulation."""
 
     port: str = "auto"
     pwm_hz: float = parameter("Hz", "frequency of the motors' PWM", low=50.0, high=20_000.0, default=1000.0)
@@ -89,7 +89,7 @@ class Top:
 
 
 def reach(geometry: Geometry) -> float | None:
-    """From the middle of the platform to its edge [m]; None if nobody measured it."""
+    """Return the distance from the middle of the platform to its edge [m]; None if nobody measured it."""
     if geometry.radius_m is not None:
         return geometry.radius_m
     if geometry.length_m is not None and geometry.width_m is not None:

@@ -1,4 +1,4 @@
-"""Where the values come from: [provenance."key"] and [parameter_cov].
+"""The provenance of the values: [provenance."key"] and [parameter_cov].
 
 [provenance."model.friction.linear"]
 run = "runs/0001-experiment.mcap"
@@ -39,7 +39,7 @@ NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that tell of
 
 
 class Provenance(NamedTuple):
-    """Where a value comes from, or the values of a table that have none of their own."""
+    """The provenance of a value, or of the values of a table that have none of their own."""
 
     run: str
     date: Date | None = None
@@ -164,7 +164,7 @@ def _triangle(rows: object, size: int) -> np.ndarray | None:
 
 
 def changes(before: Any, after: Any) -> list["TableRow"]:
-    """What differs between two vehicle files, key by key: the history of wear. `sds` is how many standard
+    """Return the differences of two vehicle files, key by key: the history of wear. `sds` is the number of standard
     deviations (both together) lie between the values; None where it is not known."""
     old, new = _leaves(before.data), _leaves(after.data)
     rows = []

@@ -30,7 +30,7 @@ def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
 
 
 def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[str]:
-    """Every key that the blocks of this file can have, whether it is written or not. A block of the user's own is
+    """Return every key that the blocks of this file can have, written or not. A block of the user's own is
     looked for in `folder`; where it is not there, as on another computer, it has the keys that are written."""
     paths = [
         "rate_hz",
@@ -48,12 +48,12 @@ def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[st
 
 
 def exists(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
-    """Whether a key (or an entry of it) is one that this file can have."""
+    """Return True if a key (or an entry of it) is one that this file can have."""
     return ".".join(split(dotted)[0]) in known_paths(data, folder)
 
 
 def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
-    """Whether it is a table of keys that this file can have, as "model" or "model.friction"."""
+    """Return True if it is a table of keys that this file can have, as "model" or "model.friction"."""
     return any(path.startswith(f"{dotted}.") for path in known_paths(data, folder))
 
 

@@ -42,7 +42,7 @@ PLAIN = {  # keys without a unit: what they mean
     "imu_axes": 'axes of the chip that point ahead, left and up: ["-y", "x", "z"] if it is turned to the left',
     "rate_hz": "commands a second",
     "laps": "times round; 0 is for ever",
-    "waves": "swings of the radius in a lap",
+    "waves": "waves of the radius in a lap",
     "run": "the run that the value was found in",
     "date": "the day it was found",
     "sd": "standard deviation; nan where not known",
@@ -64,7 +64,7 @@ GIVEN = {"vehicle", "sensors"}
 
 
 def rows() -> list["TableRow"]:
-    """One row for each key: table, kind, key, unit, shape, range, default, meaning."""
+    """Return a row for each key: table, kind, key, unit, shape, range, default, meaning."""
     found = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
     found += _rows("robot", "", Hardware)
     for room, kinds in ROOMS.items():

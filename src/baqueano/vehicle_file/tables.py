@@ -56,7 +56,7 @@ class Sheet:
         self.problems.append(fault(code, place=self._at(path, f"[{'.'.join(path)}]"), **figures))
 
     def notice(self, path: KeyPath, code: str, **figures: Any) -> None:
-        """Note what is worth saying of a key, though it is no reason to stop."""
+        """Note a remark about a key that does not refuse the file."""
         self.notices.append(note(code, Severity.WARNING, place=self.place(path), **figures))
 
     def finish(self) -> None:
@@ -68,7 +68,7 @@ class Sheet:
 
 
 class Key(NamedTuple):
-    """What a table may hold."""
+    """The keys that a table may have."""
 
     name: str
     parameter: "Parameter | None"

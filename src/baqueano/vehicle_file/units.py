@@ -11,7 +11,7 @@ from baqueano.signals import STANDARD_GRAVITY
 
 
 class Unit(NamedTuple):
-    """How a unit is written at the end of a key, and what it is worth."""
+    """The notation of a unit at the end of a key, and its factor."""
 
     dimension: str
     factor: float  # times the SI unit

@@ -165,7 +165,7 @@ class Car:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """One tick under the command `u` (2,); `noise` (3,) are unit normals, zeros for none."""
+        """Advance the vehicle by a tick under the command `u` (2,); `noise` (3,) are unit normals, zeros for none."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         kick = self.process_noise_std * np.sqrt(dt_s) * noise

@@ -11,7 +11,7 @@ A signal h with the samples h_j, of age a_0 = 0, a_j = a_{j−1} + δ_{j−1}, i
 
     h(a) = h_0 + Σ_j (h_j − h_{j−1}) clip((a − a_{j−1}) / (a_j − a_{j−1}), 0, 1)                          (2)
 
-Both are differentiable in the delay, whatever fraction of a tick it is; (1) is exact for commands that are held. A
+Both are differentiable in the delay, for any fraction of a tick; (1) is exact for commands that are held. A
 delay longer than the line is read at its end.
 """
 

@@ -1,4 +1,4 @@
-"""From the command that was sent to the command that the body feels, in the order in which it happens:
+"""The drivetrain, from the sent command to the effort on the body, in the order of the hardware:
 
     late      u_d = the commands delay_s ago, one after the other during the tick (delay.py)              (1)
     mixed     w = (u_x − u_ψ, u_x + u_ψ)          left and right wheel, if mixing = "two_wheels"          (2)
@@ -14,7 +14,7 @@ much faster", τ = T u. (2) and (8) are the one place where wheels are mixed: th
 The dead zone comes after the battery because a motor starts at a voltage, not at a duty. κ is 1 for motors
 that get the duty times the battery's voltage, 0 behind a regulator. V is `battery_v`; with battery = "logged" a
 fit puts the voltage that the run holds, tick by tick, in its place (the channel `battery` [V]). (4) is of motors: a
-servo, the last `servos` of the channels, goes to its angle whatever the voltage.
+servo, the last `servos` of the channels, goes to its angle at any voltage.
 
 c is for a kinematic vehicle, whose effort is a speed at once: how the driver of a motor spends the pause between two
 pulses. With c = 0 it brakes, and speed grows with the duty; with c = 1 it coasts, current flows for the part D of the
@@ -43,7 +43,7 @@ BATTERIES = ("steady", "logged")
 
 
 class DrivetrainState(NamedTuple):
-    """What the drivetrain remembers."""
+    """State of a drivetrain."""
 
     past: np.ndarray  # (delay_slots, n) commands of the ticks before, newest first
     steps_s: np.ndarray  # (delay_slots,) how long each was in force

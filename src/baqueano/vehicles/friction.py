@@ -1,4 +1,4 @@
-"""What the floor, the wheels and the gears take away.
+"""Friction of the floor, the wheels and the gears.
 
     f(ν) = (d_l + d_c |ν|) ν + d_k tanh(ν / ν_k) + (k ν_x |ν_ψ|, 0, 0) + (F_l + F_r, 0, (F_r − F_l) b/2)   (1)
     F = t (d_f (1 + t) + d_b (1 − t)) / 2,   t = tanh(v / ν_k),   of a wheel at v = ν_x ∓ ν_ψ b/2           (2)

@@ -89,7 +89,7 @@ class Kinematic:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """One tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none."""
+        """Advance the vehicle by a tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         scatter = self.process_noise_std * noise
         eta, nu, nu_dot = self._travel(state.eta, state.nu, effort, dt_s, scatter)
@@ -99,7 +99,7 @@ class Kinematic:
     def _travel(
         self, eta: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float, scatter: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(η, ν, ν̇) after `dt_s`; a tick without duration has no acceleration.  (2), (3)"""
+        """Return (η, ν, ν̇) after `dt_s`; a tick without duration has ν̇ = 0.  (2), (3)"""
         effort = effort if self.drivetrain.has_lag else steady(effort.mean)
         x = rk4(lambda x, e: map_from_body(x[2]) @ (self.velocity(e) + scatter), eta, effort, dt_s)
         nu = self.velocity(effort.last) + scatter

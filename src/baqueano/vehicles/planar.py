@@ -126,7 +126,7 @@ class Planar:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """One tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none.
+        """Advance the vehicle by a tick under the command `u` (3,); `noise` (3,) are unit normals, zeros for none.
 
         The noise kicks ν at the end of the tick; the acceleration there is the model's at the kicked ν.
         """

@@ -11,7 +11,7 @@ from baqueano.vehicles.effort import Effort
 
 
 class VehicleState(NamedTuple):
-    """Where a vehicle is and how it moves, at the end of a tick."""
+    """Pose, velocity and acceleration of a vehicle at the end of a tick."""
 
     eta: np.ndarray  # (3,) x, y [m], ψ [rad] wrapped, map frame
     nu: np.ndarray  # (3,) velocity, body frame [m/s, m/s, rad/s]
@@ -20,13 +20,13 @@ class VehicleState(NamedTuple):
 
 
 class Vehicle(Protocol):
-    """What the loop, the estimators and the fit ask of a vehicle. n = `commands`."""
+    """A vehicle, as the loop, the estimators and the fit use it. n = `commands`."""
 
     commands: ClassVar[int]  # n, the length of the command
 
     @property
     def drivetrain(self) -> Drivetrain:
-        """What lies between the command and the body."""
+        """Return the drivetrain, between the command and the body."""
         ...
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
@@ -46,12 +46,12 @@ class Vehicle(Protocol):
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """One tick under the command `u` (n,); `noise` (3,) are unit normals."""
+        """Advance the vehicle by a tick under the command `u` (n,); `noise` (3,) are unit normals."""
         ...
 
 
 class DynamicVehicle(Vehicle, Protocol):
-    """One with an acceleration, which a kinematic vehicle has not: `optional.is_dynamic` tells."""
+    """A vehicle with an acceleration, which a kinematic one lacks: `optional.is_dynamic` tests it."""
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: Value = 0.0, /) -> np.ndarray:
         """ν̇ (3,) of ν (3,) under an effort, at the heading ψ."""
@@ -70,11 +70,11 @@ def arrived(
     """Return the state at the end of a tick under `effort`, and what sensors see of it: ν̇ of that instant, and for
     those with a low-pass the tick, ν as a curve of third degree and the effort as a line."""
 
-    def seen(eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
+    def at(eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
         return Motion(eta, nu, model.nu_dot(nu, effort, eta[2]), model.gravity(eta[2]))
 
-    now = seen(eta, nu, effort.last)
-    begin, end = seen(before.eta, before.nu, effort.start), seen(eta, nu, effort.end)
+    now = at(eta, nu, effort.last)
+    begin, end = at(before.eta, before.nu, effort.start), at(eta, nu, effort.end)
     halfway = 0.5 * (before.nu + nu) + 0.125 * dt_s * (begin.nu_dot - end.nu_dot)
-    tick = begin, seen(eta, halfway, effort.mean), end
+    tick = begin, at(eta, halfway, effort.mean), end
     return VehicleState(eta, nu, now.nu_dot, drivetrain), now._replace(tick=tick)

@@ -1,4 +1,4 @@
-"""Where the loop runs: a simulation, a recorded run, or the real vehicle, which needs neither of them."""
+"""The worlds in which the loop runs: a simulation, a recorded run, or the real vehicle, which needs neither."""
 
 from typing import TYPE_CHECKING
 

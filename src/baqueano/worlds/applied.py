@@ -1,12 +1,12 @@
 """The duty that a motor had in a tick, known before the telemetry of the tick's end has come.
 
-    U(t) = ∫ d dτ       told by telemetry up to t_s, the time of the newest; t_s ≤ t by up to a period of it  (1)
+    U(t) = ∫ d dτ       known from telemetry up to t_s, the time of the newest; t_s ≤ t by up to a period of it  (1)
     x → c, |ẋ| ≤ slew,  d = sign(x) (dead zone + slope |x|)       after t_s: as the firmware follows commands (2)
     u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
 
-The mean that telemetry tells is that of its own span, which ended up to a period before the tick: taken for the tick's,
-a fit would find the motors quicker than they are, by 2 to 11 ms as the phases fall. What (2) foretells wrongly (a kick,
-dither, a late frame) is put right by (3) one tick later, so nothing adds up.
+The mean in telemetry is that of its own span, which ended up to a period before the tick: taken for the tick's,
+a fit would find the motors quicker than they are, by 2 to 11 ms as the phases fall. (3) corrects
+an error of (2) (a kick, dither, a late frame) one tick later, so nothing adds up.
 """
 
 from collections import deque
@@ -20,14 +20,14 @@ ON_THE_WAY_NS = 1_000_000  # from a command of the loop to the wheels: by USB it
 
 
 class AppliedWay(NamedTuple):
-    """One wheel in one direction: duty = dead_zone + slope · |request|."""
+    """The line of a wheel in one direction: duty = dead_zone + slope · |request|."""
 
     dead_zone: float = 0.0
     slope: float = 1.0
 
 
 class AppliedMotors(NamedTuple):
-    """What the firmware makes of a request."""
+    """The conversion from request to duty in the firmware."""
 
     slew_per_s: float = 1000.0
     ways: tuple[AppliedWay, ...] = (
@@ -82,7 +82,7 @@ class Applied:
         """A command has left."""
         self._commands.append((now_ns + ON_THE_WAY_NS, (left, right)))
 
-    def heard(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
+    def update(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
         """Telemetry: the mean duty (2,) since the one before, that of now, and whether nothing drives."""
         if self._told_ns >= 0:
             self._integral = self._integral + np.array(mean) * ((t_ns - self._told_ns) * NS)

@@ -1,4 +1,4 @@
-"""A run as a world of the loop: it says again what it said, whatever is commanded.
+"""A recorded run as a world of the loop: its readings are those of the run, for any command.
 
 The blocks see the ticks of the run, with the commands that reached the motors then. So estimates are
 comparable between estimators, and the same blocks give the same numbers, bit for bit. A sensor of the vehicle that

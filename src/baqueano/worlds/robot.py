@@ -33,7 +33,7 @@ DEAF_S = 1.0  # the same while something damaged arrives: of frames with 5 % of 
 
 
 class Telemetry(NamedTuple):
-    """What the firmware says of one moment, in the clock of the host."""
+    """The telemetry of one moment, in the clock of the host."""
 
     t_ns: int
     applied: tuple[float, float]  # duties of the left and the right motor, [-1, 1], mean since the one before
@@ -48,7 +48,7 @@ class Telemetry(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """One reading of an IMU, axes of the body: ahead, to the left, up."""
+    """A reading of an IMU, axes of the body: ahead, to the left, up."""
 
     t_ns: int
     accel: np.ndarray  # (3,) specific force [m/s²]
@@ -57,19 +57,19 @@ class Sample(NamedTuple):
 
 
 class WheelLink(Protocol):
-    """What sends duties and hears telemetry; neither call ever waits for the line."""
+    """A link that sends duties and receives telemetry; neither call ever waits for the line."""
 
     def drive(self, left: float, right: float) -> None:
         """Duties in [-1, 1], once: nothing sends them again."""
         ...
 
-    def heard(self) -> list[Telemetry]:
-        """What came since the last time, in order."""
+    def receive(self) -> list[Telemetry]:
+        """Return the telemetry since the last call, in order."""
         ...
 
     @property
     def noise_ns(self) -> int:
-        """When something damaged came last, in the time of the host."""
+        """Return the time of the last damaged frame, in the clock of the host."""
         ...
 
 
@@ -77,13 +77,13 @@ class HardwareEvent(Protocol):
     """An event of the hardware."""
 
     @property
-    def said(self) -> Diagnostic | str:
-        """Its message."""
+    def message(self) -> Diagnostic | str:
+        """Return its message."""
         ...
 
 
 class ImuSource(Protocol):
-    """What reads an IMU."""
+    """A reader of an IMU."""
 
     @property
     def delay_s(self) -> tuple[float, float]:
@@ -95,13 +95,13 @@ class ImuSource(Protocol):
         ...
 
     def read(self) -> list[Sample]:
-        """What was measured since the last time, in order."""
+        """Return the readings since the last call, in order."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """What turns the hardware's numbers into the vehicle's."""
+    """The conversion from the hardware's numbers to the vehicle's."""
 
     mixing: str = "two_wheels"
     wheel_radius_m: float | None = None
@@ -148,7 +148,7 @@ class Robot(World):
         """The time of the host [ns] that is 0 in this world; what was heard before is forgotten."""
         self._start_ns = now_ns
         self._extras, self._events = [], []  # of a drive that ended within a tick
-        self._last = (self._wheels.heard() or [self._last])[-1]
+        self._last = (self._wheels.receive() or [self._last])[-1]
         self._encoders = SilentEncoders()
         if self._last is not None:
             self._hear(self._last)
@@ -158,8 +158,8 @@ class Robot(World):
             self._imu.events()
 
     def read(self, t_ns: int) -> list[Tick]:
-        """One tick of everything that came since the last one."""
-        said = self._wheels.heard()
+        """Return one tick of all the data since the last one."""
+        said = self._wheels.receive()
         before, self._last = self._last, said[-1] if said else self._last
         if said:
             self.battery_v = said[-1].battery_v
@@ -168,14 +168,14 @@ class Robot(World):
         for s in said:
             self._hear(s)
         u = unmix(self._body.mixing, self._applied.mean(self._start_ns + t_ns))  # (2)
-        self._events += [(t_ns, text) for s in said for text in self._encoders.heard(s)]
+        self._events += [(t_ns, text) for s in said for text in self._encoders.update(s)]
         imu = self._felt(t_ns)
         names = tuple(self._sensors._fields)
         slots = (self._slot(t_ns, getattr(self._sensors, name), imu, before) for name in names)
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
     def look(self, t_ns: int) -> list[Diagnostic | str]:
-        """As `read`, for one who records nothing: what happened to the hardware since. Nothing is kept."""
+        """Return the events of the hardware since the last call, and drop the readings: nobody records."""
         self.read(t_ns)
         self.new_channels()
         return [said for _, said in self.new_events()]
@@ -211,13 +211,13 @@ class Robot(World):
 
     def _hear(self, said: Telemetry) -> None:
         now = said.applied if said.now is None else said.now
-        self._applied.heard(said.t_ns, said.applied, now, said.stopped is not None)
+        self._applied.update(said.t_ns, said.applied, now, said.stopped is not None)
 
     def _felt(self, t_ns: int) -> Slot | None:
         """(a_x, a_y, ω_z) of the body and its age, that of the chip's filter too; None where no sample came.  (3)"""
         samples = self._imu.read() if self._imu is not None else []
         if self._imu is not None:
-            self._events += [(t_ns, event.said) for event in self._imu.events()]
+            self._events += [(t_ns, event.message) for event in self._imu.events()]
         if not samples:
             return None
         felt = np.mean([s.accel for s in samples], axis=0)
@@ -238,7 +238,7 @@ class Robot(World):
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
     def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, before: Telemetry | None) -> Slot:
-        """What this sensor of the vehicle says in this tick; one that the robot has not is silent."""
+        """Return the reading of this sensor of the vehicle in this tick; a sensor that the robot lacks is silent."""
         z: np.ndarray | None = None
         now = self._last
         reads = optional.of(sensor, "reads")

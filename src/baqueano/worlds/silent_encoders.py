@@ -1,4 +1,4 @@
-"""Which encoder counts nothing though its motor is driven hard: the firmware says that there is one, counts say which.
+"""Find the encoder that does not count though its motor is driven hard. The firmware reports one; counts say which.
 
 The firmware flags a wheel that had DRIVEN_HARD or more of full duty for 0.5 s without a count. One flag stands for both
 wheels, so the one is meant whose counts stood for QUIET_S while its duty was as high.
@@ -17,14 +17,14 @@ FIX = "baqueano robot settings HOST --encoders none"
 
 
 class SilentEncoders:
-    """What the telemetry of one drive tells of both encoders."""
+    """The history of both encoders in one drive, from telemetry."""
 
     def __init__(self) -> None:
         self._before: Telemetry | None = None
         self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
         self._told: set[int] = set()
 
-    def heard(self, now: "Telemetry") -> list[Diagnostic]:
+    def update(self, now: "Telemetry") -> list[Diagnostic]:
         """Return which encoders fell silent; each is said once until the firmware takes its flag back."""
         before, self._before = self._before, now
         for wheel in range(2):

@@ -23,7 +23,7 @@ UNASKED = 10_000  # truths that are kept for one who never asks
 
 
 class WorldState(NamedTuple):
-    """All that a simulated world remembers."""
+    """State of a simulated world."""
 
     vehicle: VehicleState
     sensors: tuple[Tree, ...]  # one state per sensor, in their order
@@ -49,7 +49,7 @@ def world_step(
     dt_s: float,
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
-    """One tick under the command `u` (n,): state, truth, and what the sensors say at its end.  (1)"""
+    """Advance by a tick under the command `u` (n,): state, truth, and the readings at its end.  (1)"""
     body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     said = [s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)]
     slots = sensor_slots(tuple(sensors._fields))(*(slot for _, slot in said))

@@ -39,7 +39,7 @@ def test_rt9_a_chip_that_waits_for_up_to_nine_clocks_lets_the_bus_go(lines, cloc
     assert held
     outcome = recover(BUS)
     assert outcome.freed
-    assert f"held by a chip in mid-byte: freed after {clocks} clock" in outcome.text
+    assert f"in the middle of a byte: freed after {clocks} clock" in outcome.text
     after = held.read()
     assert (after["clocks"], after["starts"], after["stops"]) == (clocks + 1, 0, 1), "one more for the STOP"
     assert not held
@@ -59,7 +59,7 @@ def test_a_chip_that_does_not_let_go_after_nine_clocks_is_told(lines):
     held = lines([0] * 10)
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "held low still after 9 clocks" in outcome.text
+    assert "still low after 9 clocks" in outcome.text
     assert held.read()["clocks"] == 9
     assert as_it_was(held)
 
@@ -68,7 +68,7 @@ def test_a_held_scl_is_told_and_not_clocked(lines):
     held = lines([0, 0], scl_held=True)
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "SCL (GPIO 3) is held low" in outcome.text
+    assert "SCL (GPIO 3) is low" in outcome.text
     assert {call[0] for call in held.read()["calls"]} == {"get"}
 
 
@@ -155,7 +155,7 @@ def test_pins_that_a_killed_program_left_behind_are_given_back_and_the_bus_is_cl
     held.put(function={"2": "ip", "3": function})
     outcome = recover(BUS)
     assert outcome.freed, "nobody holds it but they"
-    assert "given back" in outcome.text
+    assert "not in I2C mode" in outcome.text
     assert as_it_was(held)
 
 
@@ -171,8 +171,8 @@ def test_a_user_outside_the_group_is_told_how_to_join_it(lines):
 def test_where_there_is_no_pinctrl_it_is_told_what_to_type(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     outcome = recover(BUS)
-    assert (outcome.freed, outcome.said.code) == (False, "bus.no-pinctrl")
-    assert outcome.said.fix == "sudo apt install raspi-utils"
+    assert (outcome.freed, outcome.message.code) == (False, "bus.no-pinctrl")
+    assert outcome.message.fix == "sudo apt install raspi-utils"
 
 
 def test_pins_of_another_board_or_bus_are_not_touched(lines):
@@ -255,7 +255,7 @@ def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_ag
     held.put(bits=[0] * 7)
     bench.bus.held = held
     loop(bench, imu, 0.3)
-    assert imu.held
+    assert imu.bus_stuck
     assert imu.free_bus() is None, "not silent for half a second: perhaps it is a disturbance"
     imu._recovery.wait()
     assert held.read()["calls"] == []
@@ -275,9 +275,9 @@ def test_while_the_bus_is_clocked_nobody_uses_it_and_then_the_chip_is_started_ag
     samples = loop(bench, imu, 1.0)
     assert len(samples) > 100
     assert np.linalg.norm(np.mean([s.accel for s in samples], axis=0)) == pytest.approx(9.81, abs=0.1)
-    assert "imu.back" in [event.said.code for event in imu.events()]
+    assert "imu.back" in [event.message.code for event in imu.events()]
     assert imu.free_bus() is None
-    assert not imu.held
+    assert not imu.bus_stuck
     assert as_it_was(held)
 
 

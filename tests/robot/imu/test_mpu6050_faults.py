@@ -21,7 +21,7 @@ def bench(monkeypatch, tmp_path):
 
 
 def kinds(device) -> list[str]:
-    return [event.said.code for event in device.events()]
+    return [event.message.code for event in device.events()]
 
 
 def assert_sane(samples) -> None:
@@ -100,11 +100,11 @@ def test_a_brown_out_is_seen_within_a_second_and_scales_are_right_again(bench, m
     b.chip.brown_out()
     after = loop(b, device, 1.5)
     events = device.events()
-    assert [e.said.code for e in events if e.said.code not in ("imu.data-missing", "imu.back")] == [
+    assert [e.message.code for e in events if e.message.code not in ("imu.data-missing", "imu.back")] == [
         "imu.lost-supply",
         "imu.started",
     ]
-    assert events[0].said.figures["power"] == 0x40
+    assert events[0].message.figures["power"] == 0x40
     assert after[-1].t_ns - before[-1].t_ns > 1.3e9
     assert np.max(gaps_s(before + after)) < 0.4, "at 5 missing samples the registers are looked at"
     assert_sane(after)
@@ -117,7 +117,7 @@ def test_rt9_a_setting_that_changed_by_itself_is_put_right_within_a_second(bench
     b.chip.regs[0x1C] = 0x18
     loop(b, device, 1.5)
     events = device.events()
-    assert [e.said.code for e in events] == ["imu.lost-settings", "imu.started"]
+    assert [e.message.code for e in events] == ["imu.lost-settings", "imu.started"]
     assert_sane(loop(b, device, 0.2))
 
 
@@ -197,7 +197,7 @@ def test_a_saturated_axis_is_named_once(bench):
     b.chip.saturate(5, -32768)
     samples = loop(b, device, 1.0)
     events = device.events()
-    assert [e.said.code for e in events] == ["imu.saturated"]
+    assert [e.message.code for e in events] == ["imu.saturated"]
     assert "gyro z" in events[0].text
     assert "±1000 °/s" in events[0].text
     assert device.counts.saturated == pytest.approx(200, abs=5)
@@ -221,9 +221,9 @@ def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
     assert longest <= 40_000_000, "i2c.py tells the kernel 40 ms; its own second would be too long"
     assert silent_after == pytest.approx(0.5e9, abs=0.06e9)
     said = device.events()
-    assert [e.said.code for e in said].count("imu.held") == 1
-    assert "nine times as GPIO" in next(e.text for e in said if e.said.code == "imu.held")
-    assert [e.said.code for e in said].count("imu.data-missing") == 1
+    assert [e.message.code for e in said].count("imu.held") == 1
+    assert "nine times as GPIO" in next(e.text for e in said if e.message.code == "imu.held")
+    assert [e.message.code for e in said].count("imu.data-missing") == 1
     b.bus.held = False
     samples = loop(b, device, 1.0)
     assert len(samples) > 100

@@ -150,4 +150,4 @@ def test_a_laptop_without_a_vehicle_file_leaves_the_robots_alone(
         main(["robot", "setup", "r1"])
     assert ended.value.code == 0
     assert there.read_text() == (SMALL.text if own else "# of the robot\n")
-    assert ("there is no vehicle.toml here" in capfd.readouterr().err) != own
+    assert ("does not contain vehicle.toml" in capfd.readouterr().err) != own

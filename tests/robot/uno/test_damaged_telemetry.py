@@ -132,11 +132,11 @@ def test_of_a_million_damaged_frames_no_more_is_believed_than_16_bits_allow(said
         for start in range(0, len(data), AT_ONCE):
             line.coming = data[start : start + AT_ONCE]
             line.now_ns += 10_000_000
-            uno.heard()
+            uno.receive()
         wrong[name] = len(set(uno._decoder.believed) - set(said))
         uno._decoder.believed.clear()
     assert all(wrong[name] == 0 for name, (_, seen) in DAMAGE.items() if seen), wrong
     assert sum(wrong.values()) <= len(DAMAGE) * EACH / 65_536, wrong  # measured: 6 of 15
     line.say(info())
     line.say(state(10))
-    assert uno.heard(), "what is whole is still heard"
+    assert uno.receive(), "what is whole is still heard"

@@ -116,7 +116,7 @@ def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, u
     line.say(state(10))
     line.seq += 1  # a frame that never comes
     line.say(state(30, sums=(20 * 400, -20 * 100)))
-    said = uno.heard()
+    said = uno.receive()
     np.testing.assert_allclose(said[-1].applied, [0.4, -0.1])
     assert uno.statistics.lost == 1
 
@@ -124,7 +124,7 @@ def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, u
 def test_sums_that_wrap_are_no_leap(line, uno):
     line.say(state(10, sums=((1 << 31) - 1000, 0)))
     line.say(state(20, sums=(-(1 << 31) + 2000, 0)))
-    assert uno.heard()[-1].applied[0] == pytest.approx(0.3)
+    assert uno.receive()[-1].applied[0] == pytest.approx(0.3)
 
 
 def test_fw7_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
@@ -132,7 +132,7 @@ def test_fw7_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
     line.say(state(10, flags=StateFlag.ARMED))
     uno.pump()
     line.say(state(5, nonce=9))
-    assert uno.heard()[-1].stopped.code == StopReason.UNO_RESET
+    assert uno.receive()[-1].stopped.code == StopReason.UNO_RESET
     line.sent.clear()
     line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
     uno.pump()
@@ -158,7 +158,7 @@ def test_every_reason_of_the_firmware_is_told(line, uno, flags, code, figures):
     uno.drive(0.5, 0.5)
     line.say(state(10, flags=StateFlag.ARMED))
     line.say(state(20, flags=flags, age=310))
-    stopped = uno.heard()[-1].stopped
+    stopped = uno.receive()[-1].stopped
     assert (stopped.code, stopped.figures) == (code, figures)
 
 
@@ -188,11 +188,11 @@ def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
     for t_ms, trouble in [(400, False), (590, False), (610, True)]:
         line.now_ns = t_ms * MS
         line.say(state(t_ms))
-        stopped = uno.heard()[-1].stopped
+        stopped = uno.receive()[-1].stopped
         assert (stopped is not None and stopped.code == StopReason.UNO_DEAF) == trouble
     uno.arm()
     line.say(state(620))
-    assert uno.heard()[-1].stopped is None, "it is told anew, and has as long"
+    assert uno.receive()[-1].stopped is None, "it is told anew, and has as long"
 
 
 @pytest.mark.parametrize("duty", [float("nan"), float("inf"), -float("inf")])
@@ -227,7 +227,7 @@ def test_telemetry_is_stamped_in_the_time_of_the_host_though_the_resonator_is_ha
         line.now_ns = k * 10 * MS
         measured_ns = line.now_ns - round(rng.uniform(0.2, 1.2) * MS)
         line.say(state(0)._replace(t_us=device(measured_ns)))
-        said = uno.heard()
+        said = uno.receive()
         for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
             there, back = rng.uniform(0.2, 1.2, 2) * MS
             late = 4 * MS if rng.random() < 0.15 else 0
@@ -289,11 +289,11 @@ def test_a_line_that_was_opened_again_on_an_uno_that_was_reset_has_its_new_clock
     line.seq = 0
     line.now_ns += 2000 * MS
     line.say(state(10, nonce=9))
-    assert uno.heard()[-1].t_ns == line.now_ns
+    assert uno.receive()[-1].t_ns == line.now_ns
     assert uno.statistics.resets == 1
     line.now_ns += 10 * MS
     line.say(state(20, nonce=9))
-    assert uno.heard()[-1].t_ns == line.now_ns
+    assert uno.receive()[-1].t_ns == line.now_ns
     assert uno.statistics.lost == 0
 
 
@@ -301,13 +301,13 @@ def test_what_a_person_cleared_keeps_no_drive_from_beginning(line, uno):
     uno.arm()
     line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
     line.say(state(5, nonce=9))
-    assert uno.heard()[-1].stopped.figures == {"cause": "brown-out"}
+    assert uno.receive()[-1].stopped.figures == {"cause": "brown-out"}
     uno.clear_stop()
     line.say(state(15, nonce=9))
-    assert uno.heard()[-1].stopped is None
+    assert uno.receive()[-1].stopped is None
     line.say(state(25, nonce=9, flags=StateFlag.STOPPED))
     uno.clear_stop()
-    assert uno.heard()[-1].stopped.code == StopReason.UNO_LATCHED, "what is wrong still is told again"
+    assert uno.receive()[-1].stopped.code == StopReason.UNO_LATCHED, "what is wrong still is told again"
 
 
 def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_believed(line, uno):
@@ -319,7 +319,7 @@ def test_telemetry_that_comes_twice_or_after_a_newer_one_is_counted_and_not_beli
     line.say(swapped)
     line.coming += encode(first, line.seq - 1)
     line.say(state(40, left=400))
-    assert len(uno.heard()) == 3
+    assert len(uno.receive()) == 3
     assert (uno.statistics.late, uno.statistics.lost) == (3, 1)
 
 
@@ -329,7 +329,7 @@ def test_telemetry_that_an_answer_overtook_is_new_all_the_same(line, uno):
     line.say(Pong(99, 12_000))
     line.coming += encode(state(20), line.seq - 1)
     line.say(state(30))
-    assert len(uno.heard()) == 3
+    assert len(uno.receive()) == 3
     assert (uno.statistics.late, uno.statistics.lost) == (1, 1)
 
 
@@ -337,7 +337,7 @@ def test_telemetry_after_a_long_silence_is_heard_whatever_its_sequence(line, uno
     line.say(state(10))
     line.seq += 200
     line.say(state(2010))
-    assert len(uno.heard()) == 2
+    assert len(uno.receive()) == 2
     assert uno.statistics.lost == 200
 
 
@@ -349,7 +349,7 @@ def test_nothing_was_measured_after_it_was_heard(line, uno):
     line.say(Pong(next(f.token for f, _ in line.sent if isinstance(f, Ping)), 10_000))
     uno.pump()
     line.say(state(60_000))
-    assert uno.heard()[-1].t_ns <= line.now_ns + 1
+    assert uno.receive()[-1].t_ns <= line.now_ns + 1
 
 
 def test_half_a_million_damaged_bytes_are_no_telemetry():
@@ -363,5 +363,5 @@ def test_half_a_million_damaged_bytes_are_no_telemetry():
             damaged[place] ^= 1 << int(rng.integers(8))
         line.coming += bytes(damaged) if bytes(damaged) != whole else b""
         line.coming += rng.integers(1, 256, 60, dtype=np.uint8).tobytes()
-    assert uno.heard() == []
+    assert uno.receive() == []
     assert uno.statistics.damaged > 5000

@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.uno import serial_port
-from baqueano.robot.uno.serial_port import SerialPort, found, listen, roused
+from baqueano.robot.uno.serial_port import SerialPort, find_port, listen, roused
 from tests.refusals import refused
 
 pty = pytest.importorskip("pty", reason="this system has no pty")
@@ -93,13 +93,13 @@ def test_rt10_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
 def test_no_line_and_several_lines_are_told_apart(monkeypatch):
     monkeypatch.setattr(serial_port.glob, "glob", lambda pattern: [])
     with refused("uno.no-line", RobotUnreachable):
-        found("auto")
+        find_port("auto")
     monkeypatch.setattr(
         serial_port.glob, "glob", lambda pattern: ["/dev/serial/by-id/a", "/dev/serial/by-id/b"]
     )
     with refused("uno.several-lines", UsageError):
-        found("auto")
-    assert found("/dev/ttyACM3") == "/dev/ttyACM3"
+        find_port("auto")
+    assert find_port("/dev/ttyACM3") == "/dev/ttyACM3"
 
 
 def test_a_line_is_opened_before_its_service_is_loaded_and_given_back(tmp_path):

@@ -22,7 +22,7 @@ def armed(line, dead_man_ms=300):
     uno.pump()
     uno.arm()
     line.say(state(10, flags=StateFlag.ARMED))
-    uno.heard()
+    uno.receive()
     uno.drive(0.5, 0.5)
     line.sent.clear()
     return uno
@@ -62,7 +62,7 @@ def test_telemetry_of_the_time_in_between_changes_nothing(line, said):
         for t_ms in range(20, 800, 10):
             line.say(state(t_ms, flags=flags[said]))
     uno.pump()  # the listening thread may be the first to wake
-    uno.heard()
+    uno.receive()
     assert uno.stood_still().code == StopReason.STANDSTILL
     uno.drive(0.5, 0.5)
     assert line.drives() == [Drive(7, 0, 0, 0)]

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
+from baqueano.cli.driving.manual_drive import (
+    by_hand,
+    ended_by_hand,
+    hold_option,
+    pad_option,
+    scales_from_marks,
+)
 from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import Verdict, note
 
@@ -47,7 +53,7 @@ def command(
     run = by_hand(file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
     talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot)
-    said, values = told_by_marks(run, file, length_m)
+    said, values = scales_from_marks(run, file, length_m)
     answer(Driven(run, path, values), as_json)
     talk(said)
     if values and update:
@@ -56,7 +62,7 @@ def command(
 
 @dataclass(frozen=True)
 class Driven:
-    """What a drive leaves."""
+    """The result of a drive."""
 
     run: "Run"
     path: Path
@@ -64,7 +70,7 @@ class Driven:
     verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """One row: where the run is, how long, how many marks, and what they tell."""
+        """Return one row: path of the run, duration, marks, and the scales from them."""
         from baqueano.drive.session import marks_of
 
         marks = len(marks_of(self.run))

@@ -25,7 +25,7 @@ from baqueano.messages import texts, verdict_line
 
 
 class Round(NamedTuple):
-    """One round, after its fit."""
+    """A round, after its fit."""
 
     run: Path
     fit: "Fit"
@@ -41,17 +41,17 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rounds:
-    """How sure the parameters became from round to round."""
+    """The errors of the parameters from round to round."""
 
     rounds: tuple[Round, ...]
 
     @property
     def verdict(self) -> Verdict:
-        """That of the last fit."""
+        """Return the verdict of the last fit."""
         return self.rounds[-1].fit.verdict
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per round and parameter."""
+        """Return a flat row per round and parameter."""
         out = []
         for k, one in enumerate(self.rounds):
             for name, x in zip(one.fit.names, one.fit.estimate, strict=True):

@@ -66,9 +66,9 @@ def by_hand(
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
         open_things.enter_context(ended_by_signals(hand.stop))
-        told = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
-        told |= {"words": hand.words, "told": hand.told, "say": hand.say} if kind != "simulated" else {}
-        run = place.drive(Mission("teach", hold=hold), file, path, lambda seconds: None, hand=hand, **told)
+        given = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
+        given |= {"words": hand.words, "on_state": hand.show, "say": hand.say} if kind != "simulated" else {}
+        run = place.drive(Mission("teach", hold=hold), file, path, lambda seconds: None, hand=hand, **given)
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
@@ -96,7 +96,7 @@ def from_zero(clock: Iterable[int]) -> Iterator[int]:
 
 @contextmanager
 def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
-    """Stops the vehicle where the terminal hangs up or the program is told to end."""
+    """Stop the vehicle where the terminal hangs up or another process ends the program."""
     from baqueano.diagnostics import StopReason
     from baqueano.diagnostics import stop as because
 
@@ -129,7 +129,7 @@ def ended_by_hand(run: "Run", path: Path, robot: str) -> None:
     options.ended(run, path)
 
 
-def told_by_marks(
+def scales_from_marks(
     run: "Run", file: "VehicleFile", length_m: float | None
 ) -> tuple[Diagnostic | str, dict[str, object]]:
     """Return what the marks of a run tell of the scales of the sensors, to print and as values of the vehicle file."""

@@ -48,13 +48,13 @@ def command(
         file = override(file, settings) if settings else file
     else:
         file = options.load_vehicle(vehicle, settings)
-    told = {} if backend == "auto" else {"backend": backend}
+    given = {} if backend == "auto" else {"backend": backend}
     own = file.estimator(kind=options.own_block(file, "estimator", estimator))
     blocks = blocks_of(recorded, file)._replace(estimator=own)
     path = options.run_path(out, folder, f"replay-{recorded.name}")
     with clocked(note("cli.replay"), recorded.duration_s) as seen:
         again = replay(
-            recorded, file, blocks, path=None if smooth else path, observers=(Progress(seen),), **told
+            recorded, file, blocks, path=None if smooth else path, observers=(Progress(seen),), **given
         )
     if smooth:
         again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)

@@ -1,4 +1,4 @@
-"""Where a verb drives: a simulation, the emulated vehicle, or the real one. The verbs know nothing of it."""
+"""Targets of a verb: a simulation, the emulated vehicle, or the real one. The verbs do not distinguish them."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,7 +21,7 @@ LIKE = 0.85  # part of its letters that a mistyped name of these has in common w
 
 
 class Place(Protocol):
-    """What `placed` gives."""
+    """The result of `placed`."""
 
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
@@ -72,7 +72,7 @@ class There:
         from baqueano.drive.mission import packed
 
         said: dict[str, Any] = {"say": talk} | {
-            name: options[name] for name in ("say", "words", "told") if name in options
+            name: options[name] for name in ("say", "words", "on_state") if name in options
         }
         return self._remote.perform(
             packed(mission, file), path, attended=self._attended, hand=hand, progress=progress, **said
@@ -99,8 +99,8 @@ def placed(
     if not {"@", "."} & set(robot) and near.figures.get("meant", kind) != kind:
         raise UsageError(fault("cli.robot-mistyped", found=kind, near=near))
     if kind == "simulated":
-        told = {"truth": load(truth) if truth else file, "seed": seed, "backend": backend}
-        yield Here(lambda: told)
+        given = {"truth": load(truth) if truth else file, "seed": seed, "backend": backend}
+        yield Here(lambda: given)
     elif kind == "emulated":
         from baqueano.robot.emulated import emulated
 

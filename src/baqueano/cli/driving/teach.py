@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.driving.manual_drive import by_hand, ended_by_hand, hold_option, pad_option, told_by_marks
+from baqueano.cli.driving.manual_drive import (
+    by_hand,
+    ended_by_hand,
+    hold_option,
+    pad_option,
+    scales_from_marks,
+)
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.diagnostics import Verdict, fault, nearest, note
@@ -83,7 +89,7 @@ def command(
         talk(note("cli.route-replaced", path=options.route_path(route)))
     answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
     if driver == "keys":
-        talk(told_by_marks(run, file, None)[0])
+        talk(scales_from_marks(run, file, None)[0])
     talk(
         note("cli.taught", repeat=f"baqueano repeat {route}", tune=f"baqueano tune --route {route} --update")
     )
@@ -109,7 +115,7 @@ def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
 
 
 def _no_driver(name: str) -> UsageError:
-    """What to say to a name that is neither a shape nor a stored route."""
+    """Return the error for a name that is not a shape or a stored route."""
     stored = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
     near = nearest(name, [*SHAPES, "keys", *stored])
     return UsageError(fault("cli.driver-unknown", found=name, near=near))
@@ -117,7 +123,7 @@ def _no_driver(name: str) -> UsageError:
 
 @dataclass(frozen=True)
 class Stored:
-    """What a lesson leaves."""
+    """The result of a lesson."""
 
     route: "Route"
     path: Path
@@ -125,7 +131,7 @@ class Stored:
     verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """One row: where route and run are, how many poses, how long, whether closed."""
+        """Return one row: paths of route and run, number of poses, duration, and if it is closed."""
         return [
             {"route": str(self.path), "run": str(self.run), "poses": len(self.route.t_s),
              "duration_s": float(self.route.t_s[-1]), "closed": bool(self.route.closed)}

@@ -52,7 +52,7 @@ GROUPS = {
 )
 @click.option("--per-run", multiple=True, metavar="KEY", help="Parameter that each run has for itself.")
 @click.option("--clock", multiple=True, metavar="SENSOR", help="Sensor whose stamps may be off, run by run.")
-@click.option("--segment", type=numbers.Number("s"), help="Cut the runs into pieces of so long.")
+@click.option("--segment", type=numbers.Number("s"), help="Split each run into segments of this length.")
 @click.option(
     "--cost",
     type=click.Choice(["simulation", "innovations"]),
@@ -67,7 +67,7 @@ GROUPS = {
     "--measured",
     multiple=True,
     metavar='"TIME: LENGTH, ANGLE"',
-    help='What a tape told from the mark where it began: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
+    help='A tape measure from the mark where the run began: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
 )
 @click.option(
     "--tolerance",
@@ -92,7 +92,7 @@ def command(
     over_time: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
     page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
     from baqueano.identify.data.unused import unused
@@ -172,9 +172,9 @@ def _refused(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bo
 def _named(table: Path | None) -> None:
     """UsageError before the work, where --table has an ending that is not written."""
     if table is not None:
-        from baqueano.report.tables import ending_of
+        from baqueano.report.tables import suffix_of
 
-        ending_of(table)
+        suffix_of(table)
 
 
 def _lap(route: str | None) -> "Route | None":
@@ -310,7 +310,7 @@ def _judged(fit: "Fit", unseen: "list[Run]") -> Any:
 
 
 def _with_noise(fit: "Fit", runs: "list[Run]", unseen: "list[Run]", backend: str) -> Any:
-    """Q and R; of all sources of R the one that foretells the unseen runs best, where there are any."""
+    """Return Q and R; with held-out runs, from the source of R that predicts them best."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise import compare_noise, measure_noise
 

@@ -176,11 +176,11 @@ class Written(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """That of the import."""
+        """Return the verdict of the import."""
         return self.imported.verdict
 
     def rows(self) -> list["TableRow"]:
-        """What the run holds, then the doubts, each with the run's path."""
+        """Return the content of the run, then the diagnostics, each with the run's path."""
         first = {"level": "run", "doubt": "", "t_s": None, "text": self._holds()}
         return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]
 

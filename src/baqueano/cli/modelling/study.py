@@ -64,7 +64,7 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
 def identification(
     seed: int, seeds: int, cases: tuple[str, ...], keep: Path | None, backend: str, page: Path | None, as_json: bool
 ) -> None:  # fmt: skip
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.errors import UsageError
     from baqueano.study.identification import identification
     from baqueano.study.identification.page import page_of_identification
@@ -94,7 +94,7 @@ def identification(
 @options.backend
 @options.as_json
 def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.errors import AnswerNo
     from baqueano.study.faults import FAULTS, faults
     from baqueano.study.workers import processors
@@ -118,7 +118,7 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 @options.backend
 @options.as_json
 def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json: bool) -> None:
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.study.driving import driving
     from baqueano.study.workers import processors
 
@@ -139,7 +139,7 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
 @options.backend
 @options.as_json
 def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None:
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.study.marks import marks
     from baqueano.study.workers import processors
 
@@ -155,7 +155,7 @@ def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None
 @options.page
 @options.as_json
 def recordings(backend: str, page: Path | None, as_json: bool) -> None:
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.study.recordings import MAPS, files_of, missing_of, recordings
     from baqueano.study.recordings_page import page_of_recordings
     from baqueano.study.two_ways import two_ways
@@ -194,7 +194,7 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 @options.backend
 @options.as_json
 def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.study.first_drives import first_drives
     from baqueano.study.workers import processors
 
@@ -263,7 +263,7 @@ def estimation(
 @options.backend
 @options.as_json
 def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: bool) -> None:
-    from baqueano.cli.endings import Interrupted
+    from baqueano.cli.errors import Interrupted
     from baqueano.study.corridor import corridor, with_recordings
     from baqueano.study.workers import processors
 

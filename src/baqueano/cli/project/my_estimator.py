@@ -15,7 +15,7 @@ from baqueano.signals import Estimate, Tick, seconds
 
 
 class Belief(NamedTuple):
-    """All that is carried from one tick to the next."""
+    """State of the estimator from tick to tick."""
 
     t_ns: int  # of the last tick; -1 before the first, whose clock may begin anywhere
     eta: np.ndarray  # (3,) pose in the map [m, m, rad]
@@ -33,7 +33,7 @@ class MyEstimator:
     gyro_trust: float = 0.8
 
     def init(self, eta: Any = None) -> Belief:
-        """At rest at the pose `eta` (3,), the origin of the map if none is told, within 1 mm."""
+        """Return a belief at rest at the pose `eta` (3,), by default the origin of the map, within 1 mm."""
         pose = np.zeros(3) if eta is None else np.array(eta, dtype=float)
         return Belief(-1, pose, np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
 

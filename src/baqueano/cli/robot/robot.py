@@ -23,7 +23,7 @@ def command() -> None:
     pass
 
 
-@command.command(help="Run the onboard service until it is told to end. On the vehicle; systemd does this.")
+@command.command(help="Run the onboard service until it is stopped. On the vehicle; systemd does this.")
 @options.vehicle
 @options.runs_folder
 @click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True,
@@ -114,14 +114,14 @@ for verb in (
 
 
 class RobotStatus:
-    """What the vehicle says of itself."""
+    """The state of the vehicle, as the vehicle reports it."""
 
     def __init__(self, said: "JsonObject") -> None:
         self.said = {k: v for k, v in said.items() if k != "is"}
         self.verdict = str(said.get("state"))
 
     def rows(self) -> list["TableRow"]:
-        """One row; why the vehicle does not drive as a sentence, as its code and as its figures."""
+        """Return one row; the reason for a stopped vehicle as a sentence, as its code and as its figures."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 

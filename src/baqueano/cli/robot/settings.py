@@ -62,7 +62,7 @@ def settings(
     from baqueano.robot.workshop.exclusive_hardware import service_off, there
 
     wanted = typed(given)
-    uno_settings.changed(Settings(), wanted)  # what is wrong in them is told before anything is opened
+    uno_settings.changed(Settings(), wanted)  # a wrong one is reported before anything is opened
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
         with service_off(talk), connected(file.robot.port) as uno:
@@ -75,12 +75,12 @@ def settings(
         words = [f"--{name}={text}" for name, texts in wanted.items() for text in texts]
         words += ["--defaults"] if defaults else []
         words += [] if watch_s is None else [f"--watch={watch_s:g}"]
-        kept = uno_settings.Kept.of(there(host, "robot", "settings", "--vehicle", VEHICLE, *words))
+        kept = uno_settings.StoredSettings.of(there(host, "robot", "settings", "--vehicle", VEHICLE, *words))
     answer(kept, as_json)
 
 
 def typed(given: Mapping[str, Any]) -> dict[str, list[str]]:
-    """What was typed behind each option, by its name; nothing for one that was left out."""
+    """Return the typed values by the name of their option, without those left out."""
     found: dict[str, list[str]] = {}
     for name in (*NAMES, *WAYS):
         said = given[name.replace("-", "_")]

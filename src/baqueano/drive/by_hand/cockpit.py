@@ -9,7 +9,7 @@ What it asks for besides a command goes two ways: `words` for a vehicle that is 
 `why` and `marked` for a world in this process. Either way the vehicle is stopped, and stays so, when
 
     the driver wants it (space, a button of the pad)         the terminal is gone: no answer for 0.35 s, or its end
-    the pad was unplugged                                    the program is told to end (SIGHUP, SIGTERM)
+    the pad was unplugged                                    another process ends the program (SIGHUP, SIGTERM)
 
 A terminal that answers no question cannot tell that it is there. It drives by the letters that it repeats, each for
 its time (key_hold.py), and no set-point is latched for it.
@@ -38,7 +38,7 @@ from baqueano.messages import text
 from baqueano.vehicles.drivetrain import Drivetrain
 
 ASK_KITTY = b"\x1b[?u"
-RELEASES_ON, RELEASES_OFF = b"\x1b[>11u", b"\x1b[<u"  # 1 told apart + 2 kinds + 8 all keys
+RELEASES_ON, RELEASES_OFF = b"\x1b[>11u", b"\x1b[<u"  # 1 distinct keys + 2 kinds + 8 all keys
 WINDOW_ON, WINDOW_OFF = b"\x1b[?1004h", b"\x1b[?1004l"
 DRAW_S = 0.1
 LEAST_SHARE, SHARE_STEP = 0.1, 0.1
@@ -56,8 +56,8 @@ class Cockpit(Observer):
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` is the command (n,) that is wanted now.
 
     `hold`: the heading is held where it goes straight on, which is shown. `drivetrain`: that of the vehicle file, whose
-    dead zone is told where a command stays below it.
-    `trusted` False: whatever answers is not the terminal itself (tmux on the vehicle).
+    dead zone is reported where a command stays below it.
+    `trusted` False: something other than the terminal itself answers (tmux on the vehicle).
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class Cockpit(Observer):
 
     @property
     def near(self) -> float:
-        """Which part of the speed is left to who sees late, (0, 1]."""
+        """Return the share of the speed at this delay of the picture, (0, 1]."""
         known = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
         return min(1.0, FAR_MS / max(sum(known), 1e-3))
 
@@ -142,12 +142,12 @@ class Cockpit(Observer):
         return self._stop
 
     def marked(self) -> int:
-        """How often the driver said "on the mark" since this was last asked."""
+        """Return the number of "on the mark" since the last call."""
         new, self._new_marks = self._new_marks, 0
         return new
 
     def words(self) -> list[TableRow]:
-        """What is to be said to a vehicle besides the command, since this was last asked."""
+        """Return the driver's messages to the vehicle besides the command, since the last call."""
         said: list[TableRow] = [{"do": "mark"}] * (self._marks - self._said_marks)
         self._said_marks = self._marks
         if self._stop and not self._told_stop:
@@ -165,8 +165,8 @@ class Cockpit(Observer):
         )
         self.status.degraded = text(shown(record.degraded))
 
-    def told(self, state: JsonObject) -> None:
-        """The state that a vehicle tells, for the screen."""
+    def show(self, state: JsonObject) -> None:
+        """Take the state of a vehicle for the screen."""
         s = self.status
         s.state, s.why = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
@@ -178,18 +178,18 @@ class Cockpit(Observer):
 
     def say(self, line: str) -> None:
         """A line for the driver."""
-        self.status.said = line
+        self.status.line = line
 
     def _held_by(self, requested: Sequence[float] | np.ndarray) -> None:
-        """What was asked of the motors where the driver wants straight on, for the screen."""
+        """Return the request to the motors where the driver wants straight on, for the screen."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:
             straight = s.wanted[0] != 0.0 and s.wanted[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
 
     def _still(self) -> str:
-        """Why nothing moves although something is wanted, in the words of the screen. The nudge of a tap is no wish
-        that stays: it is told nothing."""
+        """Return why nothing moves although the driver wants motion, in the words of the screen. The nudge of a tap is
+        over too soon for a reason."""
         by_pad = self._pad is not None and self._pad.holds
         short = None
         if by_pad or not self._held.nudges:
@@ -225,7 +225,7 @@ class Cockpit(Observer):
             self.say("this terminal never says that it is there: a key counts for its time only")
 
     def _listen(self, now_s: float) -> None:
-        """Everything that was said since the last time."""
+        """Return the driver's events since the last call."""
         self._life.look(now_s)
         events = self._line.read()
         if events is None:
@@ -243,7 +243,7 @@ class Cockpit(Observer):
                 )
             if self._pad.gone:
                 self.stop(stop(StopReason.PAD_UNPLUGGED))
-            self.status.pad = self._pad.said
+            self.status.pad = self._pad.hint
 
     def _hear(self, event: KeyEvent, now_s: float) -> None:
         if event.kind == ALIVE:

@@ -1,4 +1,4 @@
-"""Whether a command moves any motor: one below the dead zone of all of them moves nothing, and nothing else tells.
+"""Test if a command moves any motor: below the dead zone of all of them the vehicle stays, and no sensor says why.
 
     motor j turns where  w_j > forward_j  or  −w_j > backward_j,   w = the mixed command                   (1)
 
@@ -20,8 +20,8 @@ class Short(NamedTuple):
 
 
 def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> Short | None:
-    """What a command u (n,) lacks where it asks for motion and no motor turns; None where one turns, where it asks for
-    none, and where the file knows no dead zone. `drivetrain` may be None: a vehicle without one.
+    """Return what a command u (n,) lacks to turn a motor; None where one turns, where u asks for no
+    motion, and where the file gives no dead zone. `drivetrain` may be None: a vehicle without one.
 
     >>> from baqueano.vehicle_file import load
     >>> short_of_motion(load("small").vehicle.drivetrain, np.array([0.2, 0.0, 0.0]))

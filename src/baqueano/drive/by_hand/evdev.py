@@ -25,7 +25,7 @@ MOST_EVENTS = 64  # of one read
 
 
 class InputEvent(NamedTuple):
-    """One change."""
+    """A change of a key or an axis."""
 
     kind: int
     code: int
@@ -33,7 +33,7 @@ class InputEvent(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """One axis.  (2)"""
+    """The range of an axis.  (2)"""
 
     value: int
     low: int
@@ -62,7 +62,7 @@ class InputDevice:
             raise
 
     def axis(self, code: int) -> Axis:
-        """How this axis is now. OSError once the device is gone, as of everything here."""
+        """Return the state of this axis. OSError once the device is gone, as from all functions here."""
         value, low, high, _, flat, _ = AXIS.unpack(self._asked(0x40 + code, AXIS.size))
         return Axis(value, low, high, flat)
 
@@ -71,7 +71,7 @@ class InputDevice:
         return _numbers(self._asked(0x18, KEYS // 8))
 
     def read(self) -> list[InputEvent]:
-        """What happened since the last time."""
+        """Return the events since the last call."""
         events: list[InputEvent] = []
         while True:
             try:

@@ -1,4 +1,4 @@
-"""From keys to a direction: how long a key counts, by what the terminal tells of it.
+"""Keys as a direction. The time that a key counts depends on the reports of the terminal.
 
     RELEASES   a key counts from its press to its release                                                     (1)
     REPEATS    the terminal tells neither, only letters: a key counts
@@ -35,7 +35,7 @@ LEAST_DELAY_S = 0.15  # no keyboard repeats sooner: two quick taps
 
 
 class KeyHold:
-    """What is wanted of the vehicle, as (ahead, to the left), each in [-1, 1]."""
+    """The wanted direction (ahead, to the left), each in [-1, 1], from keys."""
 
     def __init__(self, way: str = REPEATS) -> None:
         self.way = way
@@ -63,16 +63,16 @@ class KeyHold:
 
     @property
     def nudges(self) -> bool:
-        """Whether a key drives at NUDGE of the speed, until its first repeat."""
+        """Return True if a key drives at NUDGE of the speed, until its first repeat."""
         return self.way == REPEATS and not self._repeats
 
     def let_go(self) -> None:
-        """No key is held, no set-point stands."""
+        """Release all keys and clear the set-point."""
         self._keys.clear()
         self._newest, self._repeats, self._set = "", 0, (0.0, 0.0)
 
     def hear(self, event: KeyEvent, now_s: float) -> None:
-        """One event at this time [s]."""
+        """Take an event at this time [s]."""
         if event.kind == LEFT_WINDOW or (event.kind == PRESS and event.key in ZERO):
             self.let_go()
         elif event.key not in WAYS:

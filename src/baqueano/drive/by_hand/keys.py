@@ -1,4 +1,4 @@
-"""What a terminal sends, as keys that are pressed, repeated and released, and as its answers.
+"""The bytes of a terminal, as pressed, repeated and released keys, and as its answers.
 
     w, ESC [ A, ESC O A                     a key; a plain terminal tells neither repeats nor releases         (1)
     ESC [ code ; modifiers : kind u         the same where it was asked for both (kitty's protocol)            (2)
@@ -18,7 +18,7 @@ PRESS, REPEAT, RELEASE = "press", "repeat", "release"
 ALIVE, KITTY, LEFT_WINDOW = "alive", "kitty", "left window"
 KINDS = {"": PRESS, "1": PRESS, "2": REPEAT, "3": RELEASE}
 ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
-CTRL = 4  # of the modifiers, which are told plus one
+CTRL = 4  # of the modifiers, which are sent plus one
 INTERRUPT = "ctrl-c"
 LONGEST = 64  # bytes of a sequence: what is longer is none
 
@@ -27,7 +27,7 @@ _BEGUN = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")
 
 
 class KeyEvent(NamedTuple):
-    """One thing that a terminal said."""
+    """A key or an answer of a terminal."""
 
     kind: str  # PRESS, REPEAT, RELEASE of a key; ALIVE, KITTY, LEFT_WINDOW
     key: str = ""  # "w", "up", " ", "ctrl-c"

@@ -55,12 +55,12 @@ class Pad:
 
     @property
     def holds(self) -> bool:
-        """Whether it drives: a button of HOLD is held."""
+        """Return True if it drives: a button of HOLD is pressed."""
         return self._let_go and not self._lost and not self.gone and bool(self._down & HOLD)
 
     @property
-    def said(self) -> str:
-        """What its driver is told."""
+    def hint(self) -> str:
+        """Return the hint for its driver."""
         if self.holds:
             return "pad drives"
         return (
@@ -82,7 +82,7 @@ class Pad:
         self._let_go = self._let_go or (at_rest and not self._lost)
 
     def _happened(self, event: InputEvent) -> list[int]:
-        """One event; the button that it pressed."""
+        """Take an event, and return the button that it pressed."""
         kind, code, value = event
         if kind == SYN and code == DROPPED:
             self._lost = True

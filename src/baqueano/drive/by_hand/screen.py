@@ -1,4 +1,4 @@
-"""What a driver sees: one block of lines, drawn again in its own place.
+"""The screen of a driver: a block of lines, drawn again in its own place.
 
     the first time     the block, line by line
     again              up to its first line, each line written over and cut off behind, in one write           (1)
@@ -20,7 +20,7 @@ HOLD, UNHOLD = "\x1b[?2026h", "\x1b[?2026l"
 
 @dataclass
 class Status:
-    """All that is shown."""
+    """The content of the screen."""
 
     name: str
     t_s: float = 0.0
@@ -36,14 +36,14 @@ class Status:
     link_ms: float = nan  # to the vehicle and back
     terminal_ms: float = nan  # to the terminal and back
     share: float = 0.5
-    near: float = 1.0  # what is left of it for one who sees late
+    near: float = 1.0  # share of the speed that the delay of the picture allows
     way: str = ""  # how keys are held
     hold: float | None = None  # by what the heading is held; NaN: not just now, None: never
     marks: int = 0
     pad: str = ""
     degraded: str = ""  # which sensor has disagreed for long
     still: str = ""  # why nothing moves although something is wanted
-    said: str = ""  # the last thing anybody said
+    line: str = ""  # the last message to the driver
 
 
 def lines(s: Status, columns: int = 80) -> list[str]:
@@ -68,7 +68,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         *([f"   {s.pad}"] if s.pad else []),
         "   arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch",
         "   SPACE stops the vehicle | m on the mark now | q ends the drive",
-        f"   {s.why or s.degraded or s.still or s.said}",
+        f"   {s.why or s.degraded or s.still or s.line}",
     ]
     return [one_line(row)[: columns - 1] for row in rows]
 
@@ -99,7 +99,7 @@ class Screen:
         self._height = 0
 
     def frame(self, block: list[str], height: int = 24) -> bytes:
-        """What to send for this block; of one that is higher than the screen the last lines."""
+        """Return the bytes that draw this block; of one that is higher than the screen, the last lines."""
         block = block[-max(1, height - 1) :]
         up = f"\r\x1b[{self._height}A" if self._height else "\r"
         rest = max(0, self._height - len(block))

@@ -20,7 +20,7 @@ START_S = 1.0
 
 
 class Heartbeat:
-    """Asks by `ask`; whoever holds it tells the time."""
+    """Ask the terminal by `ask` for a sign of life; the caller gives the time."""
 
     def __init__(self, ask: Callable[[bytes], object]) -> None:
         self._ask = ask

@@ -19,12 +19,12 @@ PENDING = 4096  # bytes that may wait: half a second of frames
 
 
 class TerminalLine(Protocol):
-    """What a Cockpit drives by."""
+    """The input and output of a Cockpit."""
 
     answers: bool  # whether one can ask it anything
 
     def read(self) -> list[KeyEvent] | None:
-        """What came since the last time; None when it has ended."""
+        """Return the input since the last call; None when it has ended."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -105,7 +105,7 @@ class Tty:
         with suppress(OSError, termios.error):
             termios.tcsetattr(
                 self._fd, termios.TCSAFLUSH, self._before
-            )  # answers still on their way are no typing
+            )  # answers still on their way do not count as typing
         os.close(self._fd)
 
 
@@ -187,5 +187,5 @@ def _parents() -> list[str]:
 
 
 def over_ssh(environment: Any = os.environ) -> bool:
-    """Whether the terminal of this program is at the other end of an ssh."""
+    """Return True if the terminal of this program is at the other end of an ssh."""
     return bool(environment.get("SSH_CONNECTION") or environment.get("SSH_TTY"))

@@ -1,4 +1,4 @@
-"""A disagreement that lasts makes the estimate less certain, and no reading is believed for it.
+"""A lasting disagreement makes the estimate less certain, and the filter follows no reading for it.
 
 The speed ν_x and the yaw rate ν_ψ are each in doubt while a number that shows them is refused, by a = |y / h'|, or
 while the filter follows one against its model: |d| > gate_sigma σ_d, by a = |ν − ν of the model|. From DOUBT_S on,

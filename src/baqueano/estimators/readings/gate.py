@@ -1,4 +1,4 @@
-"""How far is too far: the gate of a measurement of m numbers.
+"""The gate of a measurement of m numbers: the largest accepted distance.
 
     P(χ²_m > limit) = P(|n| > σ), n normal                                                                (1)
     P(χ²_m > x) = [m odd] erfc √(x/2) + e^(−x/2) Σ_k (x/2)^k / Γ(k + 1),  k = m/2 − 1, m/2 − 2, … ≥ 0     (2)

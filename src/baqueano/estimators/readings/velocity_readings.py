@@ -1,4 +1,4 @@
-"""Which sensor shows which velocity, read from its h: a sensor of your own is served as ours are.
+"""The velocity that each sensor shows, read from its h: a sensor of your own is served as ours are.
 
 Rows of z = h(η, ν, ν̇) that depend on ν alone are readings of a velocity. One of ν_ψ alone is a gyro and comes first;
 wheels and odometers follow, each for those entries of ν that nothing before it shows:

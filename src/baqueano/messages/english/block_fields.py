@@ -35,7 +35,7 @@ TEMPLATES: dict[str, str] = {
         "out."
     ),
     "shape.corners": (
-        "a rectangle of {length_m} m by {width_m} m has no room for corners of radius {corner_m} m: the radius "
+        "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m: the radius "
         "must be above 0 and below {most_m:g} m."
     ),
     "shape.amplitude": (

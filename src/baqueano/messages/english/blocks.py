@@ -16,18 +16,18 @@ TEMPLATES: dict[str, str] = {
     S.INTERRUPTED: "interrupted from the keyboard",
     S.DRIVER: "stopped by the driver",
     S.PAD_UNPLUGGED: "the game pad was unplugged",
-    S.TERMINAL_CLOSED: "the terminal has hung up",
-    S.TERMINAL_SILENT: "the terminal has not answered for {silent_ms:.0f} ms: it is gone",
-    S.PROGRAM_ENDED: "the program was told to end",
+    S.TERMINAL_CLOSED: "the terminal was closed",
+    S.TERMINAL_SILENT: "the terminal has not answered for {silent_ms:.0f} ms",
+    S.PROGRAM_ENDED: "another process ended the program",
     S.RECORDED: "{words}",
     "drive.on-mark": "on the mark",
-    "drive.disk-full": "the disk takes no more of this run ({error}); the drive goes on",
+    "drive.disk-full": "the disk is full and does not store more of this run ({error}); the drive goes on",
     "drive.not-compiled": "{room} {block} runs as it is written, not compiled: {error}",
     "drive.not-watched": "the sensors are not watched: {error}",
     "drive.other-vehicle": (
         "{file} has {found} commands and the world's vehicle takes {expected}: they are not the same kind of vehicle."
     ),
     "drive.own-origin": (
-        "estimator {block} begins at its own origin, the vehicle at {start}: write init(self, eta=None)"
+        "estimator {block} starts at its own origin, the vehicle at {start}: write init(self, eta=None)"
     ),
 }

@@ -1,7 +1,7 @@
 """English sentences about data that were fitted to, and about what a fit leaves over."""
 
 CURE = "Log each sample once, stamped when it is measured."
-MAP = "With this correction the residual falls ({less}) and commands agree with the vehicle file. Write in the map:"
+MAP = "With this correction the residual falls ({less}) and the commands agree with the vehicle file. Write in the map:"
 SWAP = "swap the first two entries of z"
 
 TEMPLATES: dict[str, str] = {
@@ -14,14 +14,14 @@ TEMPLATES: dict[str, str] = {
     ),
     "data.repeats": (
         "{subject}: {lost} samples ({percent:.1f} %) repeat the one before (at most {longest} in a row) and were left "
-        "out. The sensor is held or stuck: log new samples only"
+        "out. The sensor repeats its last value: log new samples only"
     ),
     "data.clipped": (
-        "{subject}: {lost} samples ({percent:.1f} %) near the end of the range, {ends}, were left out; {at_end} lie at "
-        "it. Choose a larger range, or drive more softly"
+        "{subject}: {lost} samples ({percent:.1f} %) near the end of the range, {ends}, were left out; {at_end} are at "
+        "the limit. Choose a larger range, or drive more softly"
     ),
     "data.gaps": "the model alone bridged {gaps} gaps in time, the longest of {longest_s:.3g} s",
-    "data.command-unknown": "the command of {ticks} ticks is not known: the one before was taken",
+    "data.command-unknown": "the command of {ticks} ticks is missing: the one before was used",
     "data.end-of-range": "{subject}: {lost} entries at the end of the range were left out",
     "time.unit": (
         "the usual step is {step_s:.3g} s, and the vehicle file drives at {rate_hz:g} Hz, {expected_s:.3g} s: {guess}?"
@@ -39,14 +39,14 @@ TEMPLATES: dict[str, str] = {
     ),
     "time.stamps-back": f"{{subject}}: {{lost}} stamps repeat or go back; their samples were left out. {CURE}",
     "time.jump": (
-        "time jumps {jumps} times, by up to {most_s:.3g} s. The run was cut there into {pieces} pieces of at least "
+        "time jumps {jumps} times, by up to {most_s:.3g} s. The run was cut there into {pieces} segments of at least "
         "{least_s:g} s, each with its own start"
     ),
     "command.beyond-zero": (
         "{subject} reaches {most:.3g}, and its limit in the vehicle file is 0. Are columns swapped?"
     ),
     "command.unit": (
-        "{subject} reaches {most:.4g}, and the vehicle file allows {limit:g} ({of_file}). Is it in {guess}? Bring it "
+        "{subject} reaches {most:.4g}, and the vehicle file allows {limit:g} ({of_file}). Is it in {guess}? Convert it "
         "to the unit of the file, or write the true limit"
     ),
     "gyro.too-fast": (
@@ -99,10 +99,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "file.inverted": "{subject} is {now:.3g}, and {was:.3g} in the file. A command, a sensor or the file is inverted",
     "file.far-gain": (
-        "{subject} is {times:.3g} times what the file says{guess}. Check the units of commands and sensors"
+        "{subject} is {times:.3g} times the value in the file{guess}. Check the units of commands and sensors"
     ),
     "file.gain": (
-        "{subject} is {times:.3g} times what the file says{guess}. Check the units of commands and sensors; if the "
+        "{subject} is {times:.3g} times the value in the file{guess}. Check the units of commands and sensors; if the "
         "file was a guess, save this fit and repeat it"
     ),
     "file.swapped": (
@@ -110,8 +110,8 @@ TEMPLATES: dict[str, str] = {
         "of a sensor swapped?"
     ),
     "file.lever-arm": (
-        "the command {subject} turns, and seems to push {axis} as well. An IMU that is not where the file says does "
-        "so, or a centre of mass. Type: {fix}"
+        "the command {subject} turns the vehicle, and seems to push {axis} as well. The cause may be a wrong position "
+        "of the IMU in the file, or a centre of mass. Type: {fix}"
     ),
     "axis.forward": "forward",
     "axis.sideways": "sideways",
@@ -122,12 +122,12 @@ TEMPLATES: dict[str, str] = {
     "guess.percent": " (as if per cent)",
     "guess.milli": " (as if milli-units)",
     "residual.missing": (
-        "the residuals look like {what} ({term}, {z:.0f} standard errors), which would move {subject} by {errors:.0f} "
-        "of its errors. Add it to the model, or drive without it"
+        "the residuals look like {what} ({term}, {z:.0f} standard errors), which biases {subject} by {errors:.0f} "
+        "standard errors. Add it to the model, or drive without it"
     ),
     "residual.missing-free": (
-        "the residuals look like {what} ({term}, {z:.0f} standard errors), which would move {subject} by {errors:.0f} "
-        "of its errors. Add it to the model. Type: {fix}"
+        "the residuals look like {what} ({term}, {z:.0f} standard errors), which biases {subject} by {errors:.0f} "
+        "standard errors. Add it to the model. Type: {fix}"
     ),
     "residual.parts-differ": (
         "{subject} is {off:+.3g} off {part}, against {over_all:.3g} over all ({z:.0f} standard errors). Was it the "
@@ -142,18 +142,19 @@ TEMPLATES: dict[str, str] = {
     "part.gaining-speed": "while it gains speed",
     "part.turning-faster": "while it turns ever faster",
     "residual.coloured": (
-        "the residuals of {subject} are autocorrelated: {percent:.2g} % of the motion that the model knows there, and "
-        "{times:.1f} times its noise. The model lacks something"
+        "the residuals of {subject} are autocorrelated: {percent:.2g} % of the motion that the model explains there, "
+        "and {times:.1f} times its noise. The model is incomplete"
     ),
     "residual.late": (
-        "{readings} readings of {subject} lie beyond {beyond:g} standard deviations, and they come when it changes "
-        "fast ({z:.0f} standard errors). There is a delay, or the model is too simple then"
+        "{readings} readings of {subject} are beyond {beyond:g} standard deviations, while it changes fast ({z:.0f} "
+        "standard errors). There is a delay, or the model is too simple then"
     ),
-    "residual.lacking": "the residuals of {subject} are autocorrelated and large: the model lacks something there",
+    "residual.lacking": (
+        "the residuals of {subject} are autocorrelated and large: the model is incomplete there"
+    ),
     "residual.loud": "the residuals of {subject}, {sigma:.3g}, are {times:.0f} times the noise in the file",
     "residual.one-far": (
-        "{subject}: {measured:.4g}{unit} was measured and the model says {model:.4g}{unit}, {apart:.0f} standard "
-        "deviations apart"
+        "{subject}: measured {measured:.4g}{unit}, predicted {model:.4g}{unit}, {apart:.0f} standard deviations apart"
     ),
     "residual.not-white": "the residuals of {subject} are autocorrelated, so its error bars were widened",
     "residual.alternates": (
@@ -161,13 +162,13 @@ TEMPLATES: dict[str, str] = {
         "not affected"
     ),
     "outliers.both-sides": (
-        "{percent:.1f} % of {subject} lie beyond {beyond:.0f} standard deviations. A Huber cost bears that while they "
-        "fall to both sides"
+        "{percent:.1f} % of {subject} are beyond {beyond:.0f} standard deviations. A Huber cost tolerates them while "
+        "they are on both sides"
     ),
-    "outliers.many": "{percent:.0f} % of {subject} lie beyond {beyond:.0f} standard deviations",
+    "outliers.many": "{percent:.0f} % of {subject} are beyond {beyond:.0f} standard deviations",
     "outliers.one-side": (
-        "{percent:.1f} % of {subject} lie beyond {beyond:.0f} standard deviations, {above} above and {below} below: "
-        "outliers to one side pull the fit"
+        "{percent:.1f} % of {subject} are beyond {beyond:.0f} standard deviations, {above} above and {below} below: "
+        "outliers on one side bias the fit"
     ),
     "term.dead-zone": "a dead zone of the motors, or dry friction",
     "term.saturation": "motors that lose force at full command, or wheels that slip",
@@ -175,8 +176,8 @@ TEMPLATES: dict[str, str] = {
     "term.fading": "a battery that fades",
     "term.backlash": "backlash, or a pause after a command changes its sign",
     "term.dry-friction": "dry (Coulomb) friction",
-    "term.drag": "drag that grows otherwise than in the model",
-    "term.steep-drag": "drag that grows otherwise than in the model",
+    "term.drag": "drag that does not grow as in the model",
+    "term.steep-drag": "drag that does not grow as in the model",
     "term.one-sided-drag": "friction that is not equal forward and backward",
     "term.caster": "a caster that flips when the motion turns round",
     "term.cornering": "drag of cornering, or tyres that slip",
@@ -186,9 +187,9 @@ TEMPLATES: dict[str, str] = {
     "term.sideways-push": "a sideways push of turning",
     "term.delay": "a delay or lag between command and sensors",
     "term.delay-of-sensor": "a clock of {subject} that is off, or its delay",
-    "term.low-pass": "a low-pass in {subject} that the file does not tell",
+    "term.low-pass": "a low-pass in {subject} that is missing in the file",
     "term.imu-ahead": "{subject} ahead of or behind its place in the file",
     "term.imu-beside": "{subject} beside its place in the file",
     "term.imu-turned": "{subject} turned on its mount",
-    "term.measurement-model": "another measurement_model of {subject} than in the file",
+    "term.measurement-model": "a measurement_model of {subject} other than in the file",
 }

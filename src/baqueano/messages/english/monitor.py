@@ -17,7 +17,7 @@ TEMPLATES: dict[str, str] = {
     "sensor.agrees-again": "{subject} agrees again, after {lasted_s:.1f} s",
     "monitor.raised": "the sensors are not watched any more: the monitor raised {error}",
     "model.fits-no-longer": (
-        "for {window_s:.0f} s the sensors were {times:.1f} times as far from the model as it foretells: it no longer "
+        "for {window_s:.0f} s the sensors were {times:.1f} times as far from the model as it predicts: it no longer "
         "fits this vehicle or this floor. Type: {fix}"
     ),
     "estimator.refused": "{each}",

@@ -2,28 +2,33 @@
 
 from baqueano.diagnostics import StopReason as S
 
-CABLE = "Look at its cable, and at the capacitors across the motors"
 ENCODER = "does that wheel turn? If it does, look at its encoder: 5 V, ground, wire A. If nothing is wired there: {fix}"
 MISSION = "the service ended in the middle of a mission: {kind} into {run}, with {blocks}."
-ENDED = "A block of it left the program (os._exit), crashed it or hung, or somebody killed the service"
+ENDED = "One of its blocks ended, crashed or blocked the program, or somebody killed the service"
 OTHERWISE = (
-    "Take the IMU's supply off for a second; if that does not help, SDA (pin 3) and SCL (pin 5) touch ground or each "
+    "Disconnect the IMU's supply for a second. If that does not help, SDA (pin 3) and SCL (pin 5) touch ground or each "
     "other."
 )
 
 TEMPLATES: dict[str, str] = {
     S.UNO_LATCHED: "the emergency stop of the Uno is latched. Look at the vehicle, then type: {fix}",
-    S.UNO_BATTERY: "the battery has {battery_v:.2f} V, less than least_battery_v",
+    S.UNO_BATTERY: "the battery is at {battery_v:.2f} V, less than least_battery_v",
     S.UNO_RESET: "the Uno was reset ({cause}): the motors are off until it is armed again",
-    S.UNO_DEAD_MAN: "the Uno heard no command for {silent_ms:g} ms and stopped the motors",
+    S.UNO_DEAD_MAN: "the Uno received no command for {silent_ms:g} ms and stopped the motors",
     S.UNO_DISARMED: "the Uno is no longer armed",
-    S.UNO_DEAF: f"the Uno did not confirm ARM within {{arming_ms:g}} ms: it hears nothing. {CABLE}",
+    S.UNO_DEAF: (
+        "the Uno did not confirm ARM within {arming_ms:g} ms: it is not receiving. Check its cable, and the capacitors "
+        "across the motors"
+    ),
     S.UNO_SILENT: "the Uno has been silent for {silent_ms:.0f} ms",
-    S.UNO_UNHEARD: "the Uno has not spoken yet",
+    S.UNO_UNHEARD: "the Uno has not sent anything yet",
     S.UNO_ABSENT: "the Uno does not answer: is its cable plugged in?",
-    S.LINE_NOISY: f"nothing whole has come from the Uno for {{silent_ms:.0f}} ms: the line is noisy. {CABLE}",
-    S.STANDSTILL: "the computer stood still for {still_s:g} s; the motors were off from {dead_man_s:g} s on",
-    S.TEMPERATURE: "the computer has {temperature_c:.0f} °C: max_temperature_c is {max_temperature_c:g}",
+    S.LINE_NOISY: (
+        "no complete frame has come from the Uno for {silent_ms:.0f} ms: the line is noisy. Check its cable, and the "
+        "capacitors across the motors"
+    ),
+    S.STANDSTILL: "the computer stopped for {still_s:g} s; the motors were off from {dead_man_s:g} s on",
+    S.TEMPERATURE: "the computer is at {temperature_c:.0f} °C: max_temperature_c is {max_temperature_c:g}",
     S.DISK_FULL: "the disk has room for {free_mb:.0f} MB, less than least_disk_mb = {least_disk_mb:g}. Delete old runs",
     S.TILT: "the vehicle is tilted by {tilt_deg:.0f}°: max_tilt_rad is {max_tilt_rad:g}",
     S.BATTERY: (
@@ -32,13 +37,15 @@ TEMPLATES: dict[str, str] = {
     ),
     S.IMU_ABSENT: "no IMU: {cause}",
     S.IMU_SILENT: "the IMU is silent: look at its four wires",
-    S.IMU_BUS_HELD: "the IMU is silent: its I2C bus is held low, and is clocked free while the vehicle stands",
+    S.IMU_BUS_HELD: (
+        "the IMU is silent: its I2C bus is stuck low, and is clocked free while the vehicle is at rest"
+    ),
     S.IMU_BUS_STILL_HELD: f"the IMU is silent: {{cause}}. {OTHERWISE}",
-    S.SERVICE_ENDED: "the service was told to end",
+    S.SERVICE_ENDED: "another process ended the service",
     S.MISSION_UNFINISHED: f"{MISSION} {ENDED}",
     S.MISSION_UNFINISHED_AT: f"{MISSION} It was at {{file}} line {{line}}. {ENDED}",
-    S.NOT_CHECKED: "nothing was checked yet",
-    S.CHECKED_AGAIN: "it was stopped, and is checked again",
+    S.NOT_CHECKED: "the hardware has not been checked yet",
+    S.CHECKED_AGAIN: "it was stopped, and is being checked again",
     "error.BaqueanoError": "{words}",
     "error.AnswerNo": "{words}",
     "error.UsageError": "{words}",
@@ -51,8 +58,8 @@ TEMPLATES: dict[str, str] = {
     "hardware.note": "{words}",
     "imu.found": "the IMU answers now",
     "imu.held": (
-        "The I2C bus is held low. When the vehicle stands SCL is clocked nine times as GPIO, which frees it from a "
-        "chip in mid-byte; else take the IMU's supply off for a second."
+        "The I2C bus is stuck low. When the vehicle is at rest SCL is clocked nine times as GPIO, which frees it from "
+        "a chip in the middle of a byte. If that does not help, disconnect the IMU's supply for a second."
     ),
     "imu.back": "The IMU is back after {silent_s:.2f} s.",
     "imu.data-missing": "No data from the IMU for {silent_s:g} s{because}.",
@@ -62,28 +69,30 @@ TEMPLATES: dict[str, str] = {
     "imu.started": "The IMU runs again.",
     "imu.restart": "The IMU is started again.",
     "imu.lost-supply": (
-        "The IMU has lost its supply for a moment (PWR_MGMT_1 0x{power:02X}, settings {found}, expected {expected}). "
-        "It is started again."
+        "The IMU lost its supply for a moment (PWR_MGMT_1 0x{power:02X}, settings {found}, expected {expected}). It is "
+        "started again."
     ),
     "imu.lost-settings": (
         "The IMU has lost its settings (PWR_MGMT_1 0x{power:02X}, settings {found}, expected {expected}). "
         "It is started again."
     ),
-    "imu.bus-cannot-be-asked": f"{{path}} is held low: no device can be asked. {{cause}}. {OTHERWISE}",
-    "bus.scl-held": "SCL (GPIO 3) is held low, and a held SCL cannot be clocked.",
-    "bus.scl-held-later": "SCL (GPIO 3) is held low after {clocks} clocks, and cannot be clocked further.",
-    "bus.sda-held": "SDA (GPIO 2) is held low still after {clocks} clocks.",
-    "bus.given-back": "GPIO 2 and 3 were not I2C's, as a program leaves them that is killed: given back.",
-    "bus.no-pinctrl": "The program pinctrl, which would clock it free, is missing. On a Raspberry Pi type: {fix}",
+    "imu.bus-cannot-be-asked": f"{{path}} is stuck low, so no device can answer. {{cause}}. {OTHERWISE}",
+    "bus.scl-held": "SCL (GPIO 3) is low, so the bus cannot be clocked.",
+    "bus.scl-held-later": "SCL (GPIO 3) is low after {clocks} clocks, so the bus cannot be clocked further.",
+    "bus.sda-held": "SDA (GPIO 2) is still low after {clocks} clocks.",
+    "bus.given-back": "GPIO 2 and 3 were not in I2C mode, as after a killed program. They are again.",
+    "bus.no-pinctrl": (
+        "The program pinctrl, which would clock the bus free, is missing. On a Raspberry Pi type: {fix}"
+    ),
     "bus.free": "SDA and SCL are high just now: nothing was clocked.",
-    "bus.freed-at-once": "The I2C bus was held by a chip in mid-byte: freed after 1 clock.",
-    "bus.freed": "The I2C bus was held by a chip in mid-byte: freed after {clocks} clocks.",
+    "bus.freed-at-once": "A chip blocked the I2C bus in the middle of a byte: freed after 1 clock.",
+    "bus.freed": "A chip blocked the I2C bus in the middle of a byte: freed after {clocks} clocks.",
     "encoders.both-silent": f"neither encoder counts though both motors are driven hard: {ENCODER}",
     "encoders.left-silent": f"the left encoder counts nothing though its motor is driven hard: {ENCODER}",
     "encoders.right-silent": f"the right encoder counts nothing though its motor is driven hard: {ENCODER}",
     "drive.ticks": (
-        "{ticks} ticks: the latest began {worst_ms:.1f} ms late, {over_half} by more than half a period, {missed} were "
-        "left out"
+        "{ticks} ticks: the latest started {worst_ms:.1f} ms late, {over_half} by more than half a period, {missed} "
+        "were left out"
     ),
     "drive.line": (
         "the line of the Uno: {sent} commands sent, {unsent} not; {heard} frames heard, {lost} lost, {late} twice or "
@@ -94,12 +103,12 @@ TEMPLATES: dict[str, str] = {
         "too late, {damaged} pieces damaged; {resets} times reset: {cause}"
     ),
     "drive.uno": (
-        "the Uno counted of {written} frames sent to it {spoilt} damaged ({spoilt_percent:.1f} %), {ignored} not "
-        "obeyed, and {overrun} bytes lost in its receiver"
+        "of {written} frames sent to the Uno {spoilt} were damaged ({spoilt_percent:.1f} %) and {ignored} not obeyed; "
+        "{overrun} bytes were lost in its receiver"
     ),
     "drive.imu": (
-        "the IMU gave {samples} samples, {saturated} with an axis at the end of its range, and {withheld} that only "
-        "repeated the last one, which were left out; {retries} transfers were tried again, {failures} calls gave "
-        "nothing, its FIFO was emptied {overflows} times, it was started anew {restarts} times"
+        "the IMU gave {samples} samples, {saturated} of them with an axis at the end of its range. {withheld} more "
+        "repeated the last one and were left out; {retries} transfers were tried again, {failures} calls failed, its "
+        "FIFO was emptied {overflows} times, and it was restarted {restarts} times"
     ),
 }

@@ -12,8 +12,8 @@ TEMPLATES: dict[str, str] = {
         "the command is at its limit {percent:.0f} % of the time: drive slower, or give jerks a higher price "
         "(effort_m2, --effort)"
     ),
-    "simulate.lost": "{lost} of {vehicles} vehicles left the finite numbers and are not counted",
-    "simulate.clipped": "{clipped} of {vehicles} draws were brought back to a bound",
+    "simulate.lost": "{lost} of {vehicles} vehicles diverged and are not counted",
+    "simulate.clipped": "{clipped} of {vehicles} draws were moved to a bound",
     "compare.inconsistent": "{subject} {how}",
     "tune.aside": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
     "tune.all-run-away": (

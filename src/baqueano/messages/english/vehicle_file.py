@@ -7,11 +7,11 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.no-route": "{guide} repeats a route, and none was given: teach one, or name its file.",
     "vehicle.no-tomlkit": "Writing a vehicle file back needs tomlkit, which keeps its comments. Type: {fix}",
-    "vehicle.of-garage": '"{name}" is from the garage: say where to save it, save("{name}.toml").',
+    "vehicle.of-garage": '"{name}" is from the garage: name a file for it, save("{name}.toml").',
     "vehicle.changed-since": (
-        "{file} was changed by somebody else since it was read. Load it again, and save then."
+        "{file} was changed by another program after it was read. Load it again, then save."
     ),
-    "vehicle.no-entry": "{key} has the shape {shape}: there is no entry {entry}.",
+    "vehicle.no-entry": "{key} has the shape {shape}: entry {entry} does not exist.",
     "vehicle.setting": "--set {setting}: expected key=value, for example --set model.mass_kg=0.7.",
     "vehicle.not-written": "{path}: cannot be written: {error}.",
     "vehicle.set": "--set {setting}: {cause}.",
@@ -22,8 +22,8 @@ TEMPLATES: dict[str, str] = {
         "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8."
     ),
     "toml.zero-bytes": (
-        "{file} holds zero bytes: it is no text in UTF-8, or it was cut by a loss of power. Save it with "
-        "the encoding UTF-8, or take a copy."
+        "{file} contains zero bytes: it is not text in UTF-8, or it was cut by a loss of power. Save it with the "
+        "encoding UTF-8, or restore a copy."
     ),
     "toml.empty": ("{file} is empty: was it cut by a loss of power? To make one: {fix}"),
     "toml.too-deep": "{file} nests its values too deeply: at most {most} levels.",
@@ -35,24 +35,24 @@ TEMPLATES: dict[str, str] = {
     "toml.number": "{file} holds a number that cannot be read: {error}.",
     "toml.long-key": "{file} line {line}: a key of more than {most} parts.",
     "block.no-room": (
-        "{place} {block}.step(state, {names}) fits no room: expected step(state, tick) of an estimator, "
-        "step(state, estimate) of a guide, step(state, reference, estimate) of a controller, step(state, "
-        "command, tick, estimate) of a supervisor, with these names."
+        "{place} {block}.step(state, {names}) fits none of the rooms. Expected one of these, with these names: "
+        "step(state, tick) of an estimator; step(state, estimate) of a guide; step(state, reference, estimate) of a "
+        "controller; step(state, command, tick, estimate) of a supervisor."
     ),
-    "block.no-step": "{place} {block} has no step(): every block has init() and step(state, …).",
+    "block.no-step": "{place} {block} does not have step(): every block has init() and step(state, …).",
     "block.not-class": '{file}: "{found}" is {kind}, expected a class with init() and step(state, …).',
     "block.not-module": "{path}: Python cannot read this file as a module.",
-    "block.not-python": "{file} line {line} is not Python: {error}: {text}",
+    "block.not-python": "{file} line {line} is not valid Python: {error}: {text}",
     "vehicle.folder": "{path} is a folder, expected a vehicle file. In it: {files}.",
     "vehicle.unknown": (
-        'There is no vehicle "{found}" in the garage. {near}. A file of your own ends in .toml. To make one: {fix}'
+        'Vehicle "{found}" is not in the garage. {near}. A file of your own ends in .toml. To make one: {fix}'
     ),
     "vehicle.absent": (
-        "{missing}: no such vehicle file. Beside it: {near}. The garage has {garage}. To make one: {fix}"
+        "{missing} does not exist. Beside it: {near}. The garage has {garage}. To make one: {fix}"
     ),
-    "vehicle.unknown-key": "{file} has no key {found}. {near}.",
+    "vehicle.unknown-key": "{file} does not have key {found}. {near}.",
     "vehicle.lacks": "{file} [{room}] lacks {keys}. Write it into the file.",
-    "vehicle.lacks-found-by": "{file} [{room}] lacks {keys}. Write it into the file, or let it be found: {fix}",
+    "vehicle.lacks-found-by": "{file} [{room}] lacks {keys}. Write it into the file, or measure it: {fix}",
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
@@ -62,17 +62,19 @@ TEMPLATES: dict[str, str] = {
     "vehicle.newer-format": "{place} = {found}: this baqueano reads format {expected}. Update it: {fix}",
     "vehicle.other-format": "{place} = {found}: this baqueano reads format {expected}. Write format = {expected}.",
     "vehicle.no-top-key": "{place} is missing: write {example} above the first table.",
-    "vehicle.no-table": "{place} is missing: this table has to be there.",
+    "vehicle.no-table": "{place} is missing: this table is required.",
     "vehicle.no-command-names": (
         '{place} is missing: write names = ["u_x", "u_y", "u_psi"], one for each entry of u.'
     ),
     "vehicle.command-names": (
-        "{place} has {found} names, but the model {model} takes a command of {expected} entries."
+        "{place} has {found} names, but model {model} has a command of {expected} entries."
     ),
     "vehicle.command-name-twice": "{place} = {found}: two entries have the same name.",
-    "vehicle.command-limits": "{place} has {found} numbers, the command {expected} entries: one for each.",
+    "vehicle.command-limits": (
+        "{place} has {found} numbers and the command {expected} entries: write one for each."
+    ),
     "vehicle.not-table": "{place} = {found}: expected a table. Write [{table}] on a line of its own.",
-    "vehicle.derived-key": "{place} is worked out by itself from the other keys. Delete the line.",
+    "vehicle.derived-key": "{place} is computed from the other keys. Delete the line.",
     "vehicle.key-unknown": "{place} is not a key of this table. {near}.",
     "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {near}.",
     "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
@@ -97,11 +99,13 @@ TEMPLATES: dict[str, str] = {
     "vehicle.not-one-finite": "{place} = {found}: expected one finite number.",
     "vehicle.not-names": '{place} = {found}: expected a list of names, ["…", "…"].',
     "vehicle.not-list": "{place} = {found}: expected a list of finite numbers.",
-    "vehicle.model-lacks": "{place} lacks {keys}, without which there is no {model}.",
+    "vehicle.model-lacks": "{place} lacks {keys}, which {model} needs.",
     "vehicle.model-lacks-inertia": (
-        "{place} lacks {keys}, without which there is no {model}. Or give radius_m in [geometry], and ½ m R² is taken."
+        "{place} lacks {keys}, which {model} needs. Or give radius_m in [geometry], then ½ m R² is used."
     ),
-    "vehicle.sensor-name": "{place} is no name for a sensor: letters, digits and _ only, and a letter first.",
+    "vehicle.sensor-name": (
+        "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first."
+    ),
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
     "vehicle.table-lacks": "{place} lacks {keys}.",
     "vehicle.refused": "{place} is refused by {block}: {error}",
@@ -117,7 +121,7 @@ TEMPLATES: dict[str, str] = {
     "vehicle.kind": '{place} = "{kind}": {cause}.',
     "vehicle.provenance-not-table": "{place} is not a table: it holds run, date, sd and verdict.",
     "vehicle.not-date": "{place} = {found}: expected a date without quotes, as 2026-11-21.",
-    "vehicle.not-sd": "{place} = {found}: expected standard deviations, 0 or more; nan where not known.",
+    "vehicle.not-sd": "{place} = {found}: expected standard deviations, 0 or more; nan if unknown.",
     "vehicle.cov-not-table": "{place} is not a table: it holds run, date, names, sd and correlation.",
     "vehicle.cov-names": (
         "{place} holds a parameter that is not in the file. Delete the table: the next fit writes it."
@@ -126,7 +130,9 @@ TEMPLATES: dict[str, str] = {
         "{place} has {expected} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … "
         "{expected} numbers from -1 to 1. Delete the table: the next fit writes it."
     ),
-    "vehicle.correlation": "{place} has the eigenvalue {eigenvalue:.3g}: no parameters are correlated like this.",
+    "vehicle.correlation": (
+        "{place} has the eigenvalue {eigenvalue:.3g}, which is impossible for a correlation."
+    ),
     "vehicle.envelope-not-table": "{place} is not a table: it holds run, names, low and high.",
     "vehicle.envelope-names": (
         "{place} has other names than the commands {commands} and then channels as imu[2]. Delete the table: the next "
@@ -148,19 +154,20 @@ TEMPLATES: dict[str, str] = {
     "vehicle.wheel": "{place} = {found:g} m: a wheel larger than the platform, {across_m:g} m. {in_unit}.",
     "vehicle.too-heavy": (
         "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
-        "per m² of floor, more than half a metre of solid steel. Is the mass in kg, and are the measures of "
+        "per m² of floor. That is more than half a metre of solid steel. Is the mass in kg, and are the measures of "
         "[geometry] in m?"
     ),
     "vehicle.too-light": (
         "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
-        "per m² of floor, less than a sheet of cardboard. Is the mass in kg, and are the measures of [geometry] in m?"
+        "per m² of floor. That is less than a sheet of cardboard. Is the mass in kg, and are the measures of "
+        "[geometry] in m?"
     ),
     "vehicle.disc": "radius_m = {radius_m:g}. A uniform disc has {uniform_kg_m2:.3g}",
     "vehicle.plate": "the platform ends at {radius_m:.3g} m. A uniform plate has {uniform_kg_m2:.3g}",
     "vehicle.inertia-unchecked": (
         "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, longer than the "
-        "whole vehicle can be. It is kept: with commands and an IMU it only scales the torques. Give radius_m in "
-        "[geometry] to have it checked."
+        "vehicle. It is accepted: with commands and an IMU it only scales the torques. Give radius_m in [geometry] to "
+        "have it checked."
     ),
     "vehicle.inertia-too-large": (
         "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, but {measure}. "
@@ -175,13 +182,13 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.too-stiff": (
         "{place} = {found}: it stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz lasts "
-        "{tick_ms:.3g} ms. What fades faster than {most:g} times in a tick cannot be integrated. Raise one of {keys}; "
-        "or is it in another unit?"
+        "{tick_ms:.3g} ms. A motion that decays faster than {most:g} times in a tick cannot be integrated. Raise one "
+        "of {keys}; or is it in another unit?"
     ),
     "vehicle.entry-too-stiff": (
         "{place} = {found}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz "
-        "lasts {tick_ms:.3g} ms. What fades faster than {most:g} times in a tick cannot be integrated. Raise one of "
-        "{keys}; or is it in another unit?"
+        "lasts {tick_ms:.3g} ms. A motion that decays faster than {most:g} times in a tick cannot be integrated. Raise "
+        "one of {keys}; or is it in another unit?"
     ),
     "vehicle.too-fast": (
         "{place}: the largest command would end at more than {most:g} {in_unit}. Are the gains and the friction in N "
@@ -190,21 +197,21 @@ TEMPLATES: dict[str, str] = {
     "vehicle.lever-arm": (
         "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
     ),
-    "block.room-unknown": 'There is no room "{found}". {near}.',
+    "block.room-unknown": 'Room "{found}" is unknown. {near}.',
     "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',
     "block.classes": "{file} holds {classes}",
-    "block.no-classes": "{file} holds no class",
-    "block.unknown": 'There is no {room} "{found}". {near}. One of your own is written "file.py:Class".',
-    "block.file-absent": (
-        "{missing}: no such file, though a block of the vehicle is to come from it. {near}."
-    ),
-    "block.class-unknown": '{file} has no class "{found}". {near}.',
-    "block.raised-while-read": "{place} raised {error}, while it was read.",
+    "block.no-classes": "{file} does not define a class",
+    "block.unknown": '{room} "{found}" is unknown. {near}. Write one of your own as "file.py:Class".',
+    "block.file-absent": "{missing} does not exist, though a block of the vehicle is defined in it. {near}.",
+    "block.class-unknown": '{file} does not have a class "{found}". {near}.',
+    "block.raised-while-read": "{place} raised {error} when it was imported.",
     "block.raised-while-read-and-ends": (
-        "{place} raised {error}, while it was read. That would end the program: take it out."
+        "{place} raised {error} when it was imported. That ends the program: remove it."
     ),
     "toml.decimal-comma": "{file} line {line}: {found}: a decimal comma. Write a decimal point: {with_point}",
-    "toml.decimal-commas": "{file} line {line}: {found} is not TOML: {error}. Decimal commas? Write points.",
+    "toml.decimal-commas": (
+        "{file} line {line}: {found} is not TOML: {error}. Are these decimal commas? Write points."
+    ),
     "toml.twice": "{file} line {line}: {found}: this is in the file twice. Keep one of the two.",
     "toml.no-quotes": (
         '{file} line {line}: {found} is not TOML. Text stands in quotes, key = "value"; true and false are in small '

@@ -42,16 +42,16 @@ class RecoveryOutcome(NamedTuple):
     """Result of a recovery."""
 
     freed: bool
-    said: Diagnostic
+    message: Diagnostic
 
     @property
     def text(self) -> str:
         """Return its sentence."""
-        return text(self.said)
+        return text(self.message)
 
 
 class BusLine(NamedTuple):
-    """One line of the bus: which function its pin has, and whether it is high."""
+    """A line of the bus: the function of its pin, and its level."""
 
     function: str
     high: bool
@@ -68,7 +68,7 @@ class Recovery:
 
     @property
     def running(self) -> bool:
-        """Whether the pins are not I2C's just now: no transfer may be begun."""
+        """Return True while the pins are not in I2C mode: no transfer may begin."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, now_ns: int) -> None:
@@ -79,14 +79,14 @@ class Recovery:
             self._thread.start()
 
     def taken(self) -> RecoveryOutcome | None:
-        """What came of the last one, once; None while it runs."""
+        """Return the outcome of the last one, once; None while it runs."""
         if self.running:
             return None
         outcome, self._outcome = self._outcome, None
         return outcome
 
     def wait(self) -> None:
-        """Until the pins are I2C's again."""
+        """Wait until the pins are in I2C mode again."""
         if self._thread is not None:
             self._thread.join()
 
@@ -122,7 +122,7 @@ def recover(path: str) -> RecoveryOutcome:
 
 
 def recoverable(path: str, model: Path) -> tuple[str, str, str]:
-    """Whether the bus at `path` could be clocked free on this machine, whose name is in the file `model`: a verdict, a
+    """Check if the bus at `path` could be clocked free on this machine, whose name is in the file `model`: a verdict, a
     figure and a remedy of doctor.py."""
     if not model.exists() or "Raspberry Pi" not in model.read_text():
         return "unknown", "this machine is no Raspberry Pi", ""
@@ -161,7 +161,7 @@ class _Pins:
             )
 
     def give_back(self) -> None:
-        """Both pins are I2C's again; tried twice, whatever the time."""
+        """Put both pins back into I2C mode; tried twice, however late it is."""
         self._end_s = float("inf")
         why = ""
         for _ in range(2):
@@ -214,7 +214,7 @@ def _pins(path: str) -> _Pins:
 
 
 def _clocked(pins: _Pins) -> RecoveryOutcome:
-    """(1) and (2); whoever calls gives the pins back."""
+    """Run (1) and (2); the caller puts the pins back into I2C mode."""
     pins.set(BOTH, *LET_GO)
     for clock in range(1, CLOCKS + 1):
         pins.set(SCL, *LOW)

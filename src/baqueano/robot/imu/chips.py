@@ -25,7 +25,7 @@ GYRO_LSB_PER_DPS = (131.0, 65.5, 32.8, 16.4)
 
 
 class FilterBand(NamedTuple):
-    """What one setting of the low-pass filter does: widths [Hz] and delays [s]."""
+    """A setting of the low-pass filter: widths [Hz] and delays [s]."""
 
     accel_hz: float
     accel_delay_s: float
@@ -34,7 +34,7 @@ class FilterBand(NamedTuple):
 
 
 class Chip(NamedTuple):
-    """What a driver must know of a chip. `lsb_per_c` is None where nobody has told the scale."""
+    """The properties of a chip. `lsb_per_c` is None where the scale is unknown."""
 
     name: str
     own_accel_filter: bool

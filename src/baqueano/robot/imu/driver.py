@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
-from baqueano.robot.imu.settings import SECOND, Found, ImuSettings
+from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -94,8 +94,8 @@ def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> 
     return float(best)
 
 
-def lines(imu: Mpu6050, found: Found) -> list[str]:
-    """What was found, for people."""
+def lines(imu: Mpu6050, found: OpenedImu) -> list[str]:
+    """Return the findings, for people."""
     s, band = imu.settings, imu.chip.bands[imu.settings.filter]
     axes = ", ".join(s.axes)
     warm = "" if np.isnan(found.temperature_c) else f", {found.temperature_c:.1f} °C"
@@ -110,7 +110,9 @@ def lines(imu: Mpu6050, found: Found) -> list[str]:
     return told + [f"  warning: {text}" for text in found.warnings]
 
 
-def _rest(imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callable[[float], object]) -> Found:
+def _rest(
+    imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callable[[float], object]
+) -> OpenedImu:
     """Start the chip, look at its first samples and judge them."""
     samples, began = [], now_ns()
     while len(samples) < REST_SAMPLES:
@@ -129,7 +131,7 @@ def _rest(imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callabl
         sleep(STEP_S)
     accel = float(np.linalg.norm(np.mean([s.accel for s in samples], axis=0)))
     gyro = float(np.degrees(np.max(np.abs(np.mean([s.gyro for s in samples], axis=0)))))
-    return Found(
+    return OpenedImu(
         imu.chip.name,
         who_am_i,
         imu.device.address,
@@ -143,7 +145,7 @@ def _rest(imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callabl
 
 
 def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]:
-    """What is odd. RobotUnreachable for an unknown chip whose numbers cannot be."""
+    """Return the oddities. RobotUnreachable for an unknown chip with impossible numbers."""
     odd = []
     if abs(accel / STANDARD_GRAVITY - 1.0) > GRAVITY_SLACK:
         odd.append(f"feels {accel:.2f} m/s², expected {STANDARD_GRAVITY:.2f} ± 15 % at rest")

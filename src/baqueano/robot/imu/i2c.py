@@ -1,4 +1,4 @@
-"""One device on an I2C bus of Linux: whole bursts, and no call that hangs.
+"""A device on an I2C bus of Linux: whole bursts, and no call that hangs.
 
 A burst is one combined transfer: the register is written, and after a repeated start its bytes are read. The
 Raspberry Pi's controller (i2c-bcm2835) takes one read in a transfer, and that one last: no burst here asks more.
@@ -17,7 +17,7 @@ from typing import Any
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 
-I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 has no name for
+I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 does not name
 TIMEOUT_10MS = 4
 HELD = (errno.ETIMEDOUT, errno.EAGAIN)  # a line does not rise; arbitration lost
 
@@ -66,7 +66,7 @@ class Device:
         self._bus.i2c_rdwr(*messages)
 
     def _bound_the_wait(self) -> None:
-        """Tell the kernel how long a transfer may wait; an adapter that cannot be told keeps its own time."""
+        """Set the kernel's limit for a transfer; some adapters keep their own."""
         import fcntl
 
         for request, value in ((I2C_RETRIES, 0), (I2C_TIMEOUT, TIMEOUT_10MS)):
@@ -77,8 +77,8 @@ class Device:
                     raise
 
 
-def is_held(error: OSError) -> bool:
-    """Whether the error says that a line of the bus is held low, and not that a device is silent."""
+def is_stuck_low(error: OSError) -> bool:
+    """Return True if the error means a bus stuck low, and not a silent device."""
     return error.errno in HELD
 
 

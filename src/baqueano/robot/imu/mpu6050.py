@@ -19,9 +19,9 @@ belongs into the measurement model.
     transfer fails             once more at once; not if it had to wait            (counted)
     three calls fail           bus opened again, chip started again                restart
     chip forgot its registers  seen within 1 s; started again                      forgot
-    nothing for 0.5 s          chip started again, then each second; told once     silent, back
+    nothing for 0.5 s          chip started again, then each second; one event     silent, back
     words repeat for 0.1 s     held back, chip started again                       frozen
-    axis at its end for 0.1 s  told                                                saturated
+    axis at its end for 0.1 s  event                                               saturated
     FIFO full or out of step   emptied; what it held is lost                       overflow
     bus held low               clocked free where the vehicle stands (`free_bus`)  held
     chip runs again                                                                started
@@ -41,9 +41,9 @@ from baqueano.diagnostics import Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
-from baqueano.robot.imu.i2c import Device, is_held
+from baqueano.robot.imu.i2c import Device, is_stuck_low
 from baqueano.robot.imu.sample_clock import SampleClock
-from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, Found, ImuEvent, ImuSettings
+from baqueano.robot.imu.settings import MILLISECOND, SECOND, Counts, ImuEvent, ImuSettings, OpenedImu
 from baqueano.robot.imu.watch import ImuWatch, Row
 from baqueano.worlds.robot import Sample
 
@@ -69,7 +69,7 @@ class Mpu6050:
     ) -> None:
         self.device, self.chip, self.settings = device, chip, settings
         self.counts = Counts()
-        self.found: Found | None = None  # what `imu.open` saw
+        self.found: OpenedImu | None = None  # what `imu.open` saw
         self.clock = SampleClock(SECOND / settings.rate_hz)
         self._now_ns = now_ns
         chip_from_body = settings.body_from_chip().T
@@ -101,40 +101,40 @@ class Mpu6050:
 
     @property
     def running(self) -> bool:
-        """Whether the chip is started; not while it is being started again."""
+        """Return True if the chip is started; not while it is being started again."""
         return self._steps is None
 
     @property
     def silent(self) -> bool:
-        """Whether there has been nothing for 0.5 s: stop the motors."""
+        """Return True after 0.5 s without data: stop the motors."""
         return self._watch.silent
 
     @property
-    def held(self) -> bool:
-        """Whether the last transfer found the bus held low."""
-        return self._watch.held
+    def bus_stuck(self) -> bool:
+        """Return True if the last transfer met a bus stuck low."""
+        return self._watch.bus_stuck
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Which chip it is, and what is odd about it, for the beginning of a run."""
+        """Return the chip and its oddities, for the beginning of a run."""
         found = self.found
         return (
             () if found is None else (f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X})", *found.warnings)
         )
 
     def events(self) -> list[ImuEvent]:
-        """What happened since the last call, in order."""
+        """Return the events since the last call, in order."""
         return self._watch.take()
 
     def free_bus(self) -> RecoveryOutcome | None:
-        """A held bus is clocked free beside whoever calls; for one that knows that the vehicle stands, at each look.
+        """Clock a stuck bus free beside the caller; at each look, for a caller who knows that the vehicle is at rest.
         What came of the last time, once. Meanwhile `read` gives nothing; then it starts the chip."""
-        if self.silent and self.held:
+        if self.silent and self.bus_stuck:
             self._recovery.begin(self._now_ns())
         return self._recovery.taken()
 
     def start_again(self) -> None:
-        """Start the chip anew, by the reads that follow; for whoever has written its registers."""
+        """Start the chip anew, by the reads that follow; for a caller who has written its registers."""
         self._restart(self._now_ns())
 
     def close(self) -> None:
@@ -175,17 +175,17 @@ class Mpu6050:
         return [Sample(times[i], accel[i], gyro[i], celsius(row[3])) for i, row in enumerate(rows) if keep[i]]
 
     def _fresh(self, now: int) -> Batch:
-        """What has come, tried twice."""
+        """Return the new samples, tried twice."""
         try:
             return self._look(now)
         except OSError as error:
-            if is_held(error):
+            if is_stuck_low(error):
                 raise
             self.counts.retries += 1
             return self._look(now)
 
     def _look(self, now: int) -> Batch:
-        """What has come, after a look at the registers when it is time for one."""
+        """Return the new samples, after a look at the registers when it is time for one."""
         if now >= self._check_at:
             if not self._remembers(now):
                 return NOTHING
@@ -193,7 +193,7 @@ class Mpu6050:
         return self._from_fifo(now) if self.settings.mode == "fifo" else self._from_registers()
 
     def _from_fifo(self, now: int) -> Batch:
-        """All that waits in the FIFO, at most `MOST`."""
+        """Return the samples in the FIFO, at most `MOST`."""
         before = self._now_ns()
         count = int.from_bytes(self.device.read(FIFO_COUNT, 2), "big")
         after = self._now_ns()
@@ -230,18 +230,18 @@ class Mpu6050:
         return [WORD.unpack(data[1:])], [(earliest + before) // 2]
 
     def _none(self) -> Batch:
-        """No sample; when several are missing, the chip is asked for its registers at the next call."""
+        """Note a missing sample; after several, the next call reads the registers of the chip."""
         self._check_at = min(self._check_at, self._watch.last_ns + DROUGHT * SECOND // self.settings.rate_hz)
         return NOTHING
 
     def _registers(self) -> tuple[int, ...]:
-        """What SMPLRT_DIV and those after it must hold."""
+        """Return the expected content of SMPLRT_DIV and those after it."""
         s = self.settings
         own = (s.filter,) if self.chip.own_accel_filter else ()
         return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *own)
 
     def _remembers(self, now: int) -> bool:
-        """Whether the chip still has its registers; else it is being started again."""
+        """Return True if the chip still has its registers; else it is being started again."""
         wanted = bytes(self._registers())
         found = self.device.read(SMPLRT_DIV, len(wanted))
         control, power = self.device.read(USER_CTRL, 2)
@@ -287,7 +287,7 @@ class Mpu6050:
         self._index = self._odd = self._left = 0
 
     def _started(self, now: int) -> bool:
-        """Whether the chip runs; takes one step if it does not. OSError ends this attempt and plans another."""
+        """Return True if the chip runs; else take a step of its start. OSError ends this attempt and plans another."""
         if self._steps is None:
             return True
         if now < self._wait_until:
@@ -327,35 +327,37 @@ class Mpu6050:
 
 
 def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
-    """The device that answers WHO_AM_I, its answer, and a sentence if the bus was held and had to be clocked free.
+    """The device that answers WHO_AM_I, its answer, and a sentence if the bus was stuck and had to be clocked free.
     RobotUnreachable if none does."""
     outcome: RecoveryOutcome | None = None
-    found, held = _asked(path, addresses)
-    if found is None and held:
+    found, stuck = _asked(path, addresses)
+    if found is None and stuck:
         outcome = recover(path)
         if outcome.freed:
-            found, held = _asked(path, addresses)
+            found, stuck = _asked(path, addresses)
     if found is not None:
         return *found, () if outcome is None else (outcome.text,)
-    if held and outcome is not None:
-        raise RobotUnreachable(note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.said))
+    if stuck and outcome is not None:
+        raise RobotUnreachable(
+            note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.message)
+        )
     asked = " and ".join(f"0x{address:02X}" for address in addresses)
     raise RobotUnreachable(fault("imu.no-answer", asked=asked, path=path))
 
 
 def _asked(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
-    """The device that answers WHO_AM_I with its answer, and whether the bus was held."""
-    held = False
+    """The device that answers WHO_AM_I with its answer, and if the bus was stuck."""
+    stuck = False
     for address in addresses:
         device = Device(path, address)
         device.open()
         for _ in range(2):
             try:
-                return (device, device.read(WHO_AM_I, 1)[0]), held
+                return (device, device.read(WHO_AM_I, 1)[0]), stuck
             except OSError as error:
-                held = held or is_held(error)
+                stuck = stuck or is_stuck_low(error)
         device.close()
-    return None, held
+    return None, stuck
 
 
 def chip_at(device: Device, who_am_i: int) -> Chip:

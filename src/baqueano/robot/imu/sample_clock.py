@@ -1,4 +1,4 @@
-"""When a sample was taken, told from how many there were at the times somebody looked.
+"""Times of samples, estimated from their counts at the times of reading.
 
 A chip samples at T(k) = a + P k, by a clock of its own: P is a few per cent off and known to nobody. A look that
 began at `before` and ended at `after` and found k to be the newest sample says two things for certain, however late

@@ -37,7 +37,7 @@ LEAST_6500, MOST_6500 = 0.5, 1.5
 
 
 class AxisResponse(NamedTuple):
-    """One axis: its answer and the factory's, in °/s or g. `passed` is None where the factory wrote no code."""
+    """An axis: its answer and the factory's, in °/s or g. `passed` is None where the factory wrote no code."""
 
     name: str
     unit: str
@@ -47,13 +47,13 @@ class AxisResponse(NamedTuple):
 
 
 class SelfTest(NamedTuple):
-    """What the six axes answered."""
+    """The answers of the six axes."""
 
     axes: tuple[AxisResponse, ...]
 
     @property
     def passed(self) -> bool:
-        """No axis failed."""
+        """Return True if every axis passed."""
         return all(axis.passed is not False for axis in self.axes)
 
     def table(self) -> str:

@@ -1,4 +1,4 @@
-"""How an IMU is set, and what it gives."""
+"""Settings of an IMU, and its samples."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,20 +17,20 @@ BURST_BITS = 156  # of 14 bytes on the bus
 
 
 class ImuEvent(NamedTuple):
-    """Something that the log should tell."""
+    """An event for the log."""
 
     t_ns: int
-    said: Diagnostic
+    message: Diagnostic
 
     @property
     def text(self) -> str:
         """Return its sentence."""
-        return text(self.said)
+        return text(self.message)
 
 
 @dataclass
 class Counts:
-    """What has happened since the start."""
+    """Counts since the start."""
 
     samples: int = 0
     retries: int = 0  # transfers that were tried again
@@ -42,8 +42,8 @@ class Counts:
 
 
 @dataclass(frozen=True)
-class Found:
-    """What was there when the IMU was opened."""
+class OpenedImu:
+    """The state of the IMU when it was opened."""
 
     chip: str
     who_am_i: int
@@ -63,7 +63,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class ImuSettings:
-    """What the chip is told.
+    """The settings of the chip.
 
     rate_hz: samples a second, 1000 divided by a whole number, 4 to 1000. filter: 1 (widest) to 6. Ranges: ±2, 4, 8,
     16 g and ±250, 500, 1000, 2000 °/s. ±4 g because motors shake: clipped vibration looks like a bias behind the

@@ -1,4 +1,4 @@
-"""What an IMU's samples and errors say about its health, and the events that tell it: each once, when it begins.
+"""Health of an IMU from its samples and errors, and its events: each once, when it begins.
 
 A sensor's last bits never rest: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal words in a row are a
 matter of chance at the narrowest filter (5 Hz: about one row in a thousand), twenty such rows are not (10⁻⁶⁰).
@@ -8,7 +8,7 @@ import errno
 from typing import Any
 
 from baqueano.diagnostics import Severity, note
-from baqueano.robot.imu.i2c import is_held
+from baqueano.robot.imu.i2c import is_stuck_low
 from baqueano.robot.imu.settings import SECOND, Counts, ImuEvent, ImuSettings
 
 Row = tuple[int, ...]  # raw words: accelerometer, temperature, gyro
@@ -45,7 +45,7 @@ class ImuWatch:
         self._at_end = [0] * 6  # rows in a row
         self._any_at_end = False
         self._error: Exception | None = None
-        self.held = False  # the bus, as the last transfer said
+        self.bus_stuck = False  # the bus, as the last transfer said
         self._events: list[ImuEvent] = []
 
     def tell(self, now_ns: int, code: str, **figures: Any) -> None:
@@ -60,13 +60,13 @@ class ImuWatch:
     def trouble(self, now_ns: int, error: Exception) -> None:
         """A transfer has failed for good in this call."""
         self._error = error
-        held = isinstance(error, OSError) and is_held(error)
-        if held and not self.held:
+        stuck = isinstance(error, OSError) and is_stuck_low(error)
+        if stuck and not self.bus_stuck:
             self.tell(now_ns, "imu.held")
-        self.held = held
+        self.bus_stuck = stuck
 
     def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
-        """Which rows to believe, and whether the chip must be started again."""
+        """Return the rows to use, and if the chip must be started again."""
         keep, broken = [], False
         for row in rows:
             same, broken_now = self._repeats(now_ns, row)
@@ -87,7 +87,7 @@ class ImuWatch:
             if self.silent:
                 gap = (now_ns - self.last_ns) / SECOND
                 self.tell(now_ns, "imu.back", silent_s=gap)
-            self.silent, self.last_ns, self.held, self._error = False, now_ns, False, None
+            self.silent, self.last_ns, self.bus_stuck, self._error = False, now_ns, False, None
             self._quiet_ns = self.rounds = 0
             return False
         self._quiet_ns += spent
@@ -101,7 +101,7 @@ class ImuWatch:
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
-        """Whether the row repeats the last one or is all zero, and whether that has just become a fault."""
+        """Return if the row repeats the last one or is all zero, and if that has just become a fault."""
         same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (any(row[:3]) or any(row[4:]))
         self._last = row
         if not same:

@@ -14,19 +14,19 @@ Line = tuple[str, Diagnostic]  # level, message
 
 @dataclass
 class Lateness:
-    """Return how late ticks began [ms], and how many were left out."""
+    """Delays of ticks [ms], and the count of missed ones."""
 
     worst_ms: float = 0.0
     over_half: int = 0  # later than half a period
     missed: int = 0
     ticks: int = 0
 
-    def told(self) -> Line:
-        """A warning where ticks were left out."""
+    def line(self) -> Line:
+        """Return the delays; a warning where ticks were left out."""
         return _line("drive.ticks", bool(self.missed), **asdict(self))
 
 
-def line_told(before: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
+def line_losses(before: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
     """Return what the line lost since `before`; a warning where it lost any. `trouble`: the fault of the Uno now."""
     n = dict(zip(LINE, now.since(before, *LINE), strict=True))
     if trouble is not None:
@@ -34,7 +34,7 @@ def line_told(before: Statistics, now: Statistics, trouble: Diagnostic | None = 
     return _line("drive.line", any(n[name] for name in HARM), **n)
 
 
-def uno_told(before: Statistics, now: Statistics) -> Line:
+def uno_losses(before: Statistics, now: Statistics) -> Line:
     """Return the counts of the Uno itself since `before`; a warning where it missed any frame."""
     written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
     return _line(
@@ -43,7 +43,7 @@ def uno_told(before: Statistics, now: Statistics) -> Line:
     )  # fmt: skip
 
 
-def imu_told(before: Counts, now: Counts) -> Line:
+def imu_losses(before: Counts, now: Counts) -> Line:
     """Return the readings and faults of the IMU since `before`; a warning where there was a fault."""
     n = Counts(*(after - start for start, after in zip(astuple(before), astuple(now), strict=True)))
     harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts

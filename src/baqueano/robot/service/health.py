@@ -1,4 +1,4 @@
-"""What must be well before a drive begins, and stay well while it lasts: tilt, battery, heat, room on the disk."""
+"""The conditions before and during a drive: tilt, battery, temperature, room on the disk."""
 
 import shutil
 from collections.abc import Callable

@@ -3,7 +3,7 @@
 A block can end the process of the service (os._exit, a crash in C, a loop that swallows every alarm until systemd's
 watchdog ends it). Then nothing of that process can say so any more; the firmware's dead man stops the motors, systemd
 starts the service again, and that one reads here what was driven. Python writes its lines there as well, where the
-process ends by a signal that can be told (a crash, the watchdog).
+process ends by a signal that leaves a trace (a crash, the watchdog).
 """
 
 import faulthandler

@@ -1,4 +1,4 @@
-"""`baqueano robot run`: the hardware of a vehicle file, opened, and the service on it until it is told to end.
+"""`baqueano robot run`: the hardware of a vehicle file, opened, and the service on it until it is stopped.
 
 An IMU takes a quarter of a second to start. Meanwhile the rest of the program is loaded, which on a Pi takes longer.
 """
@@ -77,8 +77,8 @@ def serve(
 
 
 def _signs_of_life(systemd: Any) -> tuple[Callable[[], object], Callable[[float], object]]:
-    """What feeds the watchdog, and what tells it how long the next sign may take. Where a thread of those that run now
-    is lost, nobody feeds it: systemd starts all of them again."""
+    """Return the function that feeds the watchdog, and the one that sets the time of its next sign. When a thread is
+    lost, nobody feeds it, and systemd starts all of them again."""
     threads = threading.enumerate()
 
     def say(text: str = "") -> None:

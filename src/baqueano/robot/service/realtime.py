@@ -1,4 +1,4 @@
-"""What the system grants a control loop, and what it is told in return.
+"""Grants of the system to a control loop, and notifications to it.
 
 Measured on a shared machine, a loop of 100 Hz without SCHED_FIFO wakes up to 3.8 ms late in one of a hundred ticks,
 with it 0.1 ms (`doctor --jitter` measures it on yours). Memory is locked so that no tick waits for the disk, page by
@@ -56,6 +56,6 @@ class Systemd:
                 self._line.sendto(words.encode(), self._to)
 
     def close(self) -> None:
-        """Nothing more will be said."""
+        """End the notifications."""
         if self._line is not None:
             self._line.close()

@@ -1,8 +1,8 @@
-"""What runs on the vehicle all day: it watches the hardware, drives missions, and stops for every reason there is.
+"""The service on the vehicle: it watches the hardware, drives missions, and stops for every reason there is.
 
     idle       telemetry, IMU and health are looked at IDLE_HZ; a mission that waits begins when the vehicle is READY
     mission    the loop of loop.py at the rate of the vehicle file, in the time of a steady clock, into a run on disk
-    watch      at each tick: the link and the firmware, health, whoever drives, systemd's watchdog
+    watch      at each tick: the link and the firmware, health, the operator, systemd's watchdog
 
 One thread drives. Others hear the Uno, hear people and write the run; none of them can hold up a tick. A power cut
 loses a second at most, and a disk that is full ends the recording, not the drive.
@@ -32,7 +32,7 @@ from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_fil
 from baqueano.loop import Record
 from baqueano.messages import templates, text
 from baqueano.robot.imu.bus_recovery import RecoveryOutcome
-from baqueano.robot.service.drive_figures import Lateness, imu_told, line_told, uno_told
+from baqueano.robot.service.drive_figures import Lateness, imu_losses, line_losses, uno_losses
 from baqueano.robot.service.health import ComputerHealth
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
@@ -89,7 +89,7 @@ class Service:
             self.operator.stop(before)
 
     def run(self) -> None:
-        """Until `done`, or SIGTERM in the main thread."""
+        """Run until `done`, or SIGTERM in the main thread."""
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, lambda number, frame: self._leave())
         while not self.done.is_set():
@@ -101,7 +101,7 @@ class Service:
         self.uno.disarm()
 
     def idle(self) -> None:
-        """One look at everything while nothing drives."""
+        """Check everything once while nothing drives."""
         self._find_imu()
         for what in self._world.look(self.now_ns()):
             self._event("warning", what)
@@ -126,7 +126,7 @@ class Service:
         self._publish()
 
     def _cleared(self) -> bool:
-        """Whether a stop is over. Once a person said so the latch of the Uno is asked away at each look until telemetry
+        """Return True if a stop is over. After a request each look clears the latch of the Uno, until telemetry
         shows that it is gone: a frame may be lost."""
         asked, self.operator.clear_asked = self.operator.clear_asked, False
         trouble = self.uno.trouble
@@ -145,7 +145,7 @@ class Service:
 
     def _find_imu(self) -> None:
         """An IMU that did not answer is looked for each AGAIN_S; a chip that answers and gives no samples takes two
-        seconds of them. What is in the way is told once."""
+        seconds of them. An obstacle is reported once."""
         if self.imu is not None or self.find_imu is None or self.now_ns() < self._find_ns:
             return
         self.patience(FINDING_S)
@@ -162,14 +162,14 @@ class Service:
             self.say(text(found))
 
     def _free_bus(self) -> None:
-        """Nothing drives: a held bus of the IMU is clocked free, beside this loop. What fails is tried again and told
-        once."""
+        """Nothing drives: a held bus of the IMU is clocked free, beside this loop. A failure is tried again and
+        reported once."""
         if self.imu is None:
             return
         outcome = self.imu.free_bus()
         if outcome is not None and (outcome.freed or outcome != self._bus):
             self._bus = outcome
-            self._event("warning", outcome.said)
+            self._event("warning", outcome.message)
             self.say(outcome.text)
         elif not self.imu.silent and self._bus is not None and not self._bus.freed:
             self._bus = None
@@ -189,7 +189,7 @@ class Service:
             self.tell({"is": "done", "id": name, "run": None, "why": why, "code": code})
             return
         self._run = path.name
-        self._publish(at_once=True)  # until it is prepared nothing more is told
+        self._publish(at_once=True)  # nothing more is published until it is prepared
         try:
             why, code = self._driven(mission, attended, path)
         finally:
@@ -283,11 +283,11 @@ class Service:
 
     def _mute(self) -> Diagnostic:
         """Return the last diagnostic of an IMU that is silent."""
-        if not self.imu.held:
+        if not self.imu.bus_stuck:
             return stop(StopReason.IMU_SILENT)
         if self._bus is None or self._bus.freed:  # that was another time
             return stop(StopReason.IMU_BUS_HELD)
-        return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.said)
+        return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.message)
 
     def _publish(self, world: Robot | None = None, at_once: bool = False) -> None:
         now_ns = self.now_ns()
@@ -301,7 +301,7 @@ class Service:
                 "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
                 "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
-                "imu_bus": self._bus.said if self._bus else None,
+                "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 **_motion_of(self._seen if world is not None else None),
             }
@@ -330,7 +330,7 @@ class Service:
 
 
 class _Watching(Observer):
-    """What a service sees and says of one drive."""
+    """The observer of a drive for the service."""
 
     def __init__(self, service: Service, world: Robot, late: Lateness, attended: bool) -> None:
         self._service, self._world, self._late, self._attended = service, world, late, attended
@@ -355,11 +355,11 @@ class _Watching(Observer):
     def ended(self, why: Diagnostic | None) -> list[LastLine]:
         self.over, self.stopped, s, now = True, why, self._service, self._service.uno.statistics
         last: list[LastLine] = [
-            (CLOCK_SOURCE, *self._late.told()), (LINE_SOURCE, *line_told(self._before, now, s.uno.trouble)),
-            (UNO_SOURCE, *uno_told(self._before, now)),
+            (CLOCK_SOURCE, *self._late.line()), (LINE_SOURCE, *line_losses(self._before, now, s.uno.trouble)),
+            (UNO_SOURCE, *uno_losses(self._before, now)),
         ]  # fmt: skip
         if s._counted is not None:
-            last.append((IMU_SOURCE, *imu_told(s._counted, s.imu.counts)))
+            last.append((IMU_SOURCE, *imu_losses(s._counted, s.imu.counts)))
         for _, level, what in last:
             s._event(level, what)
         s.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
@@ -368,7 +368,7 @@ class _Watching(Observer):
 
 
 def _motion_of(record: Record | None) -> JsonObject:
-    """What a person who drives wants to see of a tick."""
+    """Return the figures of a tick for the person who drives."""
     if record is None:
         return {}
     nu = record.estimate.nu.tolist()
@@ -379,7 +379,7 @@ def _motion_of(record: Record | None) -> JsonObject:
 
 
 def body_of(file: VehicleFile, uno: Uno, wait: Callable[[float], object]) -> Body:
-    """The body of a vehicle file, whose Uno is told what holds for a drive and asked what it keeps of its motors."""
+    """Return the body of a vehicle file; configure its Uno for a drive and read its motors' settings."""
     config = config_of(file.robot, uno.info)
     uno.configure(config, wait)
     ways = [AppliedWay(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
@@ -390,7 +390,7 @@ def body_of(file: VehicleFile, uno: Uno, wait: Callable[[float], object]) -> Bod
 
 
 def config_of(hardware: Hardware, info: Info | None) -> Config:
-    """What the firmware is told of [robot]."""
+    """Return the firmware's configuration by [robot]."""
     fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
     return Config(
         dead_man_ms=round(1e3 * hardware.dead_man_s),

@@ -148,7 +148,7 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
 
 
 def _escaped(text: str) -> str:
-    """As a string of a key file: its separators escaped, its first space too."""
+    """Return a string of a key file: its separators escaped, its first space too."""
     text = text.replace("\\", "\\\\").replace(";", "\\;")
     return "\\s" + text[1:] if text.startswith(" ") else text
 

@@ -35,8 +35,8 @@ class Renewed(NamedTuple):
 
 
 def renewed(host: str, file: "VehicleFile", root: str = "/") -> Renewed:
-    """What `file`, the laptop's, becomes at HOST. RobotUnreachable where the one there cannot be read, UsageError where
-    it holds a calibration for which `file` has no place."""
+    """Return the new file at HOST, made of the laptop's `file`. RobotUnreachable where the old one cannot be read,
+    UsageError where it holds a calibration for which `file` lacks the place."""
     path = f"{root.rstrip('/')}{VEHICLE}"
     seen, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
     if code:

@@ -47,7 +47,7 @@ Say = Callable[[str], object]
 
 
 class TargetMachine(NamedTuple):
-    """What answers at a host."""
+    """The system at a host."""
 
     python: tuple[int, int]
     kind: str

@@ -1,4 +1,4 @@
-"""What is changed on a Raspberry Pi so that it is a vehicle, step by step, and how each step is undone.
+"""The changes on a Raspberry Pi that make it a vehicle, step by step, and the way to undo each.
 
 Plain Python of the standard library: `baqueano robot setup` sends this file, and the system's python3 runs it as root.
 
@@ -41,7 +41,7 @@ CLOCK_OFF_S = 60.0
 
 
 class Step(NamedTuple):
-    """One change. `done` looks, `do` makes it, `undo` takes back what `do` noted."""
+    """A change. `done` looks, `do` makes it, `undo` takes back what `do` noted."""
 
     name: str
     done: Callable[[], bool]
@@ -118,7 +118,7 @@ def whole(path: Path, text: str) -> None:
 
 
 def commanded(*command: str) -> str:
-    """What a command says; SystemExit with its words where it fails."""
+    """Return the output of a command; SystemExit with its words where it fails."""
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         sys.exit(
@@ -148,7 +148,7 @@ def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
 
 
 def clock(pi: Pi, now_s: float | None) -> Step:
-    """A Pi without a network has no time: it gets the laptop's."""
+    """Set the laptop's time on a Pi, which lacks one without a network."""
     return Step(
         "clock: the laptop's time" if now_s is not None else "clock: as it is",
         lambda: now_s is None or abs(time.time() - now_s) < CLOCK_OFF_S,

@@ -75,7 +75,7 @@ def c_header() -> str:
 
 
 def defaults(name: str, frame: Frame) -> list[str]:
-    """What holds where nothing was said: an initialiser of the structure."""
+    """Return the default initialiser of the structure."""
 
     def braces(values: tuple[Any, ...]) -> str:
         return "{" + ", ".join(braces(v) if isinstance(v, tuple) else str(int(v)) for v in values) + "}"

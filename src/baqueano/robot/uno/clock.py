@@ -19,7 +19,7 @@ NS_PER_US = 1000
 
 
 class PongTimes(NamedTuple):
-    """One ping that was answered."""
+    """A ping with its answer."""
 
     device_us: int
     middle_ns: int  # half-way between question and answer, of the host
@@ -46,7 +46,7 @@ class UnoClock:
         return now
 
     def answered(self, sent_ns: int, device_us: int, heard_ns: int) -> None:
-        """One ping more. `device_us` as `unwrapped` gives it."""
+        """Add a ping. `device_us` as `unwrapped` gives it."""
         self._answers.append(PongTimes(device_us, (sent_ns + heard_ns) // 2, heard_ns - sent_ns))
         while heard_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()

@@ -32,7 +32,7 @@ LONGEST = 1 + 2 + MAX_PAYLOAD + 2
 
 
 def remainder(byte: int) -> int:
-    """One byte through the division by the polynomial of the seal."""
+    """Divide a byte by the polynomial of the seal."""
     crc = byte << 8
     for _ in range(8):
         crc = crc << 1 & 0xFFFF ^ (SEAL_POLYNOMIAL if crc & 0x8000 else 0)
@@ -77,7 +77,7 @@ def seal(body: bytes) -> int:
 
 
 def framed(kind: int, seq: int, payload: bytes) -> bytes:
-    """The bytes of a payload on the wire, whatever it holds."""
+    """Return the bytes of any payload on the wire."""
     body = bytes([kind, seq & 0xFF]) + payload
     if kind in SEALED:
         body += seal(body).to_bytes(2, "big")

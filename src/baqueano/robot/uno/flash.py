@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.uno.frames import PROTOCOL
-from baqueano.robot.uno.serial_port import connected, found
+from baqueano.robot.uno.serial_port import connected, find_port
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -26,7 +26,7 @@ FLASH_BYTES = 32_256  # without the boot-loader
 
 
 class Flashed(NamedTuple):
-    """What was written, and who answered then."""
+    """The written file, and the firmware that answered then."""
 
     port: str
     bytes: int
@@ -36,7 +36,7 @@ class Flashed(NamedTuple):
     verdict = "FLASHED"
 
     def rows(self) -> list["TableRow"]:
-        """One row."""
+        """Return one row."""
         return [self._asdict()]
 
     def table(self) -> str:
@@ -94,7 +94,7 @@ def flash(
     avrdude = shutil.which("avrdude")
     if avrdude is None:
         raise UsageError(fault("flash.no-avrdude"))
-    where = found(port)
+    where = find_port(port)
     say(f"{where}: writing {size} bytes ({path.name}, {checksum(path)})")
     _written(avrdude, where, path)
     with connected(where) as uno:

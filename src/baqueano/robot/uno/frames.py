@@ -62,7 +62,7 @@ Duty = Annotated[int, "h", Within(-1000, 1000)]
 
 
 class DriveFlag(IntFlag):
-    """What a DRIVE asks for. Without ARM it disarms: motors off, bridge asleep."""
+    """The flags of a DRIVE. Without ARM it disarms: motors off, bridge asleep."""
 
     ARM = 1
     CLEAR_STOP = 2
@@ -70,7 +70,7 @@ class DriveFlag(IntFlag):
 
 
 class StateFlag(IntFlag):
-    """What the firmware says of itself."""
+    """The flags of the firmware's state."""
 
     ARMED = 1
     DEAD_MAN = 2
@@ -110,7 +110,7 @@ MOST_PWM_HZ = {Driver.L298N: 20_000, Driver.TB6612: 25_000, Driver.L293D: 5_000}
 
 
 class Encoders(IntEnum):
-    """What is wired to D2/D4 (left) and D3/D7 (right)."""
+    """The wiring of D2/D4 (left) and D3/D7 (right)."""
 
     NONE = 0
     SINGLE = 1
@@ -167,7 +167,7 @@ class AskInfo(NamedTuple):
 
 
 class Way(NamedTuple):
-    """One wheel in one direction, all in permille: duty = dead_zone + slope·|request| / 1000, and while it starts, for
+    """A wheel in one direction, all in permille: duty = dead_zone + slope·|request| / 1000, and while it starts, for
     `Settings.kick_ms`, at least `kick_permille`."""
 
     dead_zone_permille: Annotated[int, "H", Within(0, 700)] = 0
@@ -227,7 +227,7 @@ class Pong(NamedTuple):
 
 
 class Info(NamedTuple):
-    """Who speaks, since when, and what it refused since its boot. Sent at boot, and when asked."""
+    """Identity of the firmware, its start, and its counts of refusals since. Sent at boot, and on request."""
 
     protocol: U8
     nonce: U8
@@ -266,7 +266,7 @@ KINDS: dict[int, type[Frame]] = {
 
 
 class Field(NamedTuple):
-    """One number of a layout, nested ones laid flat. Its range is that of its width where nothing narrower is."""
+    """A number of a layout, nested ones laid flat. Its range is that of its width unless a narrower one is given."""
 
     path: str
     code: str

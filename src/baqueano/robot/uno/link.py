@@ -60,12 +60,12 @@ class Port(Protocol):
         ...
 
     def read(self) -> bytes:
-        """What came; empty if nothing did."""
+        """Return the bytes that came, maybe none."""
         ...
 
 
 class EarlierFrame(NamedTuple):
-    """What the next telemetry is compared with."""
+    """The last telemetry, to compare the next one with."""
 
     state: State
     t_us: int
@@ -118,7 +118,7 @@ class Uno:
         self.statistics.unsent += not ok
 
     def arm(self) -> None:
-        """From now on commands drive. The first one asks for no motion; if it is lost it is sent again before each,
+        """Let commands drive from now on. The first one asks for zero motion; it is sent again before each,
         until telemetry shows that it was obeyed. `trouble` if that takes longer than ARMING_S."""
         with self._lock:
             self._armed, self._confirmed, self.trouble = True, False, None
@@ -128,14 +128,14 @@ class Uno:
         self.drive(0.0, 0.0)
 
     def disarm(self) -> None:
-        """Motors off, bridge asleep. What kept armed motors from driving is no trouble any more."""
+        """Switch motors off and the bridge to sleep, and clear the trouble of arming."""
         with self._lock:
             self._armed = False
             self._forgive()
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
-        """The latched stop: obeyed whatever else is wrong."""
+        """Latch the stop: the Uno obeys it in any state."""
         self._armed = False
         self._send(Stop())
 
@@ -155,7 +155,7 @@ class Uno:
     def _lasts(self) -> bool:
         return self.trouble is not None and self.trouble.code in LASTING
 
-    def heard(self) -> list[Telemetry]:
+    def receive(self) -> list[Telemetry]:
         """Telemetry since this was last asked, in order."""
         self.pump()
         return [self._telemetry.popleft() for _ in range(len(self._telemetry))]
@@ -241,11 +241,11 @@ class Uno:
         return self.ask(config, Info, wait, lambda info: info.config == config)
 
     def tell(self, config: Config) -> None:
-        """As `configure`, once and without waiting: `info` shows by and by whether it was heard."""
+        """Send `configure` once without waiting: `info` shows later if it arrived."""
         self._send(config)
 
     def settings(self, wait: Callable[[float], object] = time.sleep) -> Settings:
-        """What its EEPROM holds of this vehicle."""
+        """Return the vehicle's settings in its EEPROM."""
         return self.ask(AskSettings(), Settings, wait)
 
     def keep(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
@@ -290,7 +290,7 @@ class Uno:
                 self._replies[type(frame)] = frame
 
     def _in_turn(self, received: Received) -> bool:
-        """Whether neither this frame nor a newer one was heard before; counts those that were missing before it. After
+        """Return True if neither this frame nor a newer one came before; count those missing before it. After
         a long silence its sequence says nothing, and the time of telemetry counts."""
         ahead = (received.seq - self._seq_heard) & 0xFF
         if self._seq_heard >= 0 and not 0 < ahead < 128 and not self._newer(received.frame, SILENCE_US):
@@ -301,7 +301,7 @@ class Uno:
         return True
 
     def _newer(self, frame: Frame, by_us: int = 0) -> bool:
-        """Whether this is telemetry of a time by so much later than that of the last one. An INFO is always new."""
+        """Return True if this telemetry is later than the last one by this time. An INFO is always new."""
         if not isinstance(frame, State) or self._before is None:
             return by_us == 0 and isinstance(frame, State | Info)
         return by_us < (frame.t_us - self._before.state.t_us) % WRAP_US < WRAP_US // 2
@@ -343,7 +343,7 @@ class Uno:
         )  # fmt: skip
 
     def _counted(self, before: State, now: State) -> None:
-        """What the Uno missed between two of its frames. Its counters wrap at 256."""
+        """Return the misses of the Uno between two of its frames. Its counters wrap at 256."""
         s = self.statistics
         s.spoilt += (now.bad_frames - before.bad_frames) & 0xFF
         s.ignored += (now.ignored_frames - before.ignored_frames) & 0xFF
@@ -370,7 +370,7 @@ class Uno:
 
 
 def permille(duty: float) -> int:
-    """A duty, clipped to [-1, 1], as the wire has it; 0 of what is no finite number."""
+    """Return a duty, clipped to [-1, 1], as the wire has it; 0 for a number that is not finite."""
     return round(1000.0 * max(-1.0, min(1.0, duty))) if math.isfinite(duty) else 0
 
 

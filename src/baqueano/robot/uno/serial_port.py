@@ -42,7 +42,7 @@ class SerialPort:
 
     @property
     def is_open(self) -> bool:
-        """Whether the line is there, as far as is known."""
+        """Return True if the line is there, as far as one can tell."""
         return self._serial is not None
 
     def open(self) -> None:
@@ -67,7 +67,7 @@ class SerialPort:
         self._serial.write(data)
 
     def read(self) -> bytes:
-        """What came."""
+        """Return the bytes that came."""
         if self._serial is None:
             raise OSError(f"{self.path} is not open")
         try:
@@ -77,7 +77,7 @@ class SerialPort:
             raise
 
     def wait(self, seconds: float) -> None:
-        """Until something comes, at most so long."""
+        """Wait until something comes, at most for this time."""
         serial = self._serial
         if serial is None:
             time.sleep(seconds)
@@ -94,7 +94,7 @@ def roused(file: Path) -> Callable[[], object]:
     Nothing happens where file or line are not found; who needs them says so."""
     try:
         hardware = tomllib.loads(file.read_text(encoding="utf-8")).get("robot", {})
-        line = os.open(found(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        line = os.open(find_port(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except (BaqueanoError, OSError, ValueError, AttributeError, TypeError, RecursionError):
         return lambda: None
     return partial(os.close, line)
@@ -115,7 +115,7 @@ def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     """
     from baqueano.robot.uno.link import Uno
 
-    path = found(port)
+    path = find_port(port)
     line = SerialPort(path, baud)
     try:
         line.open()
@@ -165,8 +165,8 @@ def introduce(uno: "Uno", path: str) -> Info:
     return info
 
 
-def found(port: str) -> str:
-    """The line that is meant; "auto" is the only one there is."""
+def find_port(port: str) -> str:
+    """Return the path of the line; for "auto" that of the only one."""
     if port != "auto":
         return port
     there = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))

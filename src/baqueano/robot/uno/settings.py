@@ -1,4 +1,4 @@
-"""What an Uno keeps in its EEPROM of its vehicle, as people name it: read, changed, stored, read back.
+"""Settings of a vehicle in the EEPROM of an Uno, with names for people: read, changed, stored, read back.
 
     name          firmware                                 values
     bridge        Settings.driver                          l298n, tb6612, l293d
@@ -49,8 +49,8 @@ Wait = Callable[[float], object]
 
 
 @dataclass(frozen=True)
-class Kept:
-    """What an Uno has stored."""
+class StoredSettings:
+    """The stored settings of an Uno."""
 
     settings: Settings
 
@@ -60,7 +60,7 @@ class Kept:
         return "DEFAULT" if self.settings == Settings() else "SET"
 
     def rows(self) -> list["TableRow"]:
-        """One row of the whole, and one for each wheel and direction; duties as shares of full duty."""
+        """Return a row of the whole, and one for each wheel and direction; duties as shares of full duty."""
         s, whole = self.settings, {}
         for name, (field, kind) in KINDS.items():
             whole[name] = kind(getattr(s, field)).name.lower()
@@ -75,7 +75,7 @@ class Kept:
         return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *ways)]
 
     @classmethod
-    def of(cls, rows: list["TableRow"]) -> "Kept":
+    def of(cls, rows: list["TableRow"]) -> "StoredSettings":
         """The inverse of `rows`, from JSON."""
         return cls(changed(Settings(), _said(rows)))
 
@@ -100,7 +100,7 @@ class Kept:
 
 
 def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
-    """What would be typed behind each name, from the `rows` of a Kept."""
+    """Return the values to type behind each name, from the `rows` of a StoredSettings."""
     whole, *ways = rows
     said = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
     for name in OF_WAYS:
@@ -109,12 +109,12 @@ def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
 
 
 def as_typed(settings: Settings) -> str:
-    """The line after which an Uno keeps `settings`, whatever it keeps before.
+    """Return the line after which an Uno keeps `settings`, whatever it keeps before.
 
     >>> as_typed(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
     """
-    default, said = _said(Kept(Settings()).rows()), _said(Kept(settings).rows())
+    default, said = _said(StoredSettings(Settings()).rows()), _said(StoredSettings(settings).rows())
     words = [f"--{name}={text}" for name in said for text in said[name] if text not in default[name]]
     return " ".join(["baqueano robot settings --defaults", *words])
 
@@ -174,8 +174,8 @@ def _number(name: str, text: str, said: str, layout: type, field: str, unit: int
     return round(value * unit)
 
 
-def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> Kept:
-    """What the Uno keeps after `wanted` of what it kept was written, read back from it. AnswerNo while a motor
+def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> StoredSettings:
+    """Write `wanted` of its settings to the Uno, and return them as read back from it. AnswerNo while a motor
     runs."""
     before = uno.settings(wait)
     settings = wanted(before)
@@ -184,13 +184,13 @@ def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.
         uno.disarm()
         wait(0.05)
         uno.keep(settings, wait)
-    return Kept(uno.settings(wait))
+    return StoredSettings(uno.settings(wait))
 
 
 def _at_rest(uno: "Uno", wait: Wait) -> None:
-    uno.heard()
+    uno.receive()
     wait(TELEMETRY_S)
-    said = uno.heard()
+    said = uno.receive()
     if any(duty for telemetry in said[-1:] for duty in telemetry.applied):
         left, right = said[-1].applied
         raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
@@ -201,7 +201,7 @@ def watch(uno: "Uno", seconds: float, say: Callable[[str], object], wait: Wait =
     before = None
     for _ in range(round(seconds / LOOK_S)):
         wait(LOOK_S)
-        for told in uno.heard()[-1:]:
+        for told in uno.receive()[-1:]:
             if (told.counts, told.marks) != before:
                 before = (told.counts, told.marks)
                 say(

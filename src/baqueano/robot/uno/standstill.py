@@ -29,7 +29,7 @@ class Standstill:
         self.why: Diagnostic | None = None
 
     def forget(self) -> None:
-        """Nothing drives."""
+        """Note that nothing drives."""
         self._last_ns, self.why = -1, None
 
     def driven(self) -> None:

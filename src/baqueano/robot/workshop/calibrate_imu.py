@@ -1,4 +1,4 @@
-"""How the IMU sits on the vehicle, and its biases at rest: by gravity, by a lift of the front, and by half a turn.
+"""Axes of the IMU on the vehicle, and its biases at rest: by gravity, by a lift of the front, and by half a turn.
 
     level     the mean force f̄₁ at rest: of the chip's axes the one nearest to it points up                (1)
     lifted    the front is lifted and held: specific force grows along the axis that points ahead,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 REST_S = 8.0  # the gyro's noise of 0.04 °/s at 200 Hz and 44 Hz wide is then known to 0.002 °/s
 STEADY_S = 0.5
 PATIENCE_S = 60.0
-HELD = 5.0  # times the scatter at rest: a hand is no floor
+HELD = 5.0  # times the scatter at rest: a hand moves more than a floor
 UPRIGHT = np.cos(np.radians(25.0))
 LEAST_LIFT = np.sin(np.radians(8.0))  # a tilt that no floor has
 CLEAR = np.tan(np.radians(30.0))  # of a lift over the front, not over a corner
@@ -101,7 +101,7 @@ def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:
 
 @dataclass(frozen=True)
 class Mounted:
-    """What was found. Biases (a_x, a_y) [m/s²] and ω [rad/s] as means of the sensor at rest; `slope` of the floor."""
+    """The result. Biases (a_x, a_y) [m/s²] and ω [rad/s] as means of the sensor at rest; `slope` of the floor."""
 
     axes: tuple[str, str, str]  # the chip's that point ahead, left, up
     accel: np.ndarray
@@ -114,7 +114,7 @@ class Mounted:
     verdict = "FOUND"
 
     def rows(self) -> list["TableRow"]:
-        """One row."""
+        """Return one row."""
         return [asdict(self)]
 
     @classmethod
@@ -134,7 +134,7 @@ class Mounted:
         )
 
     def values(self, file: "VehicleFile") -> "JsonObject":
-        """What changes in a vehicle file: axes, and biases that explain the rest beside its tilt and scales."""
+        """Return the changes of a vehicle file: axes, and biases that explain the rest beside its tilt and scales."""
         found: JsonObject = {"robot.imu_axes": list(self.axes)}
         if "imu" in file.sensors._fields:
             imu = file.sensors.imu

@@ -1,4 +1,4 @@
-"""Which motor is where, which way round it is wired, and what duty it needs: by gyro and accelerometer, no encoder.
+"""Place, direction and least duty of each motor, by gyro and accelerometer, without encoders.
 
     ramp      one motor alone, until the vehicle turns: the sign of ω tells its side or its plug            (1)
     push      both, so that the turns cancel: ∫ a dt tells ahead from back, and so side from plug           (2)
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from baqueano.robot.workshop.floor_tests import Bench, Felt
     from baqueano.worlds.robot import Sample
 
-TURNS_RAD_S = 0.7  # a turn that is no vibration: ten times what an engine of such a vehicle shakes, 0.07
+TURNS_RAD_S = 0.7  # more than a vibration: ten times what an engine of such a vehicle shakes, 0.07
 RAMP_PER_S = 0.25
 ABOVE = 0.25  # duty above the ramp's, at which a motor surely runs
 LEVELS = 7
@@ -52,7 +52,7 @@ Say = Callable[[str], object]
 
 
 class Sweep(NamedTuple):
-    """One wheel in one direction."""
+    """A wheel in one direction."""
 
     started: float  # duty at which the vehicle began to move, alone and from rest
     dead_zone: float
@@ -62,7 +62,7 @@ class Sweep(NamedTuple):
 
 @dataclass(frozen=True)
 class Motors:
-    """What was found and stored. `left_over` (2,): how far the wheels differ, forwards and backwards; `held_deg` (2,):
+    """The stored result. `left_over` (2,): the difference of the wheels, forwards and backwards; `held_deg` (2,):
     the heading that is off at the end of (6)."""
 
     settings: Settings
@@ -78,7 +78,7 @@ class Motors:
         return "STRAIGHT" if max(map(abs, self.left_over)) <= STRAIGHT else "CROOKED"
 
     def rows(self) -> list["TableRow"]:
-        """One row of the whole, and one for each wheel and direction."""
+        """Return a row of the whole, and one for each wheel and direction."""
         whole = {
             "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
             "wheels_differ": self.left_over, "turned_dps": self.turned_dps, "held_deg": self.held_deg,

@@ -1,4 +1,4 @@
-"""One thing that was looked at on a vehicle, and all of them: figure, verdict, and what to do.
+"""The checks of a vehicle: figure, verdict, and what to do.
 
 ok        as it should be
 warn      it drives, and worse than it could
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Check(NamedTuple):
-    """One thing that was looked at."""
+    """A check of the vehicle."""
 
     name: str
     verdict: str

@@ -1,4 +1,4 @@
-"""What is well on this vehicle and what is not: each check with its figure, a verdict, and what to do (checks.py).
+"""The state of a vehicle: each check with its figure, a verdict, and what to do (checks.py).
 
 Files are read below `root`, so that the files of another machine can be judged as well.
 """
@@ -38,7 +38,7 @@ Say = Callable[[str], object]
 def examine(
     hardware: "Hardware", root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
 ) -> Report:
-    """Everything, hardware first; each check stands alone, none raises."""
+    """Run all checks, hardware first; each is independent, none raises."""
     report = Report()
     for part in (
         lambda: uno(hardware.port, hardware.least_battery_v),
@@ -125,7 +125,7 @@ def tested(chip: Any, wait: Callable[[float], object]) -> Check:
 
 
 def noise(samples: "list[Sample]") -> Iterator[Check]:
-    """What is left where nothing should move."""
+    """Check for motion where nothing should move."""
     import numpy as np
 
     from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
@@ -144,7 +144,7 @@ def noise(samples: "list[Sample]") -> Iterator[Check]:
 
 
 def groups(root: Path) -> Iterator[Check]:
-    """Who may open what."""
+    """Check the permissions of devices."""
     names: dict[int, str] = {}
     with suppress(OSError):
         for line in (root / "etc/group").read_text().splitlines():
@@ -164,7 +164,7 @@ def groups(root: Path) -> Iterator[Check]:
 
 
 def power(root: Path) -> Iterator[Check]:
-    """What the Pi says of its supply since it started."""
+    """Check the Pi's report of its supply since it started."""
     try:
         bits = int((root / THROTTLED).read_text(), 16)
     except (OSError, ValueError):
@@ -190,7 +190,7 @@ def temperature(root: Path) -> Iterator[Check]:
 
 
 def governor(root: Path) -> Iterator[Check]:
-    """How the processor's clock is chosen: one that steps makes ticks late."""
+    """Check the governor of the processor's clock: one that steps makes ticks late."""
     try:
         chosen = (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").read_text().strip()
     except OSError:
@@ -214,7 +214,7 @@ def disk(runs: Path, least_mb: float) -> Iterator[Check]:
 
 
 def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
-    """Whether the date can be true."""
+    """Check that the date is plausible."""
     year = time.gmtime(now_s()).tm_year
     text = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s()))
     yield Check(
@@ -224,7 +224,7 @@ def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
 
 
 def realtime() -> Iterator[Check]:
-    """Whether this user may have the priority that a control loop wants."""
+    """Check if this user may have the priority that a control loop wants."""
     from baqueano.robot.service.realtime import PRIORITY
 
     if not LINUX:
@@ -243,7 +243,7 @@ def realtime() -> Iterator[Check]:
 
 
 def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
-    """How late a loop of 100 Hz wakes, with real-time priority if this user may have it."""
+    """Check how late a loop of 100 Hz wakes, with real-time priority if this user may have it."""
     import numpy as np
 
     from baqueano.robot.service.realtime import PRIORITY

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import fault
-from baqueano.door.remote_session import attended, said
+from baqueano.door.remote_session import answer_of, attended
 from baqueano.door.ssh import ssh
 from baqueano.door.states import DoorState
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
@@ -55,7 +55,7 @@ def service_off(say: Say) -> Iterator[None]:
 def opened(
     hardware: "Hardware", say: Say, in_chip_axes: bool = False, motors: bool = True
 ) -> Iterator[Bench]:
-    """Uno and IMU of [robot], until whoever asked for them is gone: then KeyboardInterrupt. Without `motors` the Uno
+    """Open Uno and IMU of [robot], until their user is gone: then KeyboardInterrupt. Without `motors` the Uno
     may be missing."""
     from baqueano.robot.imu import driver as imu_driver
 
@@ -83,7 +83,7 @@ def there(host: str, *verb: str) -> list["TableRow"]:
 
     Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.
     """
-    answer, code = said(ssh(host, shlex.join(["baqueano", *verb, "--json"])))
+    answer, code = answer_of(ssh(host, shlex.join(["baqueano", *verb, "--json"])))
     try:
         rows = words(json.loads(answer)["rows"])
         if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):

@@ -29,13 +29,13 @@ class Felt(NamedTuple):
     gyro: np.ndarray  # (n, 3) [rad/s]
 
     def after(self, t_s: float) -> "Felt":
-        """Those from `t_s` on."""
+        """Return the samples from `t_s` on."""
         keep = self.t_s >= t_s
         return Felt(self.t_s[keep], self.accel[keep], self.gyro[keep])
 
     @property
     def still(self) -> bool:
-        """Whether nothing but noise was felt."""
+        """Return True if the samples show noise alone."""
         return bool(
             np.all(self.gyro.std(axis=0) < STILL_RAD_S) and np.all(self.accel.std(axis=0) < STILL_M_S2)
         )
@@ -51,21 +51,21 @@ class Bench:
     now_ns: Callable[[], int] = time.monotonic_ns
 
     def hold(self, left: float, right: float, seconds: float) -> Felt:
-        """Duties for so long, each 10 ms computed anew. SafetyStop where the link or the IMU fails."""
+        """Send duties for this time, computed anew every 10 ms. SafetyStop where the link or the IMU fails."""
         return self.follow(lambda t_s: (left, right), seconds)
 
     def follow(
         self, duties: Callable[[float], tuple[float, float]], seconds: float,
         until: Callable[["Sample"], bool] = lambda sample: False,
     ) -> Felt:  # fmt: skip
-        """Duties by the time [s] for so long, or until a sample is what was waited for."""
+        """Send duties by the time [s] for this time, or until a sample meets the condition."""
         start = felt_ns = heard_ns = self.now_ns()
         samples, done = [], False
         self.imu.read()
         while not done and (t_s := (self.now_ns() - start) * 1e-9) < seconds:
             self.uno.drive(*duties(t_s))
             self.wait(STEP_S)
-            heard_ns = self.now_ns() if self.uno.heard() else heard_ns
+            heard_ns = self.now_ns() if self.uno.receive() else heard_ns
             new = self.imu.read()
             samples += new
             done = any(until(sample) for sample in new)
@@ -78,7 +78,7 @@ class Bench:
         )
 
     def rest(self, seconds: float) -> Felt:
-        """What the IMU says with the motors at zero, once it stands. AnswerNo if it does not stand within 3 s."""
+        """Return the IMU's samples with the motors at zero, at rest. AnswerNo if the vehicle moves for 3 s."""
         scatter = 0.0
         for _ in range(10):
             self.hold(0.0, 0.0, 0.3)

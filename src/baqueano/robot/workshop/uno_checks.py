@@ -1,4 +1,4 @@
-"""What `baqueano robot doctor` says of the Uno: who answers on its line, and what is lost on it, both ways.
+"""Checks of `baqueano robot doctor` on the Uno: the firmware on its line, and the losses, both ways.
 
 A frame that did not come whole is missed at the end that it was meant for alone. What the Uno misses it counts itself
 and tells in its telemetry; so that there is something to count, it is sent as many commands as in a drive, to be off.
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from baqueano.robot.uno.statistics import Statistics
 
 COMMAND_EVERY_S = 0.01
-FIRST_S = 0.1  # until telemetry told from which number commands go on
+FIRST_S = 0.1  # until telemetry gives the next number of a command
 LOSS_WARN, LOSS_BAD = 1e-3, 0.05  # shares of frames
 RAM, LEAST_RAM = 2048, 128  # bytes
 QUIETER = "Keep the USB cable away from the motors' wires, and 100 nF across each motor"
@@ -27,14 +27,14 @@ QUIETER = "Keep the USB cable away from the motors' wires, and 100 nF across eac
 def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
     """The line, who answers on it, how fast, and what was lost in two seconds."""
     from baqueano.robot.uno.frames import AskInfo, Info
-    from baqueano.robot.uno.serial_port import connected, found
+    from baqueano.robot.uno.serial_port import connected, find_port
 
     try:
-        where = found(port)
+        where = find_port(port)
         with connected(where) as link:
             yield Check("serial line", "ok", where)
             time.sleep(FIRST_S)
-            before = copy(link.statistics)  # whoever joins in the middle of a frame finds it damaged
+            before = copy(link.statistics)  # a frame whose beginning was missed counts as damaged
             commanded(link, seconds, time.sleep)
             yield from answers(link, least_battery_v, before)
             yield memory(link.ask(AskInfo(), Info))  # INFO of its start comes before it has looked
@@ -43,7 +43,7 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
 
 
 def commanded(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
-    """As many commands as in a drive, each to be off."""
+    """Send as many commands as in a drive, each with the motors off."""
     for _ in range(round(seconds / COMMAND_EVERY_S)):
         link.disarm()
         wait(COMMAND_EVERY_S)
@@ -52,10 +52,10 @@ def commanded(link: "Uno", seconds: float, wait: Callable[[float], object]) -> N
 def answers(
     link: "Uno", least_battery_v: float, before: "Statistics", wait: Callable[[float], object] = time.sleep
 ) -> Iterator[Check]:
-    """What a link tells that has listened for a while, since its statistics were `before`."""
+    """Check a link that has listened for a while, since its statistics were `before`."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
 
-    info, heard = link.info, link.heard()
+    info, heard = link.info, link.receive()
     if info is None:
         yield Check(
             "firmware", "bad", "the Uno was reset while it was asked", "Look at its supply, and try again"
@@ -85,7 +85,7 @@ def answers(
 
 
 def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
-    """How fast the line answers, and what it loses."""
+    """Check the delay of the line, and its losses."""
     trips = sorted(link.statistics.trips_ms)
     if trips:
         middle, last = trips[len(trips) // 2], trips[-1]
@@ -103,7 +103,7 @@ def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
 
 
 def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
-    """What the Uno counted of the frames that were sent to it; `info` is what it told when it was asked who it is."""
+    """Check the Uno's counts of the frames that were sent to it; `info` is its answer to a request for its identity."""
     written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
     share = spoilt / max(1, written)
     return Check(
@@ -129,7 +129,7 @@ def start(info: "Info") -> Check:
 
 
 def memory(info: "Info") -> Check:
-    """What the Uno's stack never reached of its RAM; what its variables are then, nobody knows."""
+    """Check the RAM that the Uno's stack never reached; beyond it, variables are overwritten."""
     free = info.least_free_ram
     return Check(
         "Uno's memory", "ok" if free >= LEAST_RAM else "warn", f"{free} of {RAM} bytes were never used",

@@ -1,4 +1,4 @@
-"""How much memory a file that somebody else wrote may take: 20 times its size, at least 64 MiB, at most 1 GiB.
+"""The memory that a file from elsewhere may take: 20 times its size, at least 64 MiB, at most 1 GiB.
 
 A run at rest unpacks to about ten times its file; a file made to fill the memory unpacks to a thousand times.
 """

@@ -1,4 +1,4 @@
-"""What travels in a run: ROS 2 messages in CDR, little-endian (XCDR1), packed with `struct` alone.
+"""The messages of a run: ROS 2 messages in CDR, little-endian (XCDR1), packed with `struct` alone.
 
 A message is `00 01 00 00`, then the fields, each aligned to its own size counted from after those four bytes.
 Every channel has one frame name and one size, so its messages all have the same layout: one format string
@@ -102,7 +102,7 @@ uint32 line
 
 
 class MessageField(NamedTuple):
-    """One field of a layout: an array of `size` doubles, a sequence of them, or one unsigned integer."""
+    """A field of a layout: an array of `size` doubles, a sequence of them, or an unsigned integer."""
 
     name: str
     kind: str  # "array" | "sequence" | "uint32"
@@ -135,7 +135,7 @@ class MessageLayout:
         )
 
     def pack(self, t_ns: int, *values: float) -> bytes:
-        """One message stamped `t_ns`; sequences are preceded by their length."""
+        """Return a message stamped `t_ns`; sequences are preceded by their length."""
         return self._struct.pack(CDR, t_ns // NANOSECONDS, t_ns % NANOSECONDS, *self._head, *values)
 
     def unpack(self, data: bytearray, sizes: Sequence[int]) -> dict[str, np.ndarray]:

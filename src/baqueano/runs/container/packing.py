@@ -1,4 +1,4 @@
-"""From signals to packed messages: one method per thing that is recorded.
+"""Pack signals into messages: a method for each recorded thing.
 
 `put(topic, arrival_ns, data, t_ns, spare)` takes each message; `spare` marks what can be computed again from
 the rest.
@@ -63,14 +63,14 @@ class Packing:
         self._pose("/estimate/pose", t_ns, pose)
 
     def reference(self, t_ns: int, eta: object, nu: object, done: float) -> None:
-        """Where the vehicle should be."""
+        """Pack the wanted pose and velocity."""
         topic, pose = self.file.fixed("/reference"), np.asarray(eta, dtype=float).tolist()
         values = [*pose, *np.asarray(nu, dtype=float).tolist(), float(done)]
         self.put(topic.id, t_ns, topic.pack(t_ns, *values), t_ns, True)
         self._pose("/reference/pose", t_ns, pose)
 
     def truth(self, t_ns: int, eta: object, nu: object, nu_dot: object) -> None:
-        """Where the vehicle is."""
+        """Pack the true pose and velocity."""
         topic, pose = self.file.fixed("/truth"), np.asarray(eta, dtype=float).tolist()
         rest = [x for part in (nu, nu_dot) for x in np.asarray(part, dtype=float).tolist()]
         self.put(topic.id, t_ns, topic.pack(t_ns, *pose, *rest), t_ns, False)

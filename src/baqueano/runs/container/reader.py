@@ -1,4 +1,4 @@
-"""Reading a run back: every checksum verified, what a cut or damaged file still holds saved and told.
+"""Read a run: verify every checksum, save the readable part of a cut or damaged file, and report the rest.
 
 `read_run(path)` returns the run; `run.notes` is empty for a whole file, else one sentence per thing that was
 lost. Foreign files, and files in which nothing is left, end with a FileError that says what they are.
@@ -242,7 +242,7 @@ class _Assembly:
         return metadata or {}
 
     def losses(self, run: Run) -> list[str]:
-        """What the file as a whole has to say."""
+        """Return the messages about the file as a whole."""
         said = []
         if not self.contents.complete:
             said.append(
@@ -295,7 +295,7 @@ class _Assembly:
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
     def number(self, topic: str, said: str) -> int:
-        """How many numbers a message has, as its channel says."""
+        """Return the count of numbers in a message, as its channel declares it."""
         if not said.isascii() or not said.isdecimal() or len(said) > 4:
             raise self.strange(topic, note("damage.channel-size"))
         return int(said)
@@ -345,7 +345,7 @@ def _joined(pieces: list[Any], kind: Any) -> Any:
 
 
 def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
-    """One column of the pieces, each row in its place; copied once, for it may be large."""
+    """Return a column of the pieces, each row in its place; copied once, because it may be large."""
     if parts[0] is None:
         return None
     column, at = np.empty((len(place), *parts[0].shape[1:]), dtype=parts[0].dtype), 0

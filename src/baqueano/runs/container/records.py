@@ -64,7 +64,7 @@ class McapMessages(NamedTuple):
 
 @dataclass
 class Contents:
-    """All that could be read, and what could not."""
+    """The readable records, and the damage."""
 
     size: int
     profile: str = ""
@@ -122,7 +122,7 @@ class Cursor:
 
 
 def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
-    """Everything that can be trusted in the bytes of a file that begins with MAGIC, without the messages of the
+    """Return the trustworthy records in the bytes of a file that begins with MAGIC, without the messages of the
     schemas `unread`. TooLarge where it takes more memory than `memory_limit.allowed`."""
     walk = _Walk(data, unread)
     walk.run()
@@ -192,7 +192,7 @@ class _Walk:
         return self.behind(at, end)
 
     def behind(self, at: int, end: int) -> int:
-        """Where the walk goes on behind a damaged record: at a chunk inside it, else at its end."""
+        """Return the position after a damaged record: a chunk inside it, else its end."""
         chunk = self.next_chunk(at + 1)
         if chunk >= end or self.again + end - at > AGAIN * len(self.data):
             return end
@@ -208,7 +208,7 @@ class _Walk:
         self.lost_to = to
 
     def next_chunk(self, at: int) -> int:
-        """Where the first chunk from `at` on begins, by its signature; the size of the file if nowhere."""
+        """Return the position of the first chunk at or after `at`, by its signature; the size of the file if none."""
         if at > self.sign:
             sign = self.data.find(_SIGNATURE, at + _SIGNATURE_AT)
             self.sign = len(self.data) if sign < 0 else sign - _SIGNATURE_AT

@@ -31,14 +31,14 @@ FORMAT = "1"
 
 
 class Topic(NamedTuple):
-    """One channel of the file: how its messages are packed."""
+    """A channel of the file, with the function that packs its messages."""
 
     id: int
     pack: Callable[..., bytes]
 
 
 def imu_names(vehicle_text: str) -> Callable[[str, int], bool]:
-    """Which sensors are written as sensor_msgs/Imu: those the vehicle file says are, else those named imu…"""
+    """Return the sensors to write as sensor_msgs/Imu: those of that kind in the vehicle file, else those named imu…"""
     try:
         tables = parsed(vehicle_text, "vehicle.toml").get("sensors", {})
     except (FileError, ValueError):
@@ -118,7 +118,7 @@ class RunFile:
         return self._topics[key]
 
     def add(self, topic: int, arrival_ns: int, data: bytes, t_ns: int) -> None:
-        """One packed message."""
+        """Return a packed message."""
         with self._lock:
             self._mcap.add_message(topic, arrival_ns, data, t_ns)
 
@@ -177,7 +177,7 @@ def _opened(path: Path) -> Any:
 
 
 def _sync_folder(folder: Path) -> None:
-    """So that the name of a new file survives a power cut too; not every system can."""
+    """Make the name of a new file survive a power cut; not every system can."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:

@@ -41,7 +41,7 @@ Message = tuple[int, int, bytes, int]  # topic, arrival, what is packed, time
 
 
 def versions() -> dict[str, str]:
-    """What made a run, for its metadata."""
+    """Return the versions and settings that made a run, for its metadata."""
     from importlib.metadata import version
 
     return {
@@ -86,7 +86,7 @@ class RunWriter:
         self._thread.start()
 
     def record(self, record: "Record") -> None:
-        """One Record of the loop."""
+        """Write a Record of the loop."""
         tick = record.tick
         self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
         for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
@@ -105,7 +105,7 @@ class RunWriter:
             self._say("reference", self._packing.reference, *record.reference)
 
     def truth(self, t_ns: int, motion: Motion) -> None:
-        """Where the vehicle is."""
+        """Write the true pose and velocity."""
         self._say("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
 
     def channel(self, name: str, t_ns: int, z: object) -> None:
@@ -119,7 +119,7 @@ class RunWriter:
         self._say("event", self._packing.event, Event(t_ns, level, source, text(said), data))
 
     def close(self) -> None:
-        """Writes what is left and the index. FileError if the disk refused: it says what was saved."""
+        """Write the buffered rest and the index. FileError with the saved part if the disk refused."""
         if self._closed:
             return
         self._closed = True
@@ -158,7 +158,7 @@ class RunWriter:
                 raise
 
     def _say(self, what: str, pack: Callable[..., Any], *args: object) -> None:
-        """Packs; what cannot be packed is told once in the run, and the rest goes on."""
+        """Pack a message; one that cannot be packed is reported once in the run, and the rest goes on."""
         try:
             pack(*args)
         except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:

@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     Imu = tuple[Entry, ...]  # a_x, a_y, ω
 
 Truth = Callable[[float], np.ndarray]
-CLOCK_S, APART_S = 0.25, 0.02  # how far apart two clocks are looked for, and from where that is told
+CLOCK_S, APART_S = 0.25, 0.02  # search range of the offset of two clocks, and the least offset reported
 MOVED, TURNED_RAD_S, FELT_M_S2 = 0.05, 0.1, 0.2  # standard deviations of a drive that shows something
 SCALE, ACCEL_SCALE = 1.25, 2.5  # either way
 TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; one that skids seems twice as wide
 
 
 def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
-    """Return the doubts about sensors and commands that contradict each other."""
+    """Return the diagnostics of sensors and commands that contradict each other."""
     motion, found = LoggedMotion(run, m), []
     if len(motion.rate) < FEW:
         return []

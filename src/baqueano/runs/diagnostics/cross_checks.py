@@ -1,4 +1,4 @@
-"""What looks wrong in an imported recording.
+"""Errors that an imported recording may contain.
 
 Each signal alone (plausible.py), the truth by itself (truth.py), then all against each other (by_motion.py). An error
 contradicts the map: the import ends with the line to write, or goes on when the map lists it under `accept`.
@@ -30,7 +30,7 @@ def judged(found: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
     if left:
         cures = [d.cure for d in left]
         lines = " ".join(
-            f"{d.said if d.cure not in cures[k + 1 :] else d.text}." for k, d in enumerate(left)
+            f"{d.advice if d.cure not in cures[k + 1 :] else d.text}." for k, d in enumerate(left)
         )  # a cure of several stands after the last
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in left)}))
         raise FileError(fault("import.does-not-fit", map=m.path.name, doubts=lines, accept=codes))

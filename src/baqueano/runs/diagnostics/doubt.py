@@ -14,6 +14,6 @@ class Doubt(NamedTuple):
     usual: bool = False  # every import of such a map has it
 
     @property
-    def said(self) -> str:
-        """The text, and what to write."""
+    def advice(self) -> str:
+        """Return the text, and the line to write."""
         return f"{self.text}; {self.cure}" if self.cure else self.text

@@ -76,7 +76,7 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
 
 
 def _means(channel: Channel) -> np.ndarray:
-    """(windows, m) over WINDOW_S, or three samples: vibration is no motion. Empty of a short channel."""
+    """Return means (windows, m) over WINDOW_S, or three samples: vibration is not motion. Empty of a short channel."""
     t = (channel.t_ns - channel.t_ns[0]) / NANOSECONDS
     if len(t) < ENOUGH or t[-1] < 10.0 * WINDOW_S:
         return np.zeros((0, channel.z.shape[1]))
@@ -166,8 +166,8 @@ def _largest(columns: list[np.ndarray]) -> float:
 
 
 def _full(counts: list[np.ndarray], unit_of_it: str = "") -> str:
-    """The line for commands in counts: all of a vehicle have one full scale. No scale is told that makes a command
-    of them which would be doubted as too small."""
+    """Return the line for commands in counts: all of a vehicle share a full scale. Name only a scale whose commands
+    are not too small."""
     least, most = min(float(np.min(u)) for u in counts), _largest(counts)
     if PULSE_US[0] <= least and most <= PULSE_US[1]:
         return f"write {unit_of_it}scale = 0.002, offset = -3.0, of pulses of 1000 to 2000 µs with 1500 in the middle"

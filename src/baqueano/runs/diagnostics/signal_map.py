@@ -2,7 +2,7 @@
 
     z_i = s_i r_i g_i h_π(i) + e_i,   s_i = ±1,   low_i ≤ g_i ≤ high_i                                    (1)
 
-z is measured, h is predicted by whatever is known: a truth, wheels, v̇ and v ω, a model. r is the ratio of two units,
+z is measured, h is predicted from one of these: a truth, wheels, v̇ and v ω, a model. r is the ratio of two units,
 g the scale that data sheets, skidding wheels or guessed files leave open. With ρ the correlation of z_i and h_j, and N
 windows that are as good as n independent ones, the best slope gains over no relation at all
 
@@ -112,7 +112,7 @@ def signal_map(
 
 
 def _shown(of: int, r: Relation, channel: MappedChannel, worth: float) -> Hypothesis:
-    """What a channel shows of one prediction."""
+    """The share of a prediction in a channel."""
     clear, size = r.is_clear(worth), abs(r.slope)
     if not clear or channel.low <= r.slope <= channel.high:
         return Hypothesis("", of, r, clear)

@@ -45,7 +45,7 @@ class Imported(NamedTuple):
 
     @property
     def noticed(self) -> "Imported":
-        """Without the doubts that every such import has."""
+        """Return the diagnostics without those of every such import."""
         return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
 
     def rows(self) -> list["TableRow"]:
@@ -56,7 +56,7 @@ class Imported(NamedTuple):
                 "level": d.level,
                 "doubt": d.code,
                 "t_s": None if d.t_ns is None else (d.t_ns - start) * 1e-9,
-                "text": d.said,
+                "text": d.advice,
             }
             for d in self.doubts
         ]
@@ -68,7 +68,7 @@ class Imported(NamedTuple):
         for k, d in enumerate(self.doubts):
             n = many[d.level, d.code]
             tail = f" (and {n - 1} more such)" if n > ALIKE else ""
-            line = f"{d.level:8} {d.code:20} {d.said}{tail}"
+            line = f"{d.level:8} {d.code:20} {d.advice}{tail}"
             lines.setdefault((d.level, d.code) if tail else k, line)
         return "\n".join(lines.values())
 
@@ -88,7 +88,7 @@ class ImportedRuns(NamedTuple):
         return [{"run": one.run.name} | row for one in self.each for row in one.rows()]
 
     def table(self) -> str:
-        """One line per kind of doubt: in how many runs, and what the first of them says."""
+        """Return a line per kind of diagnostic: the number of runs, and the sentence of the first."""
         first: dict[tuple[str, str], Doubt] = {}
         seen: dict[tuple[str, str], int] = {}
         for one in self.each:
@@ -96,7 +96,7 @@ class ImportedRuns(NamedTuple):
                 first.setdefault((d.level, d.code), d)
                 seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
         lines = [
-            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.said}"
+            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.advice}"
             for (level, code), d in first.items()
         ]
         return "\n".join(lines or ["nothing was doubted"])
@@ -189,7 +189,7 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
         found.append(Doubt("no command yet", "info", int(t_ns[0]), text, usual=usual))
     found += cross_checks.look(run, m)
     judged = cross_checks.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
-    events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.said}") for d in judged)
+    events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.advice}") for d in judged)
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
     return Imported(run, judged)
 
@@ -224,7 +224,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _within_a_turn(angle: np.ndarray) -> bool:
-    """Whether an angle begins again after each turn; one of a wheel that is counted on goes beyond."""
+    """Return True if an angle begins again after each turn; a wheel's angle may count on."""
     known = angle[np.isfinite(angle)]
     return len(known) > 0 and float(np.ptp(np.quantile(known, (0.01, 0.99)))) < 2.01 * np.pi
 
@@ -275,7 +275,7 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
 def _applied(
     m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """How many ticks had no command yet, the others, and (N, n) the command in force up to each."""
+    """Return the count of ticks without a command, the indices of the others, and the command (N, n) in force there."""
     t_ns, u = _known(m.command, sources[m.command.file], found)
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])

@@ -36,7 +36,7 @@ class Source(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What becomes one run."""
+    """The data of one run."""
 
     name: str
     sources: dict[str, Source]
@@ -45,7 +45,7 @@ class Part(NamedTuple):
 
 
 class SourcePiece(NamedTuple):
-    """What one file gives to a part."""
+    """The share of a file in a part."""
 
     value: str  # of the column that splits it, "" where a pause alone does
     label: str
@@ -89,7 +89,7 @@ def _is_split(spec: FileSpec) -> bool:
 
 
 def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
-    """What a file is split into, in its order."""
+    """Return the parts of a file, in its order."""
     rows = np.arange(len(table.lines))
     groups: list[tuple[str, np.ndarray]] = [("", rows)]
     if spec.split is not None:
@@ -115,7 +115,7 @@ def _matched(
 ) -> list[tuple[str, dict[str, LogTable]]]:
     """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files have
     no value in common, or not as many parts of it."""
-    if not all(m.files[file].split for file in pieces):  # what has no value is matched in order
+    if not all(m.files[file].split for file in pieces):  # parts without a value are matched in order
         pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
     held = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
     for file, each in pieces.items():
@@ -147,7 +147,7 @@ def _matched(
 
 
 def _left_out(m: ColumnMap, held: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
-    """The values that a file lacks: their parts are no runs."""
+    """Return the values that a file lacks: their parts are left out."""
     for lacking, of in held.items():
         for file, others in held.items():
             alone = [value for value in others if value not in of]

@@ -24,7 +24,7 @@ BRIEF_S = 2.0  # a recording that is shorter shows nothing of a vehicle
 FAST_S, SLOW_S = 4e-4, 0.5  # ticks of a loop that are rare
 GAP = 1.8  # times the median step
 _ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
-MANY = 0.1  # of the rows: so many are no rows that came late, but another run
+MANY = 0.1  # of the rows: so many are another run, not rows that came late
 JUMP_S = 600.0  # a pause that long is rather a clock that was set
 
 
@@ -97,7 +97,7 @@ def _ns_of(date: str) -> int:
 def rows_in_order(
     table: LogTable, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", found: list[Doubt]
 ) -> np.ndarray:
-    """Which rows to keep so that time increases."""
+    """Return the rows to keep so that time increases."""
     latest = np.maximum.accumulate(t_ns)
     back = np.flatnonzero(np.diff(t_ns) < 0)
     if len(back):

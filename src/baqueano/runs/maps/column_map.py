@@ -46,10 +46,10 @@ def maps_folder() -> Path:
 
 
 def data_folders() -> list[Path]:
-    """Where recordings are: BAQUEANO_DATA, else ../shared/data beside this folder or the repository."""
-    told = os.environ.get("BAQUEANO_DATA")
-    if told:
-        return [Path(told)]
+    """Return the folder of recordings: BAQUEANO_DATA, else ../shared/data beside this folder or the repository."""
+    from_environment = os.environ.get("BAQUEANO_DATA")
+    if from_environment:
+        return [Path(from_environment)]
     return [start.parent / "shared" / "data" for start in (Path.cwd(), Path(__file__).parents[4])]
 
 
@@ -95,7 +95,7 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
     fix, words = f"baqueano runs import MAP.toml {path}", str(error)
-    where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib has no other place for them
+    where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place in its text alone
     if where is None:
         return fault("map.recording", fix, path=path)
     return fault("map.recording-or-wrong", fix, path=path, line=int(where[1]), column=int(where[2]))
@@ -142,7 +142,7 @@ class _Parser:
         )  # fmt: skip
 
     def command(self, spec: dict[str, Any]) -> tuple[ColumnSignal, tuple[str, ...], str, bool]:
-        """[command]: its signal, the names of its entries, when a row is in force, and whether it is told by wheels."""
+        """Read [command]: signal, names of the entries, when a row is in force, and True if it is given by wheels."""
         self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
         in_force = spec.get("in_force")
         if in_force not in ("from", "until"):
@@ -194,7 +194,7 @@ class _Parser:
         )  # fmt: skip
 
     def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
-        """The column of time and its unit; ("", "s") where the rows come at a rate that is told."""
+        """Read the column of time and its unit; ("", "s") where the rows come at a given rate."""
         in_bag, time = "topic" in spec, spec.get("time")
         if "rate_hz" in spec and time is None and not in_bag:
             if not spec["rate_hz"] > 0.0:
@@ -211,7 +211,7 @@ class _Parser:
         return time, str(time_unit)
 
     def rest(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
-        """The second column of a time that is told in two."""
+        """Read the second column of a time in two columns."""
         rest = spec.get("time_rest")
         if rest is None:
             return None
@@ -268,7 +268,7 @@ class _Parser:
             raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
 
     def entry(self, key: str, spec: object, measures: str | None) -> Entry:
-        """One entry of a signal."""
+        """Read an entry of a signal."""
         if not isinstance(spec, dict):
             raise self.wrong(key, spec, note("expect.entry"))
         self.keys(key, spec, {

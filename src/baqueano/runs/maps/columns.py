@@ -1,4 +1,4 @@
-"""What a map says: files and their clocks, signals and where each of their numbers comes from.
+"""The content of a map: files and their clocks, signals and the source of each number.
 
 The text of a map becomes this in column_map.py, and runs are made by it in importing/.
 """
@@ -29,7 +29,7 @@ KINDS = {  # what the numbers of a sensor measure
 
 
 class FileSpec(NamedTuple):
-    """One file, or one topic of a bag, and its clock."""
+    """A file, or a topic of a bag, and its clock."""
 
     name: str
     path: str | None  # None: given on the command line
@@ -49,7 +49,7 @@ class FileSpec(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """One number of a signal."""
+    """A number of a signal."""
 
     key: str  # its place in the map
     column: str | None
@@ -75,7 +75,7 @@ class Entry(NamedTuple):
 
     @property
     def absent(self) -> bool:
-        """Whether nothing measures this number."""
+        """Return True if nothing measures this number."""
         return self.constant is not None and self.constant != self.constant
 
 
@@ -105,4 +105,4 @@ class ColumnMap(NamedTuple):
     command: ColumnSignal
     sensors: dict[str, ColumnSignal]
     truth: ColumnSignal | None  # three entries (η), or six (η, ν)
-    wheels: bool = False  # the command is told wheel by wheel, left and right
+    wheels: bool = False  # the command is given wheel by wheel, left and right

@@ -10,7 +10,7 @@ DEGREE = math.pi / 180.0
 
 
 class ColumnUnit(NamedTuple):
-    """What a unit measures, and how much of the SI unit it is."""
+    """The quantity of a unit, and its factor to the SI unit."""
 
     measures: str
     si: float

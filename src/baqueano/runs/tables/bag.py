@@ -80,7 +80,7 @@ def _check_chunks(path: Path, label: str) -> None:
 
 
 def _unpacked(compression: str, packed: bytes) -> bytes | memoryview:
-    """What is in a chunk, at most one byte more than the largest; nothing of one that is not packed."""
+    """Return the content of a chunk, at most one byte more than the largest; empty if it is not packed."""
     if compression in ("", "none"):
         return b""
     if compression == "bz2":

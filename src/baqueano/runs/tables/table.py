@@ -61,7 +61,7 @@ class LogTable(NamedTuple):
         return self.columns[column]
 
     def _first_cells(self, column: str) -> str:
-        """What is in it, for a message."""
+        """Return the content of the file in words, for a message."""
         cells = self.columns[column]
         return "several of that name" if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
 
@@ -234,7 +234,7 @@ def _separator(lines: list[str], label: str) -> str:
         return fits[0]
     if not fits:
         if len(present) == 1:
-            return present[0]  # uneven lines are told one by one
+            return present[0]  # each uneven line has its message later
         if not present:
             return ","  # a single column
     names = " or ".join(SEPARATORS[s] for s in fits or present)

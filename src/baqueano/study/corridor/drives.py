@@ -1,4 +1,4 @@
-"""Each vehicle follows one route lap by lap with the recommended filter and controller, from rest on a mark."""
+"""Each vehicle follows a route lap by lap with the recommended filter and controller, from rest on a mark."""
 
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ EVERY_S = 1.0
 
 
 class CorridorDrive(NamedTuple):
-    """One vehicle, K instants."""
+    """A vehicle, K instants."""
 
     seed: int
     shape: str

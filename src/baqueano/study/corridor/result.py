@@ -1,4 +1,4 @@
-"""Does the corridor that a filter claims hold the truth, and is it no wider than it must be?
+"""The claimed corridor of a filter: its coverage of the truth, and its width beyond need.
 
     d² = eᵀ P⁻¹ e of position (2) or heading (1),   coverage = share of vehicles with d² ≤ χ²(0.95)         (1)
     wider than needed = χ²(0.95) / (95 % quantile of d²): of the area of a position, of the variance of a heading   (2)
@@ -101,16 +101,16 @@ def squared(one: Instant, quantity: str) -> float:
     return float(one.error[k] @ np.linalg.solve(one.cov[k, k], one.error[k]))
 
 
-def known(one: Instant) -> bool:
-    """Return whether the claimed heading is one."""
+def has_heading(one: Instant) -> bool:
+    """Return True if the claimed heading is useful."""
     return bool(one.cov[2, 2] <= LOST_RAD**2)
 
 
 def gathered(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
     """Return the corridors of instants with their names, in the order in which these come first."""
     names = list(dict.fromkeys(name for name, _ in named))
-    instants = {n: tuple(one for name, one in named if name == n and known(one)) for n in names}
-    lost = {n: sum(1 for name, one in named if name == n and not known(one)) for n in names}
+    instants = {n: tuple(one for name, one in named if name == n and has_heading(one)) for n in names}
+    lost = {n: sum(1 for name, one in named if name == n and not has_heading(one)) for n in names}
     return Corridors({n: x for n, x in instants.items() if x}, lost, vehicles, tuple(refused))
 
 

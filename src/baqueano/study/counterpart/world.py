@@ -20,7 +20,7 @@ def world_of(vehicles: Robots | Cars, seeds: Sequence[int]) -> TruthWorld:
 
 
 class LoopWorld(protocols.World):
-    """One vehicle, at rest at the origin, with an IMU that is read `rate_hz` times a second. A command that was written
+    """A vehicle, at rest at the origin, with an IMU that is read `rate_hz` times a second. A written command
     is in force from the next tick on; until then it is zero."""
 
     def __init__(self, vehicle: Robots | Cars, seed: int, rate_hz: float) -> None:

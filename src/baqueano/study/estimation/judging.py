@@ -23,7 +23,7 @@ from baqueano.vehicle_file.build import DEFAULT_KIND
 
 
 class JudgedEstimate(NamedTuple):
-    """One estimator on one run."""
+    """An estimator on a run."""
 
     recording: str
     sensors: str

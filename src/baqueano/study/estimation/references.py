@@ -1,4 +1,4 @@
-"""What an estimator has to beat: the model from the commands alone, and plain integration of the readings.
+"""The references of an estimator: the model from the commands alone, and plain integration of the readings.
 
 Both begin where the run begins. With the gyro's reading ω and the odometer's s, of the calibration in the file:
 

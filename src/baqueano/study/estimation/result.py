@@ -1,4 +1,4 @@
-"""What `study estimation` found: each estimator beside its references, on each recording and pooled.
+"""The result of `study estimation`: each estimator beside its references, on each recording and pooled.
 
     pooled ratio     √(Σ e² / Σ ẽ²) over all recordings, its interval by drawing whole blocks            (1)
     typical ratio    the geometric mean of the ratios of the recordings                                  (2)
@@ -50,7 +50,7 @@ class Estimated:
         return [*own, *self.pooled(), *self.simulated]
 
     def pooled(self) -> list["TableRow"]:
-        """One row per set of sensors, estimator and quantity: ratio, beside the bar."""
+        """Return a row per set of sensors, estimator and quantity: ratio, beside the bar."""
         out = []
         fitted = [one for one in self.judged if one.fit != REFUSED]
         groups = dict.fromkeys((one.sensors, one.estimator) for one in fitted)

@@ -50,7 +50,7 @@ class EstimationJob(NamedTuple):
 
 
 class SimulatedOutcome(NamedTuple):
-    """One vehicle."""
+    """A vehicle."""
 
     seed: int
     lacking: str

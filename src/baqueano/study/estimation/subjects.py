@@ -51,7 +51,7 @@ def dart() -> list[Subject]:
 
 
 def dart_bag() -> list[Subject]:
-    """Return what each run of free driving foretells of the bag."""
+    """Return the prediction of the bag by each run of free driving."""
     bag = import_run("dart_jetracer_bag").run
     return [one._replace(name=f"{one.name[:6]} → bag", judged=bag) for one in dart()]
 

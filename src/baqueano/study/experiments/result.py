@@ -14,7 +14,7 @@ RATIO = 1.5
 
 
 class ExperimentRow(NamedTuple):
-    """One signal on the vehicles of one file, or of all."""
+    """A signal on the vehicles of one file, or of all."""
 
     vehicle: str
     room: str
@@ -61,7 +61,7 @@ class Experiments:
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per file and signal."""
+        """Return a flat row per file and signal."""
         return [row._asdict() for row in self.each]
 
     def table(self) -> str:

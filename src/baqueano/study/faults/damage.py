@@ -1,4 +1,4 @@
-"""What happens to recordings: a sound run and a random generator → the same run, damaged.
+"""Damage to recordings: a sound run and a random generator → the same run, damaged.
 
 Sizes are drawn anew for each run, from what is barely to what is plainly there. A damage that has nothing to act
 on (wheels of a vehicle without encoders) returns None.
@@ -69,7 +69,7 @@ def _of_full(run: Run, file: VehicleFile) -> np.ndarray:
 
 
 def clipped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Each channel ends at 50 to 80 % of its largest reading."""
+    """End each channel at 50 to 80 % of its largest reading."""
     z = _z(run)
     end = rng.uniform(0.5, 0.8) * np.max(np.abs(z), axis=0)
     return _with(run, np.clip(z, -end, end))
@@ -164,7 +164,7 @@ def axes_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def axis_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """One of a_x, a_y, ω_z is logged with the other sign."""
+    """Log one of a_x, a_y, ω_z with the other sign."""
     sign = np.ones(3)
     sign[rng.integers(0, 3)] = -1.0
     return _with(run, _z(run) * sign)
@@ -184,7 +184,7 @@ def gravity_on_an_axis(run: Run, file: VehicleFile, rng: np.random.Generator) ->
 
 
 def dead_channel(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """One of a_x, a_y, ω_z is always 0."""
+    """Set one of a_x, a_y, ω_z to 0."""
     z = _z(run)
     z[:, rng.integers(0, 3)] = 0.0
     return _with(run, z)
@@ -196,7 +196,7 @@ def motors_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run
 
 
 def motor_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
-    """One motor turns the other way: forward is turning, turning is forward."""
+    """Reverse one motor: forward is turning, turning is forward."""
     if run.applied.shape[1] < 3:
         return None
     limit = np.asarray(file.command.limit)

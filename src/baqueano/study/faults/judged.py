@@ -27,10 +27,10 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
-from baqueano.study.faults.left import left_of
 from baqueano.study.faults.logging import LOGGING
 from baqueano.study.faults.structures import STRUCTURES, FaultPlan
 from baqueano.study.faults.subject import VEHICLES, FaultSubject, subject
+from baqueano.study.faults.undamaged import undamaged
 from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
 
@@ -49,7 +49,7 @@ FAULTS = (*SOUND, *HARM, *STRUCTURES)
 
 
 class FaultJob(NamedTuple):
-    """One fault on one vehicle at one seed."""
+    """A fault on a vehicle at a seed."""
 
     fault: str
     vehicle: str
@@ -58,7 +58,7 @@ class FaultJob(NamedTuple):
 
 
 class FaultOutcome(NamedTuple):
-    """What came of it."""
+    """The verdict on it."""
 
     job: FaultJob
     verdict: str  # ERROR: the fit was not begun, and the message said why; CRASH: the program failed
@@ -106,7 +106,7 @@ def _outcome(job: FaultJob, made: Made, before: "_Before") -> FaultOutcome:
         return outcome
     clean = before.fit(made.clean)
     outcome = outcome._replace(off=_rms(fit, clean, made.truth), clean=_rms(clean, clean, made.truth))
-    same = left_of(made.clean, made.run, made.file)
+    same = undamaged(made.clean, made.run, made.file)
     if same is None:
         return outcome
     left = identify(same[0], made.file, made.free, options=FitOptions(diagnose=False, backend=job.backend))

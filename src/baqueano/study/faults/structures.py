@@ -1,4 +1,4 @@
-"""What is in the world and not in the model that is fitted: a subject, its command and a generator → a plan.
+"""Effects of the world that the fitted model lacks: a subject, its command and a generator → a plan.
 
 What acts on the force of the motors is simulated as the command that would have that effect, `felt`; the log holds the
 command that was given. What depends on the motion takes it from the sound run. Sizes are drawn anew for each run.
@@ -105,7 +105,7 @@ def _velocity(run: Run) -> np.ndarray:
 
 
 def backlash(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """No force for 50 to 200 ms after a change of sign."""
+    """Remove the force for 50 to 200 ms after a change of sign."""
     ticks = round(rng.uniform(0.05, 0.2) * of.file.rate_hz)
 
     def loose(w: np.ndarray) -> np.ndarray:

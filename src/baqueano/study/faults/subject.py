@@ -28,7 +28,7 @@ CAR_LIMIT = [0.6, 0.2]  # of full throttle and lock: tyres that hardly slip
 
 
 class FaultSubject(NamedTuple):
-    """One vehicle, its file as it truly is, and what a user would free."""
+    """A vehicle, its true file, and the parameters that a user would free."""
 
     seed: int
     vehicle: Robots | Cars

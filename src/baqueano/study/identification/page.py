@@ -29,7 +29,7 @@ BARS = "Clean: errors and standard errors in bounds. The line is what an error h
 
 
 def page_of_identification(study: Identification) -> Page:
-    """Everything, on one page."""
+    """Return everything, on one page."""
     rows = study.rows()
     over = f"{study.seeds:,} seeds"
     over += f" of {study.asked:,}, stopped from the keyboard" if study.seeds < study.asked else ""

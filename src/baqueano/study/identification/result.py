@@ -77,7 +77,7 @@ class Identification:
         return np.concatenate([np.zeros(0), *(_z(o) for o in self.of(case))])
 
     def rows(self) -> list["TableRow"]:
-        """One flat row per case and parameter, and one of all of them."""
+        """Return a flat row per case and parameter, and one of all of them."""
         return [row for case in CASES if self.of(case) for row in _rows(case, self.of(case))]
 
     @property

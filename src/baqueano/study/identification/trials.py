@@ -67,7 +67,7 @@ class TrialJob(NamedTuple):
 
 
 class TrialOutcome(NamedTuple):
-    """One fit."""
+    """A fit."""
 
     case: str
     seed: int

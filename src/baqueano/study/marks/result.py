@@ -24,7 +24,7 @@ WORST_M, LEAST_KEPT, LEAST_WITHIN, MOST_NEES = 0.10, 0.90, 0.90, 1.6
 
 
 class Lap(NamedTuple):
-    """One lap of one robot."""
+    """A lap of a robot."""
 
     shape: str
     read: str  # "all read" or "faults"

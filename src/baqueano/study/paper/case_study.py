@@ -183,7 +183,7 @@ class Implied:
             (
                 f"T_11 = {self.T_11}",
                 f"{self.T_11 / self.d_lx:.3f} m/s per unit of u_x",
-                "0.4 to 0.7 m/s at full command: u is no duty in [-1, 1]",
+                "0.4 to 0.7 m/s at full command: u is not a duty in [-1, 1]",
             ),
             (
                 f"T_33 = {self.T_33}",

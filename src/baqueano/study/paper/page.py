@@ -21,7 +21,7 @@ CLOSED = (
 
 
 def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: str = "auto") -> Page:
-    """Everything, on one page."""
+    """Return everything, on one page."""
     fit = study.fits[0]
     labels = [label(c) for c in fit.channels]
     measured, predicted = (

@@ -30,7 +30,7 @@ velocity_matrix = [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.05]]
 
 @dataclass(frozen=True)
 class JudgedModel:
-    """One model: its fit, R from the truth, and errors of the EKF on a run it has not seen."""
+    """A model: its fit, R from the truth, and errors of the EKF on a held-out run."""
 
     model: str
     fit: Fit

@@ -7,5 +7,5 @@ if TYPE_CHECKING:
 
 
 def row(recording: str, quantity: str, value: object, bar: str, ok: bool) -> "JsonObject":
-    """One row of a table of recordings."""
+    """A row of a table of recordings."""
     return {"recording": recording, "quantity": quantity, "value": value, "bar": bar, "ok": bool(ok)}

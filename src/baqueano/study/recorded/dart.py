@@ -38,7 +38,7 @@ RMSE_M_S, LOW, HIGH = 0.092, 0.14, 0.17
 
 
 def files() -> list[str]:
-    """What this reads."""
+    """Return the files that this reads."""
     return [f"dart_jetracer/{pattern}.csv.gz" for pattern in FLOORS.values()]
 
 

@@ -1,7 +1,7 @@
 """Micromouse "Algernon" (opatiny/micromouse): duty against the speed of both wheels, steady after each step.
 
 Gain, dead zone forward and backward and the coast of each motor are fitted to one sweep (2 s a step, 5 of 255 a step)
-and held against another one, of another day and battery, that went in steps of 1. The dead band is told as the mean of
+and held against another one, of another day and battery, that went in steps of 1. The dead band is given as the mean of
 both wheels and ways, in units of the duty, against where the wheels of the other sweep begin to turn; one of them,
 left forward, sticks until 65 and then turns at once, which no dead zone is. The asymmetry is how much faster the right
 wheel turns by the model, over the commands at which both wheels turned.
@@ -40,7 +40,7 @@ EXPLAINED = 0.98  # of the speeds of a sweep with another battery, at most 5 % a
 
 
 def files() -> list[str]:
-    """What this reads."""
+    """Return the files that this reads."""
     return [f"micromouse_pwm/{FITTED}", f"micromouse_pwm/{OTHER}"]
 
 
@@ -102,7 +102,7 @@ def begins_to_turn(run: "Run") -> float:
 
 
 def asymmetry(fit: Fit, run: "Run", backend: str = "auto") -> float:
-    """How much faster the right wheel is, by the model, where both were measured to turn."""
+    """Return how much faster the right wheel is, by the model, where turns of both were measured."""
     z, said = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
     both = (np.abs(z) > TURNS_M_S).all(axis=1)
     left, right = np.abs(said[both]).sum(axis=0)

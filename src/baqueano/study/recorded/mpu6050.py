@@ -48,7 +48,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
         name = f"gyro {AXES[c.entry]} Allan deviation at 1 s [°/s]"
         out.append(_beside(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
     warned = any(one.code == "at-rest.bursts" for one in found.doubts)
-    return [*out, row(MAP, "burst stamps are told", warned, "yes", warned)]
+    return [*out, row(MAP, "burst stamps are reported", warned, "yes", warned)]
 
 
 def _beside(quantity: str, value: float, theirs: float, part: float) -> "JsonObject":
@@ -70,5 +70,5 @@ def _published() -> dict[tuple[str, str], tuple[float, float]]:
 
 
 def files() -> list[str]:
-    """What this reads."""
+    """Return the files that this reads."""
     return [*(spec.path for spec in load_map(MAP).files.values() if spec.path), PUBLISHED]

@@ -36,7 +36,7 @@ FAR_M, FAR_RAD = 0.50, np.radians(12.0)
 
 
 def files() -> list[str]:
-    """What this reads."""
+    """Return the files that this reads."""
     return list(FILES.values())
 
 

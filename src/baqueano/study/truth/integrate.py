@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 STEP_S = 1e-3
-SHORTEST_S = 1e-9  # what is left of a step below this is rounding
+SHORTEST_S = 1e-9  # the rest of a step below this is rounding
 KEPT = 50  # commands that may still be on their way
 
 

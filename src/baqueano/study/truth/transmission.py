@@ -34,7 +34,7 @@ class PassedCommand(NamedTuple):
 
 @dataclass(frozen=True)
 class Transmission(Group):
-    """One number of each kind for a vehicle: arrays (n,)."""
+    """A number of each kind for a vehicle: arrays (n,)."""
 
     second_lag_s: np.ndarray  # λ₂, 0 for a motor of the first order
     play_m: np.ndarray  # β at the rim, 0 for none

@@ -57,7 +57,7 @@ class TruthWorld:
         self._moved(before, self._kicked if len(self._rough) else None)
 
     def _moved(self, before_s: float, kicked: Any) -> None:
-        """From `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""
+        """Integrate from `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""
         low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
         if not np.any(low_pass_s > 0.0):
             span_s = before_s, end_s

@@ -41,7 +41,7 @@ class Traced(np.ndarray):
 
     @property
     def T(self) -> "Traced":
-        """The transpose; what it came from is told transposed as well."""
+        """Return the transpose, and note its origin, transposed as well."""
         flipped = self.transpose()
         flipped.origin = self.origin and self.origin.transposed()
         return flipped
@@ -75,7 +75,7 @@ def _key(key: Value) -> Value:
 
 
 def has_scalars(x: Value) -> bool:
-    """Is any element known only at run time?"""
+    """Return True if any element has its value only at run time."""
     if isinstance(x, np.ndarray):
         return x.dtype == object and any(isinstance(e, Scalar) for e in x.ravel().tolist())
     if isinstance(x, list | tuple):
@@ -95,7 +95,7 @@ def as_array(x: Value) -> np.ndarray:
 
 
 def traced(x: Value) -> Value:
-    """What NumPy made of objects, as one of ours; an array without axes becomes its only element."""
+    """Return an object array of NumPy as one of ours; an array without axes becomes its only element."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return x.view(Traced) if x.ndim else x.item()
     return type(x)([traced(e) for e in x]) if type(x) in (list, tuple) else x

@@ -15,7 +15,7 @@ from baqueano.symbolic.errors import untraceable
 
 
 class Origin(NamedTuple):
-    """What a matrix was made of: left @ right, or I − left @ right."""
+    """The origin of a matrix: left @ right, or I − left @ right."""
 
     left: np.ndarray
     right: np.ndarray
@@ -47,7 +47,7 @@ def matmul(a: Value, b: Value) -> Value:
 
 
 def origin_of(x: Value) -> Origin | None:
-    """What an array was made of, if it still is what was made."""
+    """Return the origin of an array, if it is unchanged."""
     origin = getattr(x, "origin", None)
     return origin if origin is not None and same(origin.cells, x) else None
 
@@ -112,7 +112,7 @@ def _is_zero(x: Value) -> bool:
 
 def solve(a: Value, b: Value) -> Value:
     """x with a x = b, b (n,) or (n, m): by L D Lᵀ where a is symmetric, else by L U. Rows change places only
-    where that can be told before run time."""
+    where that is certain before run time."""
     from baqueano.symbolic.arrays.array import as_array, traced
 
     A, x = as_array(a).copy(), as_array(b).copy()

@@ -1,4 +1,4 @@
-"""What stands for a number while a function is traced or derived: a `Node` of a graph, or a `Dual` number.
+"""Stand-ins for a number while a function is traced or derived: a `Node` of a graph, or a `Dual` number.
 
 Both are elements of object arrays and obey the operators of Python and NumPy. `apply` is the one place where
 an operator meets its arguments: floats are computed, nodes are put into their graph, dual numbers bring their
@@ -17,7 +17,7 @@ NUMBERS = (float, int, np.number, np.bool_)
 
 
 def apply(op: str, *args: Value, value: Value = None) -> Value:
-    """One operator on floats and scalars. `value` is the table (xp, fp) of interp."""
+    """Apply an operator to floats and scalars. `value` is the table (xp, fp) of interp."""
     highest, level = None, -1
     for a in args:
         if type(a) is not float and isinstance(a, Scalar) and a.level > level:
@@ -85,7 +85,7 @@ def _unary(op: str) -> Callable[[Value], Value]:
 
 
 class Scalar:
-    """One number; behaves as np.float64 does."""
+    """A number that behaves as np.float64 does."""
 
     __slots__ = ()
     __hash__ = object.__hash__
@@ -145,7 +145,7 @@ class Scalar:
 
     @property
     def T(self) -> "Scalar":
-        """Itself: a scalar has no axes."""
+        """Return itself: a scalar does not have axes."""
         return self
 
     def item(self) -> "Scalar":

@@ -22,7 +22,7 @@ WITH_TANGENTS = ("sensitivities", "gradient", "normal_equations")
 
 
 def make_kernel(program: Program) -> "CKernel":
-    """Nothing is compiled yet."""
+    """Return the kernel of a program, not compiled yet."""
     return CKernel(program)
 
 
@@ -158,7 +158,7 @@ class CKernel:
         library = self.libraries[key] = compile.load(
             header(body, self.program.tables) + body,
             operations=body.count(" = "),
-            find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight have no other way to become vectors
+            find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight become vectors only so
             hasty=hasty,
         )
         function = library.kernel

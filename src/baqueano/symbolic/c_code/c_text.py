@@ -20,7 +20,7 @@ ROWS = ("row", "choose", "unit", "drift")
 
 
 def header(body: str, tables: Sequence) -> str:
-    """What the body refers to: elementary functions for its widths, and the tables of `interp`."""
+    """Return the declarations that the body needs: elementary functions for its widths, and the tables of `interp`."""
     functions = (pkgutil.get_data("baqueano.symbolic", "c_math.h") or b"").decode()
     many = len(re.findall(FUNCTION_CALL, body)) > INLINED
     widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
@@ -74,7 +74,7 @@ class Text:
         self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
 
     def statements(self, statements: Iterable[Statement]) -> None:
-        """One C statement for each, in order; a branch is an if with two arms."""
+        """Return a C statement for each, in order; a branch is an if with two arms."""
         for s in statements:
             if isinstance(s, EmittedBranch):
                 self.branch(s)
@@ -94,7 +94,7 @@ class Text:
         self.close()
 
     def arm(self, statements: Iterable[Statement], choices: Iterable[Term], argument: int) -> None:
-        """One arm of a branch; `argument` 1 or 2 is the operand that a choice takes there."""
+        """Return an arm of a branch; `argument` 1 or 2 is the operand that a choice takes there."""
         self.statements(statements)
         self.add(*(f"{self.names[c]} = {self.value(c.args[argument])};" for c in choices))
 
@@ -116,7 +116,7 @@ class Text:
         return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
 
     def value(self, term: Term) -> str:
-        """As an operand of + − × ÷ and comparisons, where a constant may meet a vector."""
+        """Return an operand of + − × ÷ and comparisons, where a constant may meet a vector."""
         if term.op == "const":
             return literal(term.value)
         if term.op == "unit":
@@ -125,12 +125,12 @@ class Text:
         return f"number_{self.width}({name})" if term.op in MASKS else name
 
     def whole(self, term: Term) -> str:
-        """As an argument of a function: a constant has to fill all lanes."""
+        """Return an argument of a function: a constant has to fill all lanes."""
         value = self.value(term)
         return f"splat_{self.width}({value})" if term.op == "const" and self.width > 1 else value
 
     def mask(self, term: Term) -> str:
-        """As a condition: a mask as it is, a number compared with 0."""
+        """Return a condition: a mask as it is, a number compared with 0."""
         return self.names[term] if term.op in MASKS else f"({self.whole(term)} != 0.0)"
 
     def expression(self, term: Term) -> str:

@@ -54,7 +54,7 @@ class Compiler(NamedTuple):
 
 
 class FoundCompiler(NamedTuple):
-    """Which compiler is used, and what stood in the way of those that are not."""
+    """The compiler in use, and the obstacles to the others."""
 
     compiler: Compiler | None
     why: Diagnostic | None  # None when the first one worked
@@ -197,7 +197,7 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
 
 
 def _run(command: list[str], folder: str) -> str:
-    """What the command said, if it failed. It runs inside the folder and is given names without one, so that
+    """Return the output of the command, if it failed. It runs inside the folder and is given names without one, so that
     no space or accent of a home folder is ever an argument."""
     import subprocess
 
@@ -223,7 +223,7 @@ def _cache_folder() -> Path:
 
 
 def user_cache() -> Path:
-    """The folder of this user for what can be made again; one that goes with the process where there is no home."""
+    """Return the folder of this user for what can be made again; without a home, one that ends with the process."""
     if sys.platform == "win32":
         root = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
     elif sys.platform == "darwin":

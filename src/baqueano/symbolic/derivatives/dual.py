@@ -1,6 +1,6 @@
 """Forward derivatives: a dual number is a value and its derivatives by the seeds that it depends on.
 
-Value and derivatives are whatever the function was given: floats where nothing is traced, nodes while a step
+Value and derivatives have the kind of the arguments: floats where nothing is traced, nodes while a step
 is, dual numbers of a lower level inside an outer derivative. So `jacobian` works alike in all three places,
 and leaves nothing behind.
 """
@@ -28,7 +28,7 @@ class Dual(Scalar):
         self.value, self.row, self.level = value, row, level
 
     def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
-        """The chain rule; what does not depend on a seed is no dual number."""
+        """Apply the chain rule; a value that does not depend on a seed is not a dual number."""
         level = self.level
         values, rows = [], []
         for a in args:

@@ -71,7 +71,7 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
 
 
 def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
-    """All that depends on the carry or the inputs."""
+    """Return the nodes that depend on the carry or the inputs."""
     found = {*program.carry, *program.inputs}
     for node in order:
         if any(a in found for a in node.args):
@@ -80,7 +80,7 @@ def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
 
 
 def _active(program: Program, seeds: Iterable[Node]) -> set[Node]:
-    """All that depends on the seeds, also by way of the carry."""
+    """Return the nodes that depend on the seeds, also by way of the carry."""
     order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
     active = set(seeds)
     size = -1

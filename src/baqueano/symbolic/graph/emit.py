@@ -41,7 +41,7 @@ Statement: TypeAlias = Term | EmittedBranch
 
 
 class EmitPlan(NamedTuple):
-    """What is computed before the loop over the ticks, and within it."""
+    """The nodes computed before the loop over the ticks, and within it."""
 
     before: list[Statement]
     loop: list[Statement]
@@ -81,7 +81,7 @@ def with_reciprocals(program: Program, uses: int) -> Program:
 
 
 def _stepped(order: Sequence[Node]) -> set[Node]:
-    """What floor and comparisons look at, through sums and choices: there the last digit decides."""
+    """Return the nodes that floor and comparisons depend on, through sums and choices: there the last digit decides."""
     found: set[Node] = set()
     for node in reversed(order):
         passed_on = node in found and node.op in ("add", "sub", "neg", "min", "max", "where")
@@ -122,7 +122,7 @@ def cost(statements: Iterable[Statement]) -> float:
 
 
 def postorder(roots: Iterable[Term], known: Callable[[Term], bool]) -> list[Term]:
-    """All terms under the roots, arguments before users; what is known is left out, and what is under it."""
+    """Return all terms under the roots, arguments before users, without those already computed and their terms."""
     done: set[Term] = set()
     order = []
     for root in roots:
@@ -150,7 +150,7 @@ def _moving(roots: Iterable[Term], changing: Container[Term]) -> set[Term]:
 
 
 def arguments(statements: Iterable[Statement]) -> Iterator[Term]:
-    """All that the statements read."""
+    """Return the nodes that the statements read."""
     for s in statements:
         if isinstance(s, EmittedBranch):
             yield s.condition
@@ -168,7 +168,7 @@ def _cost(term: Term) -> float:
 
 
 class _Key(NamedTuple):
-    """What the choices that one branch serves have in common. None of them depends on another: `level`."""
+    """The common parts of the choices that one branch serves. None of them depends on another: `level`."""
 
     place: int  # number of the region that the branch stands in
     condition: Term
@@ -245,7 +245,7 @@ class _Branches:
                 self.levels = found
 
     def groups(self) -> dict[Term, _Group]:
-        """Each term is placed in the innermost region that holds all its uses. Users come first."""
+        """Place each term in the innermost region that holds all its uses. Users come first."""
         loop = _Region()
         places: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
         groups: dict[_Key, _Group] = {}
@@ -289,7 +289,7 @@ def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_Group]
 
 
 def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
-    """How many choices of the same condition stand below each choice, one under the other."""
+    """Return the number of nested choices of the same condition below each choice."""
     found: dict[Term, int] = {}
     for condition in conditions:
         below: dict[Term, int] = {}

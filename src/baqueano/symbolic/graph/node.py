@@ -17,7 +17,7 @@ from baqueano.symbolic.graph.simplify import RULES
 
 
 class Node(Scalar):
-    """One scalar of a trace. Hashable by identity; == makes another node, so compare with `is`."""
+    """A scalar of a trace. Hashable by identity; == makes another node, so compare with `is`."""
 
     __slots__ = ("args", "graph", "index", "op", "value")
 

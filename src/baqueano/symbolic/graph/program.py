@@ -1,4 +1,4 @@
-"""What a trace of one step leaves behind: the contract between the tracer and the back ends."""
+"""The program of a traced step: the contract between the tracer and the back ends."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeAlias
@@ -11,7 +11,7 @@ Array: TypeAlias = np.ndarray
 
 
 class Program(NamedTuple):
-    """One step of a scan as a graph. c numbers are carried, q come in each tick, m go out, p parameters."""
+    """A step of a scan as a graph. c numbers are carried, q come in each tick, m go out, p parameters."""
 
     graph: Graph
     theta: tuple[Node, ...]  # p symbols

@@ -65,7 +65,7 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
 
 
 def _with_size(g: "Graph", x: "Node", y: "Node") -> "Node | None":
-    """x · y where sign(x) is among the factors of y: |x| in its place. So is the slope of d |x| x told by d |x|."""
+    """Return |x| for x · y where sign(x) is among the factors of y. The slope of d |x| x needs d |x| for this."""
     if y.op == "sign" and y.args[0] is x:
         return g.make("abs", x)
     for a, b in (y.args, y.args[::-1]) if y.op == "mul" else ():

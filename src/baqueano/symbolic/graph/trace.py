@@ -1,4 +1,4 @@
-"""One call of a step, with symbols in place of numbers → its graph.
+"""Trace a call of a step, with symbols in place of numbers → its graph.
 
 A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal; if
 the step returns the same nodes on both sides again, it stays so for ever, by induction, and half of its
@@ -109,7 +109,7 @@ def _kept_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dic
 
 
 def _const_kind(node: Node, kind: str) -> str:
-    """`kind` if a constant can be one, "f" if it cannot; "" for what is no constant."""
+    """Return `kind` if a constant fits it, "f" if it does not; "" where it is not a constant."""
     if node.op != "const":
         return ""
     return kind if node.value in ((0.0, 1.0) if kind == "b" else (np.floor(node.value),)) else "f"

@@ -29,7 +29,7 @@ class Leaf(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers."""
+        """Return the count of numbers."""
         return int(np.prod(self.shape))
 
     @property
@@ -41,7 +41,7 @@ class Leaf(NamedTuple):
 
 
 class Branch(NamedTuple):
-    """What holds other shapes."""
+    """A shape that contains other shapes."""
 
     path: str
     kind: type
@@ -50,7 +50,7 @@ class Branch(NamedTuple):
 
 
 class Fixed(NamedTuple):
-    """No number: always this very value."""
+    """A constant without numbers: always this very value."""
 
     path: str
     value: Tree
@@ -95,12 +95,12 @@ def with_kinds(shape: Shape, kinds: Iterator[str]) -> Shape:
 
 
 def size(shape: Shape) -> int:
-    """How many numbers a row has."""
+    """Return the count of numbers in a row."""
     return sum(leaf.size for leaf in leaves(shape))
 
 
 def values(shape: Shape, tree: Tree) -> list[Tree]:
-    """What stands at the leaves of a tree that has this shape; ValueError where it has another."""
+    """Return the leaves of a tree that has this shape; ValueError where it has another."""
     if isinstance(shape, Leaf):
         return [tree]
     if isinstance(shape, Fixed):
@@ -139,7 +139,7 @@ def make(kind: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
 
 
 def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray:
-    """What stands at a leaf, as floats with `lead` axes in front; ValueError if it has another shape."""
+    """Return the value at a leaf, as floats with `lead` axes in front; ValueError if it has another shape."""
     array = np.asarray(value)
     if array.shape != lead + leaf.shape or array.dtype.kind not in "fiub":
         raise Invalid(
@@ -155,7 +155,7 @@ def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray
 
 
 def restored(leaf: Leaf, column: np.ndarray) -> Tree:
-    """Floats as what the leaf is: an array of its kind; a Python number if there are no axes."""
+    """Return floats in the kind of the leaf: an array of its kind; a Python number if there are no axes."""
     column = column != 0.0 if leaf.kind == "b" else column
     column = np.rint(column).astype(np.int64) if leaf.kind == "i" else column
     return column if column.ndim else column.item()

@@ -44,7 +44,7 @@ class TangentCode(NamedTuple):
 
 
 def make_kernel(program: Program) -> "PythonKernel":
-    """Nothing is written yet."""
+    """Return the kernel of a program, not written yet."""
     return PythonKernel(program)
 
 
@@ -138,7 +138,7 @@ class PythonKernel:
                     outputs[:, k, column] = value
 
     def _tick(self, inputs: Array, outputs: Array) -> Callable[[], object]:
-        """One tick: only inputs that are used become numbers of Python, and each value is written once."""
+        """Write a tick: only inputs that are used become numbers of Python, and each value is written once."""
         program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
         wanted = list(dict.fromkeys(program.outputs))
         used = sorted(place[node] for node in below(wanted) if node in place)
@@ -170,7 +170,7 @@ class PythonKernel:
         return call
 
     def _slopes(self) -> tuple[TangentCode, TangentCode]:
-        """What is not 0 in ∂carry₀/∂θ, and in ∂(outputs, next carry)/∂(carry, θ)."""
+        """Return where ∂carry₀/∂θ and ∂(outputs, next carry)/∂(carry, θ) are not 0."""
         if self.slopes is None:
             p, m = self.program, len(self.program.outputs)
             begin = jacobian_rows(p.initial, p.theta)

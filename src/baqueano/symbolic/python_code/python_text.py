@@ -16,7 +16,7 @@ BRANCH_PAYS = 4.0  # operations: a branch costs Python little more than one of t
 
 
 class Formats(NamedTuple):
-    """How operators are written; one that is not listed is a call of `op_`."""
+    """The notation of operators; one that is not listed is a call of `op_`."""
 
     name: str
     texts: dict[str, str]
@@ -75,7 +75,7 @@ def kernel_text(
 
 
 def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) -> str:
-    """One tick without parameters and carry; what one arm of a choice alone needs is sunk into a branch."""
+    """Write a tick without parameters and carry; terms of one arm of a choice are sunk into a branch."""
     text = _Text(formats, wanted)
     leaves = text.leaves("i", inputs)
     text.statements([node for node in below(wanted) if node.op == "const"], "")
@@ -85,7 +85,7 @@ def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) 
 
 
 def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
-    """What changes from tick to tick."""
+    """Return the nodes that change from tick to tick."""
     found = {*program.carry, *program.inputs}
     for node in below(roots):
         if any(a in found for a in node.args):
@@ -123,7 +123,7 @@ class _Text:
         return f"({', '.join(names)},)" if names else "()"
 
     def statements(self, nodes: Iterable[Statement], indent: str, name_all: bool = False) -> list[str]:
-        """What computes the nodes, in order; what is used once becomes a part of what uses it."""
+        """Write the statements of the nodes, in order; a node that is used once becomes a part of its user."""
         lines = []
         for node in nodes:
             if isinstance(node, EmittedBranch):

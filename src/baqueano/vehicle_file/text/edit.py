@@ -194,7 +194,7 @@ def _put_entries(old: list[Any], new: list[Any]) -> None:
 
 
 def _forget(document: Any, dotted: str) -> None:
-    """What was known of a value does not hold for another one."""
+    """Delete the provenance of a value that is replaced."""
     origins = document.get("provenance", {})
     for key in [k for k in origins if ".".join(split(k)[0]) == dotted]:
         del origins[key]

@@ -1,8 +1,7 @@
 """The sound run without what a fit leaves out of the damaged one: what could still be known of it.
 
 A damage that is noticed costs samples. How much of what a fit then errs by is the price of what is gone, and how
-much is harm that is left in the rest, is told by the sound run from which the very same samples are taken: samples
-are the same where they came at the same time.
+much is harm in the rest, is measured with the sound run, from which the same samples are taken: those of the same time.
 """
 
 from dataclasses import replace
@@ -14,7 +13,7 @@ from baqueano.runs.run import Run
 from baqueano.vehicle_file import VehicleFile
 
 
-def left_of(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
+def undamaged(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
     """The `sound` run with NaN for the readings that are left out of the `damaged` one, and which part they are;
     None where samples came at other times, so that none are the same."""
     pieces, _ = mended([damaged], file, file.sensors._asdict())

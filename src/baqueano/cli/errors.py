@@ -24,7 +24,7 @@ class Interrupted(BaqueanoError):
     exit_code = INTERRUPTED
 
 
-class Ending(NamedTuple):
+class CommandError(NamedTuple):
     """Why a command ended, what to type next, and the exit code."""
 
     why: Diagnostic
@@ -48,17 +48,17 @@ class Ending(NamedTuple):
         return self.why.to_json() | {"text": self.said} | after | {"exit_code": self.code}
 
 
-def ending(error: BaseException, args: list[str]) -> Ending:
+def command_error(error: BaseException, args: list[str]) -> CommandError:
     """Return how an error ends the command.  args: the command line, without `baqueano`."""
     why, code = _why(error, args)
-    return Ending(why, next_line(why, code, args), code)
+    return CommandError(why, next_line(why, code, args), code)
 
 
 def _why(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     match error:
         case BaqueanoError():
             words = fault("cli.words", words=str(error))
-            return (error.said if isinstance(error.said, Diagnostic) else words), error.exit_code
+            return (error.message if isinstance(error.message, Diagnostic) else words), error.exit_code
         case click.UsageError():
             path = error.ctx.command_path if error.ctx else "baqueano"
             return fault("cli.usage", f"{path} --help", words=error.format_message().rstrip(".")), USAGE

@@ -1,0 +1,90 @@
+"""The language of messages, help and tables: `--lang`, BAQUEANO_LANG or the locale decide, in this order.
+
+English stands in the code. Each other language is a gettext catalogue, locale/<language>/LC_MESSAGES/baqueano.mo,
+which `make catalogues` writes.
+"""
+
+import gettext
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+LANGUAGES = {"en": "English", "es": "español"}
+VARIABLE = "BAQUEANO_LANG"
+DOMAIN = "baqueano"
+CATALOGUES = Path(__file__).with_name("locale")
+_COMMA = str.maketrans({".": ",", ",": " "})
+_chosen = ""
+
+
+def choose(language: str) -> None:
+    """Choose one of LANGUAGES for this process, for the help of its command line too; "" undoes it."""
+    global _chosen
+    _chosen = language
+    os.environ["LANGUAGE"] = current()
+    gettext.bindtextdomain(DOMAIN, str(CATALOGUES))
+    gettext.textdomain(DOMAIN)  # click asks there
+
+
+def current() -> str:
+    """Return the key of LANGUAGES that is in force.
+
+    >>> current()
+    'en'
+    """
+    wanted = _chosen or os.environ.get(VARIABLE) or _of_the_system()
+    language = wanted.partition("_")[0].partition(".")[0].lower()
+    return language if language in LANGUAGES else "en"
+
+
+def translated(words: str, context: str = "") -> str:
+    """Return words of the code in the current language; words that have no translation stay English."""
+    language = current()
+    if language == "en" or not words:
+        return words
+    catalogue = _catalogue(language)
+    return catalogue.pgettext(context, words) if context else catalogue.gettext(words)
+
+
+def number(value: Any) -> Any:
+    """Return a number that formats itself as the current language writes it; anything else as it is.
+
+    >>> f"{number(0.25):.1f}"
+    '0.2'
+    """
+    if current() == "en":
+        return value
+    if isinstance(value, list | tuple):
+        return type(value)(map(number, value))
+    if isinstance(value, float):
+        return _Float(value)
+    return _Int(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+class _Float(float):
+    def __format__(self, spec: str) -> str:
+        return format(float(self), spec).translate(_COMMA)
+
+    def __repr__(self) -> str:
+        return repr(float(self)).translate(_COMMA)
+
+
+class _Int(int):
+    def __format__(self, spec: str) -> str:
+        return format(int(self), spec).translate(_COMMA)
+
+
+@cache
+def _catalogue(language: str) -> gettext.NullTranslations:
+    return gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True)
+
+
+def _of_the_system() -> str:
+    named = next((os.environ[name] for name in ("LC_ALL", "LC_MESSAGES", "LANG") if os.environ.get(name)), "")
+    if named or os.name != "nt":
+        return named
+    import ctypes
+    import locale
+
+    return locale.windows_locale.get(ctypes.windll.kernel32.GetUserDefaultUILanguage(), "")

@@ -1,0 +1,138 @@
+"""The catalogues of other languages, for gettext: what is to be translated, and whether all of it is.
+
+`make catalogues` reads the templates of messages, the help of the command line, the words of click, and what stands in
+`_(…)` in the source; it brings src/baqueano/locale/*/LC_MESSAGES/baqueano.po up to date and compiles it. An entry is
+fuzzy where its English changed: translate it again and take the mark away.
+"""
+
+import io
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from string import Formatter
+
+import click
+from babel.messages import Catalog
+from babel.messages.extract import extract_from_dir, extract_from_file
+from babel.messages.mofile import write_mo
+from babel.messages.pofile import read_po, write_po
+
+from baqueano.cli import VERBS, baqueano, command_of
+from baqueano.language import CATALOGUES, DOMAIN, LANGUAGES
+from baqueano.messages import templates
+
+SOURCE = CATALOGUES.parent
+WORDS = {"_": None, "ngettext": (1, 2)}
+
+
+def places(language: str) -> tuple[Path, Path]:
+    """Return the files .po and .mo of a language."""
+    folder = CATALOGUES / language / "LC_MESSAGES"
+    return folder / f"{DOMAIN}.po", folder / f"{DOMAIN}.mo"
+
+
+def wanted() -> Catalog:
+    """Return all that is to be translated."""
+    catalogue = Catalog(
+        project="baqueano", charset="utf-8", copyright_holder="The baqueano developers", fuzzy=False
+    )
+    for code, template in sorted(templates().items()):
+        catalogue.add(template, context=code)
+    for words in help_of(baqueano):
+        catalogue.add(words)
+    for words in VERBS.values():
+        catalogue.add(words)
+    for _, _, words, _, _ in extract_from_dir(SOURCE, keywords=WORDS):
+        catalogue.add(words)
+    for path in Path(click.__file__).parent.glob("*.py"):
+        for _, words, _, _ in extract_from_file("python", path, keywords=WORDS):
+            catalogue.add(words)
+    return catalogue
+
+
+def help_of(command: click.Command) -> Iterator[str]:
+    """Yield the help of a command, of its options, and of the commands below it."""
+    yield from filter(
+        None, (command.help, command.short_help, command.epilog, *getattr(command, "groups", ()))
+    )
+    yield from (param.help for param in command.params if isinstance(param, click.Option) and param.help)
+    below = [*getattr(command, "commands", {}).values()]
+    for verb in map(command_of, VERBS) if command is baqueano else below:
+        yield from help_of(verb)
+
+
+def read(language: str) -> Catalog:
+    """Return the catalogue of a language as it stands in its file."""
+    path, _ = places(language)
+    if not path.exists():
+        return Catalog(locale=language, charset="utf-8", fuzzy=False)
+    return read_po(io.BytesIO(path.read_bytes()), locale=language)
+
+
+def compiled(catalogue: Catalog) -> bytes:
+    """Return what gettext reads."""
+    out = io.BytesIO()
+    write_mo(out, catalogue)
+    return out.getvalue()
+
+
+def update(language: str) -> Catalog:
+    """Write the catalogue of a language anew, with all that is to be translated now."""
+    catalogue = read(language)
+    catalogue.update(wanted(), no_fuzzy_matching=False, update_header_comment=False)
+    catalogue.obsolete.clear()
+    po, mo = places(language)
+    po.parent.mkdir(parents=True, exist_ok=True)
+    out = io.BytesIO()
+    write_po(out, catalogue, width=120, sort_output=True, omit_header=False)
+    po.write_bytes(out.getvalue())
+    mo.write_bytes(compiled(catalogue))
+    return catalogue
+
+
+def faults(catalogue: Catalog) -> list[str]:
+    """Return what is missing, fuzzy, or has other placeholders than the English."""
+    found = []
+    for message in wanted():
+        if not message.id:
+            continue
+        entry = catalogue.get(message.id, message.context)
+        name = f"{message.context or ''} {message.id!r}".strip()
+        if entry is None or not all(entry.string if isinstance(entry.string, tuple) else (entry.string,)):
+            found.append(f"missing: {name}")
+        elif entry.fuzzy:
+            found.append(f"fuzzy: {name}")
+        elif (broken := differs(message.id, entry.string)) is not None:
+            found.append(f"placeholders: {name}: {broken}")
+    return found
+
+
+def differs(english: str | tuple[str, ...], other: str | tuple[str, ...]) -> str | None:
+    """Return the placeholders that one has and the other has not; None where they are the same."""
+    if isinstance(english, tuple):
+        pairs = zip(english, other, strict=True)
+        return next((broken for pair in pairs if (broken := differs(*pair)) is not None), None)
+    ours, theirs = fields(english), fields(other)
+    return None if ours == theirs else f"{sorted(ours)} and {sorted(theirs)}"
+
+
+def fields(template: str) -> set[str]:
+    """Return the names of a template's fields, nested ones too.
+
+    >>> sorted(fields("{arg[use]:{sensor}} of {x:.3g}"))
+    ['arg[use]', 'sensor', 'x']
+    """
+    try:
+        parsed = list(Formatter().parse(template))
+    except ValueError:
+        return set()
+    names = {name for _, name, _, _ in parsed if name is not None}
+    return names.union(*(fields(spec) for _, _, spec, _ in parsed if spec))
+
+
+if __name__ == "__main__":
+    for one in LANGUAGES:
+        if one != "en":
+            faulty = faults(update(one))
+            print(f"{places(one)[0]}: {len(faulty)} to do", *faulty, sep="\n  ")
+            sys.exit(bool(faulty))
