@@ -1,15 +1,13 @@
 """`kind` in the vehicle file → block: one of ours by its short name, or one of yours as "file.py:Class".
 
 What the six rooms promise each other is checked by `check_vehicle`, `check_sensor`, `check_estimator`,
-`check_guide`, `check_controller` and `check_supervisor`, in sentences for the author of a block.
+`check_guide`, `check_controller` and `check_supervisor`, for the author of a block.
 """
 
-import difflib
 import importlib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 
@@ -39,7 +37,6 @@ __all__ = [
     "check_supervisor",
     "check_vehicle",
     "classes_in",
-    "closest",
     "kinds",
     "notes",
     "place_of",
@@ -111,12 +108,6 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     if kind.endswith(".py") and _there(kind, folder) is not None:
         raise FileError(fault("block.without-class", found=kind, holds=classes_in(kind, folder)))
     raise FileError(fault("block.unknown", room=room, found=kind, near=nearest(kind, known)))
-
-
-def closest(word: str, known: Iterable[str]) -> str:
-    """ " Did you mean …?", or "" if nothing is near."""
-    near = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
-    return f" Did you mean {near[0]}?" if near else ""
 
 
 def room_of(kind: type) -> str:

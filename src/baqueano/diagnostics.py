@@ -163,6 +163,14 @@ def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Dia
     return note(code, Severity.ERROR, fix, subject, **figures)
 
 
+def joined(found: Iterable[Diagnostic]) -> Diagnostic | None:
+    """Return several messages as one, None of none."""
+    first, *others = (*found, None)
+    for then in others[:-1]:
+        first = fault("messages.then", first=first, then=then)
+    return first
+
+
 LISTED = 20  # names of those that are known
 
 

@@ -15,18 +15,16 @@ INTERRUPTED = 130  # Ctrl-C, as shells have it
 USERS = "baqueano_user_"  # begins the name of a module that is a file of the user's blocks
 
 
-class BaqueanoError(Exception):
-    """An end that was foreseen. Its text is for the reader; the command line shows no traceback.
+class Coded(Exception):
+    """An exception that is a diagnostic. Its text is for the reader.
 
-    `message`: a diagnostic, or a text. `about`: the diagnostic that a text speaks of.
+    `message`: a diagnostic, or a text of somebody else's. `about`: the diagnostic that it passes on.
     """
-
-    exit_code = 1
 
     def __init__(self, message: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
         super().__init__(text(message))
         self.message = message
-        self._about = message if isinstance(message, Diagnostic) else about
+        self._about = about or (message if isinstance(message, Diagnostic) else None)
 
     @property
     def diagnostic(self) -> Diagnostic:
@@ -34,6 +32,20 @@ class BaqueanoError(Exception):
         if self._about is not None:
             return self._about
         return Diagnostic(f"error.{type(self).__name__}", Severity.ERROR, "error", {"words": str(self)})
+
+
+class Invalid(Coded, ValueError):
+    """A number, name or shape that a block or a function of ours does not take."""
+
+
+class Misused(Coded, TypeError):
+    """A call, or a type of argument, that a function of ours does not take."""
+
+
+class BaqueanoError(Coded):
+    """An end that was foreseen; the command line shows no traceback."""
+
+    exit_code = 1
 
 
 class AnswerNo(BaqueanoError):
@@ -83,6 +95,11 @@ def from_outside(error: BaseException) -> bool:
         trace = trace.tb_next
     raised = trace is not None and trace.tb_frame.f_code.co_code[trace.tb_lasti] == opmap["RAISE_VARARGS"]
     return isinstance(error, FromOutside) or not raised
+
+
+def cause_of(error: BaseException) -> Diagnostic | str:
+    """Return an error as the figure of another: its diagnostic, or its text."""
+    return error.diagnostic if isinstance(error, Coded) and error._about is not None else str(error)
 
 
 def named(error: BaseException) -> str:

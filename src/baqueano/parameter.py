@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 
 INF = float("inf")
 ROLES = ("fitted", "gain", "offset", "term", "known", "scale", "noise")
@@ -62,7 +64,7 @@ def parameter(
     """A dataclass field that carries a `Parameter`; `physics` are its other fields. Array defaults are given as lists
     or tuples. A term is neutral at 0 if `neutral` is not given."""
     if role not in ROLES:
-        raise ValueError(f"role = {role!r}: expected one of {', '.join(ROLES)}.")
+        raise Invalid(fault("field.role", found=repr(role), known=ROLES))
     if role == "term":
         physics = {"neutral": 0.0} | physics
     metadata = {"parameter": Parameter(unit, low, high, meaning, shape, role, **physics)}

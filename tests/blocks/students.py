@@ -147,8 +147,8 @@ GOOD = {
 }
 
 
-def sentences_about(tmp_path, room, text):
-    """What the checks say about the class Block of a file with this text."""
+def findings_about(tmp_path, room, text):
+    """Diagnostics of the checks about the class Block of a file with this text."""
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     kind = resolve(room, "mine.py:Block", tmp_path)
     return check(room, kind())

@@ -4,12 +4,12 @@ import pytest
 
 from baqueano.blocks import notes, resolve, room_of
 
-from .students import CONTROLLER, GOOD, sentences_about
+from .students import CONTROLLER, GOOD, findings_about
 
 
 @pytest.mark.parametrize("room", GOOD)
 def test_a_good_block_is_passed_without_a_word(tmp_path, room):
-    assert sentences_about(tmp_path, room, GOOD[room]) == []
+    assert findings_about(tmp_path, room, GOOD[room]) == []
 
 
 @pytest.mark.parametrize("room", GOOD)
@@ -28,16 +28,15 @@ def test_a_block_that_decides_with_if_works_and_is_told_what_it_costs(tmp_path):
     text = CONTROLLER.replace(
         "        u = np", "        if e[0] > 0.5:\n            e = 0.5 * e\n        u = np"
     )
-    assert sentences_about(tmp_path, "controller", text) == []
+    assert findings_about(tmp_path, "controller", text) == []
     (note,) = notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
-    assert note.startswith(
-        "mine.py line 19: Block.step() works, but cannot be compiled, so simulations with it are slow"
-    )
-    assert "np.where" in note
+    assert (note.code, note.subject) == ("check.slow", "Block.step()")
+    assert note.figures["place"] == "mine.py line 19"
+    assert note.figures["cause"].code == "trace.decides"
 
 
 def test_a_block_that_says_something_else_when_compiled_is_told_so(tmp_path):
     text = CONTROLLER.replace("return state + 1.0,", "return str(e[0]),")
-    assert sentences_about(tmp_path, "controller", text) == []
+    assert findings_about(tmp_path, "controller", text) == []
     (note,) = notes("controller", resolve("controller", "mine.py:Block", tmp_path)())
-    assert "gives other numbers when it is compiled" in note
+    assert note.code == "check.compiled-otherwise"

@@ -1,5 +1,6 @@
 """What a person mistypes ends with exit code 2 and one paragraph that says what was expected and what to type."""
 
+import json
 import subprocess
 import sys
 
@@ -7,6 +8,7 @@ import pytest
 
 from baqueano import __version__
 from baqueano.cli import VERBS
+from baqueano.diagnostics import fault
 
 
 @pytest.mark.parametrize(
@@ -161,13 +163,13 @@ def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, mo
     from baqueano.symbolic.c_code.compile import CompileError
 
     def refused(*args, **kwargs):
-        raise CompileError("no C compiler: install gcc or clang")
+        raise CompileError(fault("compiler.absent", "pip install ziglang"))
 
     monkeypatch.setattr("baqueano.simulate.simulate", refused)
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--backend", "c")
     assert end.code == 2
     assert (end.why.code, end.fix) == ("cli.not-compiled", "--backend python")
-    assert end.why.figures["error"] == "no C compiler: install gcc or clang"
+    assert end.why.figures["error"].code == "compiler.absent"
 
 
 def test_a_vehicle_that_nobody_reaches_ends_in_one_paragraph_and_code_4(baqueano):
@@ -186,3 +188,28 @@ def test_a_laptop_that_is_taken_for_the_vehicle_is_told_to_name_it(baqueano):
 @pytest.mark.parametrize("group", ["robot", "runs", "study", "blocks"])
 def test_no_sentence_of_a_list_of_verbs_is_cut_short(baqueano, group):
     assert "..." not in baqueano(group, "--help").out.partition("Commands:")[2]
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "ends"),
+    [
+        ("blocks check ekff --json", "cli.block-unknown", 2),
+        ("compare nothing --json", "runs.unknown", 3),
+        ("runs ls --jsonn --json", "cli.usage", 2),
+    ],
+)
+def test_an_error_of_a_verb_with_json_is_one_object_with_code_and_figures(baqueano, line, code, ends):
+    end = baqueano(*line.split())
+    said = json.loads(end.out)
+    assert (end.code, said["exit_code"], said["code"]) == (ends, ends, code)
+    assert said["figures"] == end.why.to_json()["figures"]
+    assert said["text"] in end.paragraph
+
+
+def test_an_answer_of_no_with_json_is_the_answer_alone(baqueano, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n    def step(self, state, estimate): ...\n", encoding="utf-8"
+    )
+    end = baqueano("blocks", "check", "mine.py:Mine", "--room", "guide", "--json")
+    assert end.code == 1
+    assert json.loads(end.out)["verdict"] == "REFUSED"

@@ -7,7 +7,9 @@ from baqueano.compare import compare
 from baqueano.compare.consistency import NOT_REPORTED, Band
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.errors import UsageError
+from baqueano.monitor import Refusals, counted
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
+from tests.codes import refused
 
 N = 1500
 
@@ -44,8 +46,8 @@ def test_a_consistent_run_is_called_consistent():
 
 
 def test_refusals_stand_beside_each_other_and_a_run_without_counts_shows_none():
-    counted = made(events=(Event(0, "info", "refused", "imu[2]: 12 of 800"),))
-    judged = compare([counted, made("b")])
+    first = made(events=(Event(0, "info", "refused", "", counted([Refusals("imu[2]", 12, 800)])),))
+    judged = compare([first, made("b")])
     rows = judged.rows()
     assert (rows[0]["refused_imu[2]"], rows[0]["arrived_imu[2]"]) == (12, 800)
     assert not any(key.startswith("refused") for key in rows[1])
@@ -111,18 +113,18 @@ def test_the_table_has_a_column_per_run_and_the_verdict():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: compare([]), "there is no run to compare"),
-        (lambda: compare(made(), over_s=0.0), "over_s = 0 s, skip_s = 0 s: expected over_s above 0"),
-        (lambda: compare(made(), alignment="sim"), "expected one of none, start, rigid"),
-        (lambda: compare(made(), made()), "alignment is a Run: several runs go into a list"),
+        (lambda: compare([]), ("compare.no-runs", {})),
+        (lambda: compare(made(), over_s=0.0), ("compare.times", {"over_s": 0.0, "skip_s": 0.0})),
+        (lambda: compare(made(), alignment="sim"), ("compare.alignment", {"known": "none, start, rigid"})),
+        (lambda: compare(made(), made()), ("compare.not-a-list", {"kind": "Run"})),
         (
             lambda: compare(made(), names=["a", "b"]),
-            "names has 2 names, and there are 1 runs: expected one for each",
+            ("compare.names", {"names": 2, "runs": 1}),
         ),
     ],
 )
 def test_a_question_without_sense_is_answered_in_words(call, words):
-    with pytest.raises(UsageError, match=words):
+    with refused(words[0], UsageError, **words[1]):
         call()
 
 

@@ -6,6 +6,7 @@ from scipy.signal import lfilter
 
 from baqueano.compare import consistency
 from baqueano.errors import UsageError
+from tests.codes import refused
 
 P = np.array([[4.0, 0.3, 0.0], [0.3, 0.09, 0.001], [0.0, 0.001, 1e-4]])
 
@@ -147,5 +148,5 @@ def test_white_innovations_are_white_and_slow_ones_are_not():
 
 
 def test_without_scipy_the_message_says_what_to_type(without_scipy):
-    with pytest.raises(UsageError, match=r'pip install "baqueano\[lab\]"'):
+    with refused("lab.scipy-for-bands", UsageError):
         consistency._limits(10.0, 0.05)

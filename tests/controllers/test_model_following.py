@@ -18,6 +18,7 @@ from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import compiled, function
 from baqueano.vehicle_file import load
+from tests.codes import refused
 
 SMALL = load("small")
 LAWS = ("pd_feedforward", "kanayama", "lqr", "pure_pursuit", "stanley")
@@ -222,7 +223,7 @@ def test_a_follower_without_a_law_says_what_to_write():
 
 
 def test_a_limit_of_another_length_is_refused():
-    with pytest.raises(ValueError, match=r"PdFeedforward.limit has shape \(2,\): expected \(3,\)"):
+    with refused("field.limit", ValueError, block="PdFeedforward", found="(2,)", commands=3):
         PdFeedforward(SMALL.vehicle, limit=np.ones(2))
 
 

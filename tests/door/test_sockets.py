@@ -15,6 +15,7 @@ from baqueano.door.operator import Operator
 from baqueano.door.sockets import LONG, Door
 from baqueano.drive.mission import Mission, packed
 from baqueano.errors import RobotUnreachable
+from tests.codes import refused
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
@@ -265,7 +266,7 @@ def until_guest(door):
 
 
 def test_a_second_service_is_refused_and_the_socket_of_a_dead_one_is_taken_over(door, tmp_path):
-    with pytest.raises(RobotUnreachable, match="runs already"):
+    with refused("door.runs-already", RobotUnreachable):
         Door(door.path, Operator(), tmp_path)
     dead = tmp_path / "dead"
     old = socket.socket(socket.AF_UNIX)

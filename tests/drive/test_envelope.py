@@ -13,6 +13,7 @@ from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.simulate import simulate, simulate_loops, simulate_many
 from baqueano.vehicle_file import load, parse
 from baqueano.vehicle_file.envelope import Envelope
+from tests.codes import refused
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +27,8 @@ def small():
 
 def flags(run):
     """What is said of the model in a run."""
-    return [event.text for event in run.events if event.source == "model" and "envelope" in event.text]
+    said = [event.diagnostic for event in run.events if event.source == "model"]
+    return [one for one in said if one.code == "envelope.left"]
 
 
 SLOW, FAST = np.tile([0.5, 0.0, 0.1], (150, 1)), np.tile([0.9, 0.0, 0.1], (150, 1))
@@ -55,9 +57,9 @@ def test_a_drive_within_the_envelope_is_not_flagged(small):
 def test_a_drive_beyond_the_envelope_is_flagged(small):
     said = flags(experiment(small, FAST))
     assert len(said) == 1
-    assert said[0].startswith(
-        "the run leaves the envelope of the fit: u_x goes from 0 to 0.9, 99 % of the time"
-    )
+    assert (said[0].code, said[0].subject) == ("envelope.left", "u_x")
+    assert said[0].figures["most"] == 0.9
+    assert said[0].figures["beyond_percent"] == pytest.approx(99.0, abs=0.5)
 
 
 def test_a_replay_of_a_drive_beyond_is_flagged(small):
@@ -68,13 +70,14 @@ def test_a_replay_of_a_drive_beyond_is_flagged(small):
 
 def test_a_turn_rate_beyond_is_flagged_where_no_command_is(small):
     slower = small.with_values({}, envelope=small.envelope._replace(high=np.array([1.0, 0, 1, 0.1])))
-    assert "imu[2] goes from" in flags(experiment(slower, SLOW))[0]
+    assert flags(experiment(slower, SLOW))[0].subject == "imu[2]"
 
 
 def test_a_repeat_beyond_is_flagged(small):
-    assert any("u_x goes" in said for said in flags(repeat(small, circle(0.3, 0.4))))
+    assert any(said.subject == "u_x" for said in flags(repeat(small, circle(0.3, 0.4))))
     assert any(
-        "u_x goes" in said for said in flags(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
+        said.subject == "u_x"
+        for said in flags(next(iter(simulate_loops(small, circle(0.3, 0.4), seeds=[0]))))
     )
 
 
@@ -86,7 +89,7 @@ def test_a_simulation_beyond_is_flagged_of_one_vehicle_and_of_many(small):
 
 def test_a_run_of_another_kind_of_vehicle_is_no_member(small):
     run = simulate(small, SLOW)
-    with pytest.raises(UsageError, match="same kind of vehicle"):
+    with refused("vehicle.commands-differ", UsageError):
         small.envelope.flags(replace(run, applied=run.applied[:, :2]))
 
 
@@ -95,7 +98,7 @@ def test_a_run_of_another_kind_of_vehicle_is_no_member(small):
 )
 def test_a_table_without_a_range_for_each_name_is_refused(line):
     table = f'\n[envelope]\nnames = ["u_x", "u_y", "u_psi"]\n{line}\nhigh = [1.0, 1.0, 1.0]\n'
-    with pytest.raises(FileError, match=r"\[envelope\] does not hold one low and one high"):
+    with refused("vehicle.envelope-ranges", FileError):
         parse(load("small").text + table, "my.toml")
 
 
@@ -104,5 +107,5 @@ def test_a_table_without_a_range_for_each_name_is_refused(line):
 )
 def test_names_that_the_vehicle_does_not_have_are_refused_at_load_and_not_in_a_drive(names):
     table = f"\n[envelope]\nnames = {names}\nlow = [0.0]\nhigh = [1.0]\n"
-    with pytest.raises(FileError, match=r"\[envelope\] has other names than the commands u_x, u_y, u_psi"):
+    with refused("vehicle.envelope-names", FileError, commands="u_x, u_y, u_psi"):
         parse(load("small").text + table, "my.toml")

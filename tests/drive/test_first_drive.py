@@ -10,11 +10,13 @@ from baqueano.drive.first_drive import directions, felt, pulses_of
 from baqueano.drive.first_drive_pulses import PAUSE_S, PULSE_S, STEP, Careful
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
+from baqueano.messages import text
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.first_drives import Miswired, drive_one, gains, unknown
 from baqueano.study.truth import drawn
 from baqueano.vehicle_file import load
+from tests.codes import refused
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +76,9 @@ def test_the_rough_gain_is_of_the_right_size(small, seed):
 def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
     world = Miswired(LoopWorld(drawn(1, 3), 3, small.rate_hz), "swapped")
     found = first_drive(small, world=world)
-    assert found.wiring == ("left and right motor are swapped: change their connectors",)
-    assert found.wiring[0] in found.table()
-    with pytest.raises(AnswerNo, match="swapped"):
+    assert [one.code for one in found.wiring] == ["wiring.swapped"]
+    assert text(found.wiring[0]) in found.table()
+    with refused("wiring.swapped", AnswerNo):
         rough(found, small)
 
 
@@ -85,17 +87,18 @@ def test_a_vehicle_that_does_not_move_is_said_and_full_command_is_the_end(small,
     stuck = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
     found = first_drive(small, truth=stuck, seed=2)
     assert len(found.still) == 4
-    assert "the left wheel forward" in found.still[0]
+    assert found.still[0].figures["command"] == "the left wheel forward"
     assert found.moved == 0
-    with pytest.raises(AnswerNo, match="battery"):
+    with refused("first-drive.nothing-moved", AnswerNo):
         rough(found, small)
 
 
 def test_a_drive_that_was_over_before_full_command_does_not_blame_the_motors(first, small):
     found = felt(first.run.cut(0.0, 10.0), small)
     assert found.still
-    assert all("left its spot or it took too long" in text and "motor" not in text for text in found.still)
-    assert "nothing moved with up to 8 % of the left wheel forward" in found.still[0]
+    assert {one.code for one in found.still} == {"first-drive.ended-early"}
+    assert found.still[0].figures["command"] == "the left wheel forward"
+    assert found.still[0].figures["tried_percent"] == pytest.approx(8.0, abs=0.5)
 
 
 @pytest.mark.parametrize("seed", [2, 19, 21, 22])
@@ -127,7 +130,7 @@ def test_a_car_is_driven_forward_and_back_with_the_wheel_straight_and_to_both_si
 
 def test_an_imu_is_needed(small):
     blind = SimpleNamespace(name="blind", sensors=sensor_slots(())())
-    with pytest.raises(UsageError, match="stops on the gyro"):
+    with refused("first-drive.no-imu", UsageError):
         first_drive(blind)
 
 
@@ -135,14 +138,14 @@ def test_a_vehicle_without_limit_is_refused(small):
     endless = SimpleNamespace(
         name="endless", vehicle=small.vehicle, command=SimpleNamespace(limit=np.full(3, np.inf))
     )
-    with pytest.raises(UsageError, match="limit"):
+    with refused("first-drive.limit", UsageError):
         directions(endless)
 
 
 def test_a_run_without_estimates_is_no_first_drive(first):
     from dataclasses import replace
 
-    with pytest.raises(UsageError, match="no estimates"):
+    with refused("first-drive.no-estimates", UsageError):
         pulses_of(replace(first.run, estimate=None))
 
 

@@ -26,7 +26,7 @@ def said(nis, seconds=20.0):
         y = np.sqrt(nis) * rng.normal(size=3)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
         out.append(health.check(k * 10_000_000, estimate))
-    return [text for text in out if text]
+    return [why for why in out if why]
 
 
 def test_a_right_model_is_never_warned_of():
@@ -35,9 +35,9 @@ def test_a_right_model_is_never_warned_of():
 
 
 def test_a_wrong_model_is_warned_of_once():
-    (text,) = said(6.0)
-    assert "2.4 times as far from the model as it predicts" in text
-    assert "baqueano identify last" in text
+    (why,) = said(6.0)
+    assert (why.code, why.fix) == ("model.fits-no-longer", "baqueano identify last")
+    assert why.figures["times"] == pytest.approx(2.4, abs=0.05)
 
 
 def test_a_few_wild_measurements_are_no_wrong_model():
@@ -45,11 +45,11 @@ def test_a_few_wild_measurements_are_no_wrong_model():
     for k in range(2000):
         y = rng.normal(size=3) + (1000.0 if k % 100 == 0 else 0.0)
         estimate = Estimate(k, np.zeros(3), np.zeros(3), np.eye(6), y, np.eye(3))
-        assert health.check(k * 10_000_000, estimate) == ""
+        assert health.check(k * 10_000_000, estimate) is None
 
 
 def test_estimates_without_innovations_say_nothing():
-    assert Health().check(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) == ""
+    assert Health().check(0, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))) is None
 
 
 @pytest.fixture(scope="module")
@@ -85,11 +85,13 @@ def test_a_gyro_that_came_loose_is_named_and_no_fit_to_it_is_advised(small):
     run = experiment(small, u, truth=other, seed=3)
     told = [e for e in run.events if e.source == SENSORS_SOURCE]
     assert told[0].level == "info"
-    assert told[0].text.startswith("imu[2] reads 0.30 times what is expected.")
-    (worse,) = [e for e in told if e.level == "warning"]
-    assert (
-        worse.text == "DEGRADED: imu[2] reads 0.30 times what is expected. The sensor is off, not the model."
-    )
+    first = told[0].diagnostic
+    assert (first.code, first.subject) == ("sensor.scaled", "imu[2]")
+    (worse,) = [e.diagnostic for e in told if e.level == "warning"]
+    assert (worse.code, worse.subject) == ("sensor.degraded", "imu[2]")
+    cause = worse.figures["cause"]
+    assert (cause.code, cause.figures["off"].code) == ("sensor.scaled", "sensor.off-sensor")
+    assert cause.figures["ratio"] == pytest.approx(0.3, abs=0.005)
     assert [e for e in run.events if e.source == SOURCE] == []
 
 
@@ -105,7 +107,7 @@ def test_the_degraded_sensors_are_shown_with_each_tick_while_they_are(small):
     run = experiment(small, u, truth=other, seed=3, observers=[Watcher()])
     worse = next(e for e in run.events if e.source == SENSORS_SOURCE and e.level == "warning")
     (finding,) = shown[-1]
-    assert finding.sentence == worse.text
+    assert finding.diagnostic == worse.diagnostic
     assert finding.name == "imu[2]"
     assert [bool(one) for one in shown] == [t >= worse.t_ns for t in run.t_ns]
 

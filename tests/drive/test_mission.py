@@ -8,6 +8,7 @@ from baqueano.drive import experiment, repeat
 from baqueano.drive.mission import Mission, packed, perform, unpacked
 from baqueano.errors import FileError, UsageError
 from baqueano.guides import shapes
+from tests.codes import refused
 
 CONTROLLER = """
 import numpy as np
@@ -63,35 +64,35 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
     (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
     (tmp_path / "a" / "slow.py").write_text(CONTROLLER.format(size=0.6))
     own = {"controller": "slow.py:Slow", "guide": "a/slow.py:Slow"}
-    with pytest.raises(FileError, match="two files of blocks"):
+    with refused("mission.two-files", FileError):
         packed(Mission("repeat", route=shapes.circle(0.3, 0.6), blocks=own), vehicle_file.load("small"))
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("{", "no mission"),
-        ("{}", "no mission"),
-        ('{"format": 9, "kind": "repeat"}', "another version"),
-        ("[1]", "no mission"),
+        ("{", ("mission.damaged", {})),
+        ("{}", ("mission.damaged", {})),
+        ('{"format": 9, "kind": "repeat"}', ("mission.version", {})),
+        ("[1]", ("mission.damaged", {})),
     ],
 )
 def test_what_is_no_mission_is_told(text, said):
-    with pytest.raises(UsageError, match=said):
+    with refused(said[0], UsageError, **said[1]):
         Mission.of_json(text)
 
 
 def test_a_mission_writes_nothing_outside_its_folder(tmp_path):
     what = Mission("teach", vehicle=vehicle_file.load("small").text, texts={"../evil.py": "x = 1"})
-    with pytest.raises(UsageError, match="plain name"):
+    with refused("mission.file-name", UsageError):
         unpacked(what, tmp_path)
-    with pytest.raises(UsageError, match="expected one of"):
+    with refused("mission.kind", UsageError):
         Mission("dance")
 
 
 @pytest.mark.parametrize(("kind", "lacks"), [("experiment", "u"), ("repeat", "route")])
 def test_a_mission_without_what_it_drives_is_refused_before_it_goes_anywhere(kind, lacks):
-    with pytest.raises(UsageError, match=f'"{kind}" without {lacks}: it needs'):
+    with refused("mission.lacks", UsageError, kind=kind, name=lacks):
         Mission(kind)
-    with pytest.raises(UsageError, match=f'"{kind}" without {lacks}: it needs'):
+    with refused("mission.lacks", UsageError, kind=kind, name=lacks):
         Mission.of_json(Mission("teach").json().replace('"teach"', f'"{kind}"'))

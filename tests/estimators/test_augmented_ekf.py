@@ -16,6 +16,7 @@ from baqueano.study.truth import TruthWorld, drawn
 from baqueano.symbolic import compiled
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
+from tests.codes import refused
 
 FRICTION = Friction(linear=np.array([3.0, 40.0, 0.012]))
 SMALL = Planar(
@@ -171,7 +172,7 @@ def test_a_kinematic_vehicle_is_led_by_its_sensors_too():
 
 
 def test_use_that_names_no_sensor_is_refused():
-    with pytest.raises(ValueError, match="not have this sensor; it has imu, odometer"):
+    with refused("field.use", ValueError, known="imu, odometer"):
         AugmentedEkf(SMALL, BOTH(IMU, ODOMETER), use=("camera[2]",))
 
 

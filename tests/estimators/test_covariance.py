@@ -5,16 +5,17 @@ import numpy as np
 import pytest
 
 from baqueano.estimators.covariance import covariance, mirrored, nearest_covariance
+from tests.codes import refused
 from tests.papers_noise import PAPER_Q, PAPER_R
 
 
 def test_es1_the_papers_q_is_refused_with_the_entry_that_cannot_be():
-    with pytest.raises(ValueError, match=r"eigenvalue -1\.\d+e-05.*\[0\]\[1\] = -0.006 is too large"):
+    with refused("cov.eigenvalue", ValueError, i=0, j=1, entry=-0.006, second=0.0):
         covariance(PAPER_Q, 3, "measurement_noise_cov")
 
 
 def test_the_papers_r_is_refused_because_it_is_not_symmetric():
-    with pytest.raises(ValueError, match=r"not symmetric: \[0\]\[5\] = -0.05 but \[5\]\[0\] = -0.058"):
+    with refused("cov.not-symmetric", ValueError, i=0, j=5, one=-0.05, other=-0.058):
         covariance(PAPER_R, 6, "process_noise_cov")
 
 
@@ -28,7 +29,7 @@ def test_es1_the_matrix_that_is_offered_is_valid_and_near(matrix):
 
 
 def test_es1_a_negative_variance_is_named():
-    with pytest.raises(ValueError, match=r"\[1\]\[1\] = -1"):
+    with refused("cov.eigenvalue", ValueError, smallest=-1.0, i=1, j=1, entry=-1.0, first=-1.0, second=-1.0):
         covariance(np.diag([1.0, -1.0]), 2, "Q")
 
 

@@ -20,6 +20,7 @@ from baqueano.study.truth import TruthWorld, drawn
 from baqueano.symbolic import compiled, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
+from tests.codes import refused
 
 DT = 0.01
 FALSE_ALARM = 1e-4
@@ -214,7 +215,7 @@ def test_a_sensor_is_read_for_what_its_h_shows():
     assert shown(wheels=WHEELS) == [("wheels", (0, 1), (0, 2))]
     assert shown(pose=Pose(noise_std=np.full(3, 0.01)), odometer=ODOMETER) == [("odometer", (0,), (0,))]
     assert shown(imu=IMU, odometer=ODOMETER, use=("odometer",)) == [("odometer", (0,), (0,))]
-    with pytest.raises(ValueError, match='use = "gps": the vehicle does not have this sensor; it has imu'):
+    with refused("field.use", ValueError, found="gps", known="imu"):
         reckoning(use=("gps",))
 
 
@@ -295,10 +296,16 @@ def test_it_keeps_every_promise_of_a_block_and_compiles(name):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"initial_std": -np.ones(6)}, r"DeadReckoning.initial_std = .*: expected values from 0 to inf"),
-        ({"initial_std": np.zeros(9)}, r"DeadReckoning.initial_std has shape \(9,\): expected \(6,\)"),
+        (
+            {"initial_std": -np.ones(6)},
+            ("field.range", {"where": "DeadReckoning.initial_std", "low": 0.0}),
+        ),
+        (
+            {"initial_std": np.zeros(9)},
+            ("field.shape", {"where": "DeadReckoning.initial_std", "found": "(9,)", "expected": "(6,)"}),
+        ),
     ],
 )
 def test_bad_settings_are_refused_in_words(options, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(words[0], ValueError, **words[1]):
         reckoning(**options)

@@ -21,6 +21,7 @@ from baqueano.study.truth import TruthWorld, drawn
 from baqueano.symbolic import compiled, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Friction, Kinematic, Planar, steady
+from tests.codes import refused
 
 SMALL = Planar(
     mass_kg=0.61,
@@ -196,10 +197,13 @@ def test_it_keeps_every_promise_of_a_block_and_compiles(name):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"use": ("gps",)}, 'use = "gps": the vehicle does not have this sensor; it has imu'),
-        ({"vehicle": Kinematic(velocity_matrix=np.eye(3))}, "Kinematic lacks nu_dot, its acceleration"),
+        ({"use": ("gps",)}, ("field.use", {"found": "gps", "known": "imu"})),
+        (
+            {"vehicle": Kinematic(velocity_matrix=np.eye(3))},
+            ("unscented.no-acceleration", {"vehicle": "Kinematic"}),
+        ),
     ],
 )
 def test_what_it_cannot_serve_is_refused_in_words(options, words):
-    with pytest.raises(ValueError, match=words):
+    with refused(words[0], ValueError, **words[1]):
         Unscented(**{"vehicle": SMALL, "sensors": Sensors(IMU), "process_noise_cov": R} | options)

@@ -8,6 +8,7 @@ from baqueano.guides import SinuousCircle
 from baqueano.guides.route import end_gap
 from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
 from baqueano.signals import Estimate
+from tests.codes import refused
 
 ROUTES = {
     "circle": circle(0.5, 0.25),
@@ -74,7 +75,7 @@ def test_the_sinuous_circle_is_a_guide():
 
 
 def test_shapes_that_cannot_be_are_refused_in_words():
-    with pytest.raises(ValueError, match="no room for corners"):
+    with refused("shape.corners", ValueError):
         rectangle(2.0, 1.0, 0.5, 0.25)
-    with pytest.raises(ValueError, match=r"amplitude_m = 0\.6 m: expected less than radius_m = 0\.5 m"):
+    with refused("shape.amplitude", ValueError, amplitude_m=0.6, radius_m=0.5):
         SinuousCircle(radius_m=0.5, amplitude_m=0.6)

@@ -142,7 +142,7 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
     faster = replace(run, applied=run.applied * np.array([1.4, 1.0]))
     said = inside.flags(faster)
     assert len(said) == 1
-    assert "leaves the envelope of the fit: throttle" in said[0]
+    assert (said[0].code, said[0].subject) == ("envelope.left", "throttle")
     with pytest.raises(UsageError, check=of_code("vehicle.commands-differ")):
         inside.flags(replace(run, applied=run.applied[:, :1]))
     with pytest.raises(UsageError, check=of_code("runs.no-command")):

@@ -65,7 +65,7 @@ def test_a_sensor_that_is_off_is_named_and_never_the_model(kind, name, fault, lo
             assert not worse.degraded or 1e-9 * worse.t_ns - FROM_S >= DEGRADED_S - 0.02
         last = found[-1]
         assert last.looks in looks
-        assert name in last.sentence
+        assert last.diagnostic.subject == name
         if sensors.degraded:
             assert [one.name for one in sensors.degraded] == [name]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.monitor import written
+from baqueano.monitor import counted
 from tests.monitor.driven import drives, watch
 
 
@@ -11,7 +11,7 @@ from tests.monitor.driven import drives, watch
 def test_nothing_is_said_of_sensors_that_are_whole(kind):
     for run in drives(kind, 10):
         found, sensors = watch(kind, run)
-        assert [one.sentence for one in found] == []
+        assert [one.diagnostic for one in found] == []
         assert sensors.degraded == ()
 
 
@@ -24,5 +24,5 @@ def test_refusals_are_counted_by_number():
     _, sensors = watch("robot", run.__class__(run.name, None, run.t_ns, run.applied, sensors=spiked))
     assert [one.name for one in sensors.refusals] == ["imu[0]", "imu[1]", "imu[2]"]
     assert [one.refused for one in sensors.refusals] == [0, 0, 10]
-    assert written(sensors.refusals).endswith(f", imu[2]: 10 of {len(z)}")
+    assert counted(sensors.refusals).figures["imu[2].refused"] == 10
     assert [one.arrived for one in sensors.refusals] == [len(z), len(z) - 1, len(z)]

@@ -201,18 +201,18 @@ def topics(writer, channel):
 @pytest.mark.parametrize(
     ("fill", "chunk_size", "said"),
     [
-        (commands(9000, 1000), 2**18, r"unpacks from .* kB to 6\d.* MB of memory or more; at most 67.1 MB"),
-        (commands(6000, 1000), 2**26, r"unpacks from .* kB to 9\d.* MB of memory or more; at most 67.1 MB"),
-        (events(30_000, "a" * 300 + "\N{GRINNING FACE}"), 2**18, r"topic /events .* more than 33\.\d MB of"),
-        (estimates, 2**18, r"topic /estimate .* more than 3200 MB|topic /estimate .* more than 3.2 GB"),
-        (topics, 2**18, r"has 1501 topics; a run has at most 1000"),
+        (commands(9000, 1000), 2**18, ("runs.unpacks-to-much", {})),
+        (commands(6000, 1000), 2**26, ("runs.unpacks-to-much", {})),
+        (events(30_000, "a" * 300 + "\N{GRINNING FACE}"), 2**18, ("damage.memory", {})),
+        (estimates, 2**18, ("damage.memory", {"size": "3.2 GB"})),
+        (topics, 2**18, ("runs.topics", {"count": 1501, "most": 1000})),
     ],
 )
 def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_size, said, compression):
     path = written(tmp_path / "bomb.mcap", fill, chunk_size, compression)
     tracemalloc.start()
     try:
-        with pytest.raises(FileError, match=said) as caught:
+        with refused(said[0], FileError, **said[1]) as caught:
             read_run(path)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
@@ -253,7 +253,7 @@ def test_a_channel_with_a_size_of_nonsense_is_named(tmp_path, size):
         commands(3, 1)(writer, channel)
         channel("/estimate", size)
 
-    with pytest.raises(FileError, match="does not say how many numbers"):
+    with refused("damage.channel-size", FileError):
         read_run(written(tmp_path / "x.mcap", fill))
 
 
@@ -262,5 +262,5 @@ def test_a_time_beyond_64_bits_is_named(tmp_path):
         data = messages.command_layout(1).pack(1, 1, 0.0)
         writer.add_message(channel("/command/applied", 1), 2**64 - 1, data, 1)
 
-    with pytest.raises(FileError, match="its times are beyond 64 bits"):
+    with refused("damage.times", FileError):
         read_run(written(tmp_path / "x.mcap", fill))

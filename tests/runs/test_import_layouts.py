@@ -9,6 +9,7 @@ import pytest
 from baqueano.errors import FileError
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.units import unit
+from tests.codes import refused
 
 MAP = """
 format = 1
@@ -84,11 +85,9 @@ def test_a_pin_of_direction_turns_the_sign_round(board):
 
 
 def test_what_does_not_fit_is_refused_with_the_line_to_write(board):
-    with pytest.raises(FileError, match=r"time_rest = .*; write beside time: time_rest = \{ column = "):
+    with refused("expect.time-rest", FileError):
         read(board, 'unit = "ns" }', 'unit = "deg" }')
-    with pytest.raises(
-        FileError, match=r"wraps = 65536; write the counts of a turn, above 0, beside derivative"
-    ):
+    with refused("expect.wraps", FileError):
         read(board, "derivative = true, wraps", "wraps")
 
 
@@ -137,27 +136,27 @@ def test_an_angle_that_goes_on_beyond_a_turn_does_not_begin_again(board):
 @pytest.mark.parametrize(
     ("entry", "said"),
     [
-        (f'unit = "counts", {COUNTER}', r"counts_per_turn is missing; write counts_per_turn = …, "),
+        (f'unit = "counts", {COUNTER}', ("map.missing", {})),
         (
             f'unit = "counts", counts_per_turn = 0.0, {COUNTER}',
-            r"counts_per_turn = 0.0; write counts_per_turn",
+            ("map.wrong", {"found": "0.0"}),
         ),
         (
             f'unit = "rad", counts_per_turn = 600, {COUNTER}',
-            r'counts_per_turn = 600; write it beside unit = "counts"',
+            ("expect.no-counts", {}),
         ),
-        ('unit = "counts", counts_per_turn = 600', "derivative = true, and radius_m = …, that of the wheel"),
-        ('unit = "counts", counts_per_turn = 600, radius_m = 0.04', "or beside it derivative = true"),
+        ('unit = "counts", counts_per_turn = 600', ("expect.measures-or-rate-of-rolling", {})),
+        ('unit = "counts", counts_per_turn = 600, radius_m = 0.04', ("expect.measures-or-rate", {})),
         (
             'unit = "counts", counts_per_turn = 600, derivative = true',
-            "or beside it radius_m = …, that of the wheel",
+            ("expect.measures-or-rolls", {}),
         ),
-        (f'unit = "pulse", counts_per_turn = 600, {COUNTER}', "a unit that is known, perhaps"),
-        (f'unit = "m", {COUNTER}', "with a wheel's angle or angular rate"),
+        (f'unit = "pulse", counts_per_turn = 600, {COUNTER}', ("expect.known-unit-of", {})),
+        (f'unit = "m", {COUNTER}', ("expect.radius", {})),
     ],
 )
 def test_counts_that_are_half_told_are_refused_with_the_line_to_write(board, entry, said):
-    with pytest.raises(FileError, match=said):
+    with refused(said[0], FileError, **said[1]):
         wheels_by(board, entry)
 
 
@@ -194,7 +193,5 @@ def test_large_letters_of_a_short_unit_mean_another_one(name):
 
 
 def test_a_unit_that_is_not_known_is_answered_with_those_that_fit(board):
-    with pytest.raises(
-        FileError, match=r"unit = 'ppr'; write a unit that is known, perhaps .*; of speed m/s, mm/s"
-    ):
+    with refused("expect.known-unit-of", FileError, measures="speed"):
         wheels_by(board, 'unit = "ppr"')

@@ -271,29 +271,32 @@ def test_what_nothing_measures_is_nan_and_raises_no_doubt(desk):
 def test_a_file_without_times_has_a_rate(desk):
     by_map = desk.map(('time = "t"\ntime_unit = "s"', "rate_hz = 20.0"))
     assert import_run(by_map, [desk.file("log.csv", [1])]).run.duration_s == pytest.approx(0.2)
-    for wrong, said in (("rate_hz = 0.0", "above 0"), ('rate_hz = 5.0\ntime = "t"', "or rate_hz")):
-        with pytest.raises(FileError, match=said):
+    for wrong, said in (
+        ("rate_hz = 0.0", ("expect.rate", {})),
+        ('rate_hz = 5.0\ntime = "t"', ("expect.time", {})),
+    ):
+        with refused(said[0], FileError, **said[1]):
             import_run(desk.map(('time = "t"\ntime_unit = "s"', wrong)), [desk.file("log.csv", [1])])
 
 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("wheels = [", "u = [], wheels = [", "not valid TOML"),
-        ('"rpm", radius_m = 0.1', '"rpm"', "or beside it radius_m"),
-        ('"rpm", radius_m', '"m/s", radius_m', "with a wheel's angle or angular rate"),
-        ('in_force = "until"', 'in_force = "until"\nnames = ["a"]', "three names"),
-        ('column = "rpm_l", unit = "rpm", radius_m = 0.1', 'unit = "m/s"', "or constant = …"),
+        ("wheels = [", "u = [], wheels = [", ("map.not-toml", {})),
+        ('"rpm", radius_m = 0.1', '"rpm"', ("expect.measures-or-rolls", {})),
+        ('"rpm", radius_m', '"m/s", radius_m', ("expect.radius", {})),
+        ('in_force = "until"', 'in_force = "until"\nnames = ["a"]', ("expect.three-names", {})),
+        ('column = "rpm_l", unit = "rpm", radius_m = 0.1', 'unit = "m/s"', ("expect.one-source", {})),
     ],
 )
 def test_a_map_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, old, new, said):
-    with pytest.raises(FileError, match=said):
+    with refused(said[0], FileError, **said[1]):
         import_run(desk.map((old, new)), [desk.file("log.csv", [1])])
 
 
 def test_a_command_is_told_once(desk):
     twice = ("[sensors.wheels]", "[sensors.wheels]")
-    with pytest.raises(FileError, match="for a left and a right wheel wheels ="):
+    with refused("expect.u-or-wheels", FileError):
         import_run(desk.map(("wheels = [{", "u = []\nwheels = [{"), twice), [desk.file("log.csv", [1])])
 
 

@@ -11,6 +11,7 @@ from baqueano.simulate import simulate_loop, simulate_loops
 from baqueano.simulate.closed_loop import closed, lasting, start_of
 from baqueano.supervisor import Supervisor
 from baqueano.worlds import Simulated
+from tests.codes import refused
 
 ROUTE = circle(0.5, 0.3)
 
@@ -86,7 +87,7 @@ def test_a_stop_of_the_supervisor_stands_in_the_run(vehicle):
 
 
 def test_a_guide_that_is_never_done_needs_a_duration(vehicle):
-    with pytest.raises(UsageError, match="never says that it is done: say how long, with duration_s"):
+    with refused("simulate.never-done", UsageError):
         simulate_loop(vehicle, ROUTE, laps=0)
 
 

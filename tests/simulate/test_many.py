@@ -10,6 +10,7 @@ from baqueano.simulate import simulate, simulate_many
 from baqueano.simulate.many import _chunks, drawn
 from baqueano.simulate.system import System
 from baqueano.vehicle_file.history import ParameterCov
+from tests.codes import refused
 
 U = np.repeat(np.random.default_rng(3).uniform(-1, 1, (4, 3)) * [1.0, 0.0, 1.0], 25, axis=0)
 
@@ -103,14 +104,14 @@ def test_draws_are_simulated(vehicle):
 @pytest.mark.parametrize(
     ("cov", "vehicles", "words"),
     [
-        (None, 5, "small: no parameter has a covariance yet"),
-        (ParameterCov(("sensors.imu.gyro_bias",), np.eye(1)), 5, "no parameter has a covariance yet"),
-        (ParameterCov(("model.mass_kg",), np.eye(1)), None, "vehicles = None: say how many to draw"),
+        (None, 5, ("simulate.no-covariance", {"name": "small"})),
+        (ParameterCov(("sensors.imu.gyro_bias",), np.eye(1)), 5, ("simulate.no-covariance", {})),
+        (ParameterCov(("model.mass_kg",), np.eye(1)), None, ("simulate.vehicles", {})),
     ],
 )
 def test_draws_that_cannot_be_made_are_refused_in_words(vehicle, cov, vehicles, words):
     vehicle.parameter_cov = cov
-    with pytest.raises(UsageError, match=words):
+    with refused(words[0], UsageError, **words[1]):
         simulate_many(vehicle, U, vehicles)
 
 
@@ -123,17 +124,20 @@ def test_memory_is_bounded_by_chunks():
 @pytest.mark.parametrize(
     ("vary", "words"),
     [
-        ({"model.mass_kg": np.zeros((3, 2))}, r"shape \(3, 2\): expected \(L,\), a row per vehicle"),
-        ({"model.friction.linear": np.zeros(3)}, r"expected \(L, 3\), a row per vehicle"),
-        ({"model.mass_kg": np.array([1.0, np.inf])}, "a number that is not finite"),
+        (
+            {"model.mass_kg": np.zeros((3, 2))},
+            ("simulate.vary-shape", {"found": "(3, 2)", "expected": "(L,)"}),
+        ),
+        ({"model.friction.linear": np.zeros(3)}, ("simulate.vary-shape", {"expected": "(L, 3)"})),
+        ({"model.mass_kg": np.array([1.0, np.inf])}, ("simulate.vary-not-finite", {})),
         (
             {"model.mass_kg": np.ones(2), "model.inertia_kg_m2": np.ones(3)},
-            "for 3 vehicles, another value for 2",
+            ("simulate.vary-count", {"found": 3, "expected": 2}),
         ),
-        ({"model.mas": np.ones(2)}, 'there is no number at "model.mas" of this vehicle'),
-        ({}, "no vehicles: give vary"),
+        ({"model.mas": np.ones(2)}, ("simulate.no-number", {"path": "model.mas"})),
+        ({}, ("simulate.no-vehicles", {})),
     ],
 )
 def test_what_cannot_be_varied_is_refused_in_words(vehicle, vary, words):
-    with pytest.raises(UsageError, match=words):
+    with refused(words[0], UsageError, **words[1]):
         simulate_many(vehicle, U, vary=vary)

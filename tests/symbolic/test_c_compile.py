@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from baqueano.diagnostics import fault
 from baqueano.symbolic.c_code import compile
+from tests.codes import refused
 
 pytestmark = pytest.mark.skipif(compile.find().compiler is None, reason="no C compiler")
 
@@ -86,7 +88,7 @@ def test_a_cache_that_cannot_be_written_is_done_without(cache):
 
 
 def test_a_text_that_is_not_c_is_an_error_that_quotes_the_compiler(cache):
-    with pytest.raises(compile.CompileError, match=r"(?s)does not compile.*error"):
+    with refused("compiler.refuses", compile.CompileError):
         compile.load("int answer(void) { return nonsense; }\n")
 
 
@@ -97,8 +99,8 @@ def test_no_compiler_is_said_with_what_to_install(monkeypatch):
     compile._find.cache_clear()
     found = compile.find()
     assert found.compiler is None
-    assert "pip install ziglang" in found.note
-    with pytest.raises(compile.CompileError, match="ziglang"):
+    assert found.why == fault("compiler.absent", "pip install ziglang")
+    with refused("compiler.absent", compile.CompileError):
         compile.load(answer(45))
     compile._find.cache_clear()
 
@@ -107,14 +109,14 @@ def test_a_compiler_that_is_named_but_missing_is_said_by_name(monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
     found = compile.find()
     assert found.compiler is None
-    assert "no-such-compiler" in found.note
+    assert found.why == fault("compiler.no-command", found="no-such-compiler --fast")
 
 
 def test_a_compiler_that_fails_is_quoted(monkeypatch, cache):
     monkeypatch.setenv("BAQUEANO_CC", f"{sys.executable} -c 'import sys; sys.exit(\"out of order\")'")
     found = compile.find()
     assert found.compiler is None
-    assert "out of order" in found.note
+    assert (found.why.code, found.why.figures["error"].strip()) == ("compiler.refuses", "out of order")
 
 
 def test_what_cannot_be_loaded_is_an_error_of_the_compiler(monkeypatch, cache):
@@ -125,7 +127,7 @@ def test_what_cannot_be_loaded_is_an_error_of_the_compiler(monkeypatch, cache):
 
     compile.find()
     monkeypatch.setattr(compile, "_build", damaged)
-    with pytest.raises(compile.CompileError, match="damaged"):
+    with refused("compiler.trouble", compile.CompileError):
         compile.load(answer(48))
 
 

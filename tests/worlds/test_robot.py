@@ -12,6 +12,7 @@ from baqueano.errors import UsageError
 from baqueano.sensors import Encoders, Imu, Mark, Wheels
 from baqueano.signals import Command, measured_ns, sensor_slots
 from baqueano.worlds.robot import Body, Robot, Sample, Telemetry
+from tests.codes import refused
 
 MS = 1_000_000
 
@@ -230,5 +231,5 @@ def test_a_vehicle_that_tips_over_is_seen_within_a_second_and_one_that_shakes_is
 
 
 def test_a_vehicle_without_two_wheels_is_refused():
-    with pytest.raises(UsageError, match="two_wheels"):
+    with refused("robot.mixing", UsageError):
         Body(mixing="none")

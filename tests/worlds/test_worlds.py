@@ -10,6 +10,7 @@ from baqueano.vehicles import Friction, Planar
 from baqueano.worlds import Replayed, Simulated, world_init, world_step
 from baqueano.worlds.noise import PROCESS, sensor_stream, unit_normals
 from baqueano.worlds.simulated import DrawnNoise, no_noise
+from tests.codes import refused
 
 VEHICLE = Planar(
     mass_kg=0.61,
@@ -119,7 +120,7 @@ def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
 
 
 def test_an_empty_run_is_refused_in_words():
-    with pytest.raises(ValueError, match="test: no tick to replay"):
+    with refused("replay.empty", ValueError, run="test"):
         Replayed(run_of([]))
 
 

@@ -1,4 +1,4 @@
-"""What blocks promise each other, tried out: `check_estimator(block)` and its sisters return sentences for
+"""What blocks promise each other, tried out: `check_estimator(block)` and its sisters return diagnostics for
 the author, and none if all is well.
 
     pure            an argument, or the block itself, never changes
@@ -18,6 +18,7 @@ from baqueano.block_checks.compiling import notes
 from baqueano.block_checks.motion import check_sensor, check_vehicle
 from baqueano.block_checks.rooms import check_controller, check_estimator, check_guide, check_supervisor
 from baqueano.contracts.blocks import SensorBlocks
+from baqueano.diagnostics import Diagnostic
 
 __all__ = [
     "CHECKS",
@@ -31,7 +32,7 @@ __all__ = [
     "notes",
 ]
 
-CHECKS: dict[str, Callable[..., list[str]]] = {
+CHECKS: dict[str, Callable[..., list[Diagnostic]]] = {
     "vehicle": check_vehicle,
     "sensor": check_sensor,
     "estimator": check_estimator,
@@ -41,8 +42,10 @@ CHECKS: dict[str, Callable[..., list[str]]] = {
 }
 
 
-def check(room: str, block: object, sensors: SensorBlocks | None = None, commands: int = 3) -> list[str]:
-    """What is wrong with a block of `room`; for a vehicle with these sensors and `commands` channels."""
+def check(
+    room: str, block: object, sensors: SensorBlocks | None = None, commands: int = 3
+) -> list[Diagnostic]:
+    """Return what is wrong with a block of `room`; for a vehicle with these sensors and `commands` channels."""
     if room in ("estimator", "supervisor"):
         return CHECKS[room](block, sensors, commands)
     return CHECKS[room](block, commands) if room == "controller" else CHECKS[room](block)

@@ -8,6 +8,7 @@ from baqueano.block_checks.motion import DT_S, moving
 from baqueano.block_checks.rooms import TICK_NS, a_sensor, heard
 from baqueano.block_checks.source import place
 from baqueano.contracts.blocks import SensorBlocks
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import from_outside, named
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
@@ -17,24 +18,21 @@ AGREE = 1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned bl
 
 def notes(
     room: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
-) -> list[str]:
-    """What is worth knowing of a block that keeps its promises: whether simulations with it are fast."""
+) -> list[Diagnostic]:
+    """Return what is worth knowing of a block that keeps its promises: whether simulations with it are fast."""
     kind = type(block)
-    at = f"{place(getattr(kind, 'step', kind))}: {kind.__name__}.step()"
+    subject, at = f"{kind.__name__}.step()", place(getattr(kind, "step", kind))
     arguments = _arguments(room, block, a_sensor() if sensors is None else sensors, commands)
     try:
         quick = function(block.step, *arguments, backend=backend)(*arguments)
     except TraceError as error:
-        return [f"{at} works, but cannot be compiled, so simulations with it are slow: {error}"]
+        return [note("check.slow", Severity.WARNING, subject=subject, place=at, cause=error.diagnostic)]
     except BaseException as error:
         if from_outside(error):
             raise
-        return [f"{at} works, but cannot be compiled: {named(error)}"]
+        return [note("check.not-compiled", Severity.WARNING, subject=subject, place=at, error=named(error))]
     if not _alike(block.step(*arguments), quick):
-        return [
-            f"{at} gives other numbers when it is compiled: does it depend on anything but its arguments "
-            "and fields?"
-        ]
+        return [note("check.compiled-otherwise", Severity.WARNING, subject=subject, place=at)]
     return []
 
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.trial import GaveUp, Trial
+from baqueano.block_checks.trial import AT_START, GaveUp, Trial
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.sensors.sampling import sees
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.effort import steady
@@ -14,18 +15,19 @@ TICKS = 100
 ETA = np.array([0.5, -0.25, 3.0])  # close to π
 NU = np.array([0.4, 0.0, 2.5])
 LEVEL = np.zeros(2)
+CURVE, ROLLING, TURNED = note("when.curve"), note("when.rolling"), note("when.psi-one")
 
 
-def check_vehicle(block: object) -> list[str]:
-    """Sentences about a vehicle, for its author."""
+def check_vehicle(block: object) -> list[Diagnostic]:
+    """Return what is wrong with a vehicle, for its author."""
     trial = Trial(block, ("init", "step", "advance", "gravity"))
     n = getattr(block, "commands", None)
     if not isinstance(n, int):
-        trial.say("has no commands: write commands: ClassVar[int] = 3, the length of its command.")
+        trial.say("check.no-commands")
     if not hasattr(getattr(block, "drivetrain", None), "step"):
-        trial.say("has no drivetrain: estimators ask it what the body feels. Give it Drivetrain(commands=n).")
+        trial.say("check.no-drivetrain")
     try:
-        if isinstance(n, int) and not any(" has no " in s for s in trial.sentences):
+        if isinstance(n, int) and not trial.lacking:
             _drive(trial, n)
     except GaveUp:
         pass
@@ -33,54 +35,51 @@ def check_vehicle(block: object) -> list[str]:
 
 
 def _drive(trial: Trial, n: int) -> None:
-    state = trial.ask("init", "at the start", ETA, NU)
+    state = trial.ask("init", AT_START, ETA, NU)
     for part, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,))):
-        trial.expect(f"state.{part}", getattr(state, part, None), shape, "at the start", "init")
-    gravity = trial.expect("gravity", trial.ask("gravity", "at ψ = 1", 1.0), (2,), "at ψ = 1", "gravity")
+        trial.expect(f"state.{part}", getattr(state, part, None), shape, AT_START, "init")
+    gravity = trial.expect("gravity", trial.ask("gravity", TURNED, 1.0), (2,), TURNED, "gravity")
     motion = None
     for k in range(TICKS):
         u = np.array([0.5, 0.0, 0.4])[:n] if n <= 3 else np.full(n, 0.3)
-        state, motion = trial.step("driving a curve", state, u, DT_S, np.zeros(3))
-        _motion(trial, motion, f"tick {k + 1} of a curve")
-    start = trial.ask("init", "at rest")
+        state, motion = trial.step(CURVE, state, u, DT_S, np.zeros(3))
+        _motion(trial, motion, note("when.tick-of-curve", tick=k + 1))
+    start = trial.ask("init", note("when.rest"))
     rest = start
     for _ in range(TICKS):
-        rest, motion = trial.step("at rest, no command", rest, np.zeros(n), DT_S, np.zeros(3))
+        rest, motion = trial.step(note("when.rest"), rest, np.zeros(n), DT_S, np.zeros(3))
     if motion is not None and not np.any(gravity) and np.max(np.abs(motion.eta - start.eta)) > 1e-6:
-        trial.say(f"moves {motion.eta - start.eta} within 2 s without a command, on a level floor.", "step")
+        trial.say("check.moves-by-itself", "step", moved=str(motion.eta - start.eta))
     effort = steady(np.zeros(n))
-    after = trial.ask("advance", "rolling free", ETA, NU, effort, DT_S)
+    after = trial.ask("advance", ROLLING, ETA, NU, effort, DT_S)
     if not (isinstance(after, tuple) and len(after) == 3):
-        trial.say("returns something else than (η, ν, ν̇).", "advance")
+        trial.say("check.returns", "advance", found=type(after).__name__, expected="(η, ν, ν̇)")
         raise GaveUp
     for name, value in zip(("η", "ν", "ν̇"), after, strict=True):
-        trial.expect(name, value, (3,), "rolling free", "advance")
-    trial.wrapped("ψ", float(after[0][2]), "rolling free")
+        trial.expect(name, value, (3,), ROLLING, "advance")
+    trial.wrapped("ψ", float(after[0][2]), ROLLING)
     if not np.any(gravity) and (abs(after[1][0]) > abs(NU[0]) + 1e-9 or abs(after[1][2]) > abs(NU[2]) + 1e-9):
-        trial.say(
-            f"gains speed without a command: ν goes from {NU.tolist()} to {after[1].tolist()}.", "advance"
-        )
+        trial.say("check.gains-speed", "advance", before=str(NU.tolist()), after=str(after[1].tolist()))
 
 
-def _motion(trial: Trial, motion: Motion, when: str) -> None:
+def _motion(trial: Trial, motion: Motion, when: Diagnostic) -> None:
     if not isinstance(motion, Motion):
-        trial.say(
-            f"returns {type(motion).__name__}: expected (state, Motion(eta, nu, nu_dot, gravity)).", "step"
-        )
+        expected = "(state, Motion(eta, nu, nu_dot, gravity))"
+        trial.say("check.returns", "step", found=type(motion).__name__, expected=expected)
         raise GaveUp
     for name, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,)), ("gravity", (2,))):
         trial.expect(f"Motion.{name}", getattr(motion, name), shape, when)
     trial.wrapped("Motion.eta[2]", float(motion.eta[2]), when)
 
 
-def check_sensor(block: object) -> list[str]:
-    """Sentences about a sensor, for its author."""
+def check_sensor(block: object) -> list[Diagnostic]:
+    """Return what is wrong with a sensor, for its author."""
     trial = Trial(block, ("init", "step", "h"))
     for name in ("size", "noise_size", "rate_hz", "cov"):
         if not hasattr(block, name):
-            trial.say(f"has no {name}.")
+            trial.say("check.no-attribute", name=name)
     try:
-        if not any(" has no " in s for s in trial.sentences):
+        if not trial.lacking:
             _measure(trial, block)
     except GaveUp:
         pass
@@ -89,21 +88,21 @@ def check_sensor(block: object) -> list[str]:
 
 def _measure(trial: Trial, block: Any) -> None:
     m = int(block.size)
-    Q = trial.covariance("cov", block.cov, m, "the property", "h")
+    Q = trial.covariance("cov", block.cov, m, AT_START, "h")
     if np.any(np.diag(Q) <= 0.0):
-        trial.say("has a cov with 0 on its diagonal: an estimator would divide by it. Give it some noise.")
-    expected = trial.expect("h", trial.ask("h", "in a curve", moving(0)), (m,), "in a curve", "h")
-    state, answers = trial.ask("init", "at the start"), 0
+        trial.say("check.no-noise")
+    expected = trial.expect("h", trial.ask("h", CURVE, moving(0)), (m,), CURVE, "h")
+    state, answers = trial.ask("init", AT_START), 0
     for k in range(TICKS):
-        state, slot = trial.step("in a curve", state, moving(k), DT_S, np.zeros(int(block.noise_size)))
+        state, slot = trial.step(CURVE, state, moving(k), DT_S, np.zeros(int(block.noise_size)))
         if not isinstance(slot, Slot):
-            trial.say(f"returns {type(slot).__name__}: expected (state, Slot(has, z)).", "step")
+            trial.say("check.returns", "step", found=type(slot).__name__, expected="(state, Slot(has, z))")
             raise GaveUp
-        z = trial.expect("Slot.z", slot.z, expected.shape, "in a curve")
+        z = trial.expect("Slot.z", slot.z, expected.shape, CURVE)
         if slot.has not in (0.0, 1.0):
-            trial.say(f"says has = {slot.has}: expected 1.0 where a measurement arrived, else 0.0.", "step")
+            trial.say("check.has", "step", found=str(slot.has))
         if slot.has == 0.0 and np.any(z):
-            trial.say("gives a measurement with has = 0: its z must be zeros then.", "step")
+            trial.say("check.has-not", "step")
         answers += int(slot.has > 0.0)
     _rate(trial, block, answers)
 
@@ -115,11 +114,8 @@ def _rate(trial: Trial, block: Any, answers: int) -> None:
     in_sight = np.mean([bool(sees(block, moving(k))) for k in range(TICKS)])
     wanted = min(1.0 / DT_S, float(block.rate_hz)) * max(TICKS * DT_S - late, 0.0) * in_sight
     if abs(answers - wanted) > 2.0 + 0.05 * wanted:
-        trial.say(
-            f"answers {answers} times in {TICKS * DT_S:g} s: rate_hz = {block.rate_hz:g} promises "
-            f"{wanted:.0f}.",
-            "step",
-        )
+        lasted_s, rate_hz = TICKS * DT_S, block.rate_hz
+        trial.say("check.rate", "step", answers=answers, lasted_s=lasted_s, rate_hz=rate_hz, wanted=wanted)
 
 
 def moving(k: int) -> Motion:

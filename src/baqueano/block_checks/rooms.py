@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.trial import GaveUp, Trial
+from baqueano.block_checks.trial import AT_START, GaveUp, Trial
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import map_from_body, wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, sensor_slots, silent
@@ -16,6 +17,7 @@ DT_S = 0.02
 TICK_NS = 20_000_000
 TURN = 2.5  # rad/s: crosses π after 1.26 s
 EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer: since 1970
+CIRCLE, REPEATED = note("when.circle"), note("when.repeated")
 SAME = 1e-3  # of the size of an answer; times that became floats on the way cost 1e-5
 
 
@@ -25,8 +27,10 @@ def a_sensor() -> SensorBlocks:
     return sensor_slots(("imu",))(imu)
 
 
-def check_estimator(block: object, sensors: SensorBlocks | None = None, commands: int = 3) -> list[str]:
-    """Sentences about an estimator, for its author. It drives a circle across ψ = π, hears nothing for 2 s,
+def check_estimator(
+    block: object, sensors: SensorBlocks | None = None, commands: int = 3
+) -> list[Diagnostic]:
+    """Return what is wrong with an estimator, for its author. It drives a circle across ψ = π, hears nothing for 2 s,
     then damaged measurements, a repeated tick and a gap of 0.3 s."""
     trial = Trial(block)
     with suppress(GaveUp):
@@ -36,40 +40,35 @@ def check_estimator(block: object, sensors: SensorBlocks | None = None, commands
 
 
 def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
-    belief, t_ns = trial.ask("init", "at the start"), 0
+    belief, t_ns = trial.ask("init", AT_START), 0
     u = np.array([0.3, 0.0, 0.3])[:n] if n <= 3 else np.full(n, 0.2)
     estimate = None
     for k in range(70):
         t_ns += TICK_NS
-        belief, estimate = _believe(trial, belief, Tick(t_ns, u, heard(sensors, k)), "in a circle")
+        belief, estimate = _believe(trial, belief, Tick(t_ns, u, heard(sensors, k)), CIRCLE)
     assert estimate is not None
     before = np.trace(estimate.cov[:2, :2])
     none = silent({name: s.size for name, s in sensors._asdict().items()})
     for _ in range(50):
         t_ns += 2 * TICK_NS
-        belief, estimate = _believe(trial, belief, Tick(t_ns, u, none), "while all sensors are silent")
+        belief, estimate = _believe(trial, belief, Tick(t_ns, u, none), note("when.silent"))
     if not np.trace(estimate.cov[:2, :2]) > before:
-        trial.say(
-            "is as sure of its position after 2 s without any sensor as before: predict at every tick, and "
-            "let the "
-            "covariance grow.",
-            "step",
-        )
-    for what, value in (("NaN", np.nan), ("infinity", np.inf)):
+        trial.say("check.sure-without-sensors", "step")
+    for value in (np.nan, np.inf):
         t_ns += TICK_NS
         slots = type(none)(*(Slot(1.0, np.full(s.size, value)) for s in sensors))
-        belief, estimate = _believe(trial, belief, Tick(t_ns, u, slots), f"after a measurement of {what}")
-    belief, _ = _believe(trial, belief, Tick(t_ns, u, none), "at a repeated tick")
+        when = note("when.after-measurement", found=str(value))
+        belief, estimate = _believe(trial, belief, Tick(t_ns, u, slots), when)
+    belief, _ = _believe(trial, belief, Tick(t_ns, u, none), REPEATED)
     t_ns += 15 * TICK_NS  # longer, and the firmware has stopped the motors
-    _believe(trial, belief, Tick(t_ns, u, heard(sensors, 0)), "after a gap of 0.3 s")
+    _believe(trial, belief, Tick(t_ns, u, heard(sensors, 0)), note("when.gap"))
 
 
-def _believe(trial: Trial, belief: Tree, tick: Tick, when: str) -> tuple[Tree, Estimate]:
+def _believe(trial: Trial, belief: Tree, tick: Tick, when: Diagnostic) -> tuple[Tree, Estimate]:
     belief, estimate = trial.step(when, belief, tick)
     if not isinstance(estimate, Estimate):
-        trial.say(
-            f"returns {type(estimate).__name__}: expected (belief, Estimate(t_ns, eta, nu, cov)).", "step"
-        )
+        expected = "(belief, Estimate(t_ns, eta, nu, cov))"
+        trial.say("check.returns", "step", found=type(estimate).__name__, expected=expected)
         raise GaveUp
     trial.stamped(estimate, tick.t_ns, "tick", when)
     eta = trial.expect("Estimate.eta", estimate.eta, (3,), when)
@@ -87,8 +86,8 @@ def heard(sensors: SensorBlocks, k: int) -> Any:
     return slots(*(Slot(1.0, np.asarray(s.h(motion), dtype=float)) for s in sensors))
 
 
-def check_controller(block: object, commands: int = 3) -> list[str]:
-    """Sentences about a controller, for its author. It follows a circle across ψ = π, the same circle in a
+def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
+    """Return what is wrong with a controller, for its author. It follows a circle across ψ = π, the same circle in a
     map that is moved and turned, and the same one full turn further."""
     trial = Trial(block)
     try:
@@ -97,17 +96,9 @@ def check_controller(block: object, commands: int = 3) -> list[str]:
         full = _steer(trial, commands, np.zeros(3), 2.0 * np.pi)
         scale = 1e-6 * (1.0 + np.max(np.abs(plain)))
         if np.max(np.abs(full - plain)) > scale:
-            trial.say(
-                "gives another command when ψ of the reference is a full turn further: wrap the difference.",
-                "step",
-            )
+            trial.say("check.full-turn", "step")
         elif np.max(np.abs(turned - plain)) > scale:
-            trial.say(
-                "gives another command when the whole world is moved and turned: work with "
-                "geometry.pose_error, "
-                "the reference seen from the vehicle.",
-                "step",
-            )
+            trial.say("check.world-moved", "step")
         _begin_anywhere(trial, "controller", a_sensor(), commands)
     except GaveUp:
         pass
@@ -116,17 +107,19 @@ def check_controller(block: object, commands: int = 3) -> list[str]:
 
 def _steer(trial: Trial, n: int, moved: np.ndarray, turn: float) -> np.ndarray:
     """Commands (81, n) along a circle laid into the map at the pose `moved`; a repeated tick at the end."""
-    state, found = trial.ask("init", "at the start"), []
+    state, found = trial.ask("init", AT_START), []
     for k in [*range(80), 79]:
         t_ns, psi = (k + 1) * TICK_NS, TURN * DT_S * k
         here = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
         there = here + np.array([0.02, 0.01, 0.15])
         estimate = Estimate(t_ns, _laid(here, moved, 0.0), np.array([0.25, 0.0, TURN]), 1e-4 * np.eye(6))
         reference = Reference(t_ns, _laid(there, moved, turn), np.array([0.25, 0.0, TURN]), 0.0)
-        when = "in a circle" if k < 79 or len(found) < 80 else "at a repeated tick"
+        when = CIRCLE if k < 79 or len(found) < 80 else REPEATED
         state, command = trial.step(when, state, reference, estimate)
         if not isinstance(command, Command):
-            trial.say(f"returns {type(command).__name__}: expected (state, Command(t_ns, u)).", "step")
+            trial.say(
+                "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
+            )
             raise GaveUp
         trial.stamped(command, t_ns, "estimate", when)
         found.append(trial.expect("Command.u", command.u, (n,), when))
@@ -138,14 +131,14 @@ def _laid(eta: np.ndarray, moved: np.ndarray, turn: float) -> np.ndarray:
     return np.array([xy[0], xy[1], wrap(eta[2] + moved[2]) + turn])
 
 
-def check_guide(block: object) -> list[str]:
-    """Sentences about a guide, for its author. It is asked for 3 s, at a repeated tick, an hour later."""
+def check_guide(block: object) -> list[Diagnostic]:
+    """Return what is wrong with a guide, for its author. It is asked for 3 s, at a repeated tick, an hour later."""
     trial = Trial(block)
     try:
-        state = trial.ask("init", "at the start")
+        state = trial.ask("init", AT_START)
         times = [*((k + 1) * TICK_NS for k in range(150)), 150 * TICK_NS, 150 * TICK_NS + 3_600_000_000_000]
         for k, t_ns in enumerate(times):
-            when = "within 3 s" if k < 150 else "at a repeated tick" if k == 150 else "an hour later"
+            when = note("when.within") if k < 150 else REPEATED if k == 150 else note("when.hour-later")
             eta = np.array([0.003 * k, 0.0, wrap(0.05 * k)])
             state, reference = trial.step(when, state, Estimate(t_ns, eta, np.zeros(3), 1e-4 * np.eye(6)))
             _reference(trial, reference, t_ns, when)
@@ -155,28 +148,27 @@ def check_guide(block: object) -> list[str]:
     return trial.done()
 
 
-def _reference(trial: Trial, reference: Reference, t_ns: int, when: str) -> None:
+def _reference(trial: Trial, reference: Reference, t_ns: int, when: Diagnostic) -> None:
     if not isinstance(reference, Reference):
-        trial.say(
-            f"returns {type(reference).__name__}: expected (state, Reference(t_ns, eta, nu, done)).", "step"
-        )
+        expected = "(state, Reference(t_ns, eta, nu, done))"
+        trial.say("check.returns", "step", found=type(reference).__name__, expected=expected)
         raise GaveUp
     trial.stamped(reference, t_ns, "estimate", when)
     eta = trial.expect("Reference.eta", reference.eta, (3,), when)
     trial.expect("Reference.nu", reference.nu, (3,), when)
     trial.wrapped("Reference.eta[2]", float(eta[2]), when)
     if float(reference.done) not in (0.0, 1.0):
-        trial.say(
-            f"says done = {reference.done}: expected 1.0 when nothing more is asked for, else 0.0.", "step"
-        )
+        trial.say("check.done", "step", found=str(reference.done))
 
 
-def check_supervisor(block: object, sensors: SensorBlocks | None = None, commands: int = 3) -> list[str]:
-    """Sentences about a supervisor, for its author: whatever comes in, what goes out is safe."""
+def check_supervisor(
+    block: object, sensors: SensorBlocks | None = None, commands: int = 3
+) -> list[Diagnostic]:
+    """Return what is wrong with a supervisor, for its author: whatever comes in, what goes out is safe."""
     trial = Trial(block)
     sensors = a_sensor() if sensors is None else sensors
     try:
-        for what, u, eta in (("a command", np.nan, 0.0), ("an estimate", 0.1, np.nan)):
+        for what, u, eta in (("Command", np.nan, 0.0), ("Estimate", 0.1, np.nan)):
             _supervise(trial, sensors, commands, what, u, eta)
         _limits(trial, sensors, commands)
         _begin_anywhere(trial, "supervisor", sensors, commands)
@@ -187,39 +179,39 @@ def check_supervisor(block: object, sensors: SensorBlocks | None = None, command
 
 def _supervise(trial: Trial, sensors: SensorBlocks, n: int, what: str, u: float, eta: float) -> None:
     """Ten good ticks, one with a NaN, ten good ones: zeros from the NaN on."""
-    state = trial.ask("init", "at the start")
+    state = trial.ask("init", AT_START)
     for k in range(21):
         bad = k == 10
         given = np.full(n, u if bad else 0.1)
         state, out = _let_through(
-            trial, sensors, state, k, given, eta if bad else 0.0, f"around {what} of NaN"
+            trial, sensors, state, k, given, eta if bad else 0.0, note("when.around-nan", what=what)
         )
         if bad and np.any(out):
-            trial.say(f"lets {out.tolist()} through after {what} of NaN: expected zeros.", "step")
+            trial.say("check.lets-through", "step", u=str(out.tolist()), what=what)
         elif k > 10 and np.any(out):
-            trial.say(
-                f"lets the vehicle drive again by itself after {what} of NaN: a stop is for good.", "step"
-            )
+            trial.say("check.drives-again", "step", what=what)
 
 
 def _limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:
-    state = trial.ask("init", "at the start")
+    state = trial.ask("init", AT_START)
     limit = np.asarray(getattr(trial.block, "limit", np.full(n, np.inf)), dtype=float)
     for sign in (1.0, -1.0):
-        _, out = _let_through(trial, sensors, state, 0, np.full(n, sign * 1e9), 0.0, "at a command of 1e9")
+        _, out = _let_through(
+            trial, sensors, state, 0, np.full(n, sign * 1e9), 0.0, note("when.large-command")
+        )
         if np.any(np.abs(out) > np.abs(limit)):
-            trial.say(f"lets {out.tolist()} through, beyond its limit {limit.tolist()}.", "step")
+            trial.say("check.beyond-limit", "step", u=str(out.tolist()), limit=str(limit.tolist()))
 
 
 def _let_through(
-    trial: Trial, sensors: SensorBlocks, state: Tree, k: int, u: np.ndarray, eta: float, when: str
+    trial: Trial, sensors: SensorBlocks, state: Tree, k: int, u: np.ndarray, eta: float, when: Diagnostic
 ) -> tuple[Tree, np.ndarray]:
     t_ns = (k + 1) * TICK_NS
     tick = Tick(t_ns, np.zeros(len(u)), heard(sensors, k))
     estimate = Estimate(t_ns, np.array([eta, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
     state, command = trial.step(when, state, Command(t_ns, u), tick, estimate)
     if not isinstance(command, Command):
-        trial.say(f"returns {type(command).__name__}: expected (state, Command(t_ns, u)).", "step")
+        trial.say("check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))")
         raise GaveUp
     trial.stamped(command, t_ns, "command", when)
     return state, trial.expect("Command.u", command.u, (len(u),), when)
@@ -227,26 +219,22 @@ def _let_through(
 
 def _begin_anywhere(trial: Trial, room: str, sensors: SensorBlocks, n: int) -> None:
     """The same drive with a clock that begins at 0, and with one that begins at an epoch, as a recording's may."""
-    plain = _answers(trial, room, sensors, n, 0, "with a clock that begins at 0")
-    late = _answers(trial, room, sensors, n, EPOCH_NS, f"with a clock that begins at {EPOCH_NS:.2g} ns")
+    plain = _answers(trial, room, sensors, n, 0)
+    late = _answers(trial, room, sensors, n, EPOCH_NS)
     for name, at_zero in plain.items():
         off = wrap(late[name] - at_zero) if name == "psi" else late[name] - at_zero
         if not np.all(np.abs(off) <= SAME * (1.0 + np.max(np.abs(at_zero)))):
             tick = int(np.argmax(~np.all(np.abs(off) <= SAME * (1.0 + np.max(np.abs(at_zero))), axis=1)))
             trial.say(
-                f"gives another {name} when the clock begins at {EPOCH_NS:.2g} ns, a time since 1970, than when it "
-                f"begins at 0 (tick {tick + 1}: {_short(late[name][tick])}, not {_short(at_zero[tick])}): count time "
-                "from the first tick. Keep t_ns in the state, -1 before there was a tick.",
-                "step",
-            )
+                "check.clock", "step", name=name, begin_ns=float(EPOCH_NS), tick=tick + 1,
+                found=_short(late[name][tick]), expected=_short(at_zero[tick]),
+            )  # fmt: skip
             return
 
 
-def _answers(
-    trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: int, when: str
-) -> dict[str, np.ndarray]:
-    """What the block answers in 20 ticks of a circle, each (20, m)."""
-    state, rows = trial.ask("init", "at the start"), []
+def _answers(trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: int) -> dict[str, np.ndarray]:
+    """Return what the block answers in 20 ticks of a circle, each (20, m)."""
+    state, rows, when = trial.ask("init", AT_START), [], note("when.clock", begin_ns=float(begin_ns))
     for k in range(20):
         t_ns, psi = begin_ns + (k + 1) * TICK_NS, TURN * DT_S * k
         eta, nu = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi]), np.array([0.25, 0.0, TURN])

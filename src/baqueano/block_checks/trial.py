@@ -1,7 +1,7 @@
 """One block on trial: calls are made twice from the same arguments, and everything is compared.
 
 Pure: neither an argument nor the block itself changes. Deterministic: twice the same call, twice the same
-numbers, bit for bit. What is wrong is kept as sentences, each once.
+numbers, bit for bit. What is wrong is kept as diagnostics, each once.
 """
 
 import copy
@@ -13,9 +13,12 @@ from typing import Any
 import numpy as np
 
 from baqueano.block_checks.source import doors, place
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import from_outside, named
 
-MOST = 12  # sentences: more is not read
+MOST = 12  # diagnostics: more is not read
+AT_START = note("when.start")
+LACKING = ("check.no-method", "check.no-attribute", "check.no-commands", "check.no-drivetrain")
 
 
 class GaveUp(Exception):
@@ -28,118 +31,103 @@ class Trial:
     def __init__(self, block: object, verbs: tuple[str, ...] = ("init", "step")) -> None:
         self.block = block
         self.kind = type(block)
-        self.sentences: dict[str, None] = {}
+        self.found = dict.fromkeys(doors(self.kind))
         self._own = _frozen(_fields(block))
-        self._asked: dict[tuple[str, str], int] = {}
-        for sentence in doors(self.kind):
-            self.sentences[sentence] = None
+        self._asked: dict[tuple[str, Diagnostic], int] = {}
         if not _is_frozen_dataclass(self.kind):
-            self.say(
-                "can be changed after it is built: write @dataclass(frozen=True, slots=True, eq=False) "
-                "above it, so "
-                "that a replay meets the same block."
-            )
+            self.say("check.not-frozen")
         for verb in verbs:
             if not callable(getattr(block, verb, None)):
-                self.say(f"has no {verb}().")
+                self.say("check.no-method", name=verb)
 
-    def say(self, what: str, verb: str = "") -> None:
-        """One sentence for the author, with the place it speaks of."""
+    @property
+    def lacking(self) -> bool:
+        """Return whether the block has not all that its trial asks for."""
+        return any(one.code in LACKING for one in self.found)
+
+    def say(self, code: str, verb: str = "", **figures: Any) -> None:
+        """Keep a diagnostic for the author, with the place that it speaks of."""
         at = place(getattr(self.kind, verb, self.kind)) if verb else place(self.kind)
         name = f"{self.kind.__name__}.{verb}()" if verb else self.kind.__name__
-        self.sentences[f"{at}: {name} {what}"] = None
+        self.found[fault(code, subject=name, place=at, **figures)] = None
 
-    def ask(self, verb: str, when: str, *arguments: object) -> Any:
+    def ask(self, verb: str, when: Diagnostic, *arguments: object) -> Any:
         """The result of a call, made twice. GaveUp if it raised."""
         before = _frozen(arguments)
         first = self._call(verb, when, arguments)
         if _frozen(arguments) != before:
-            self.say(
-                f"changes its arguments ({when}): make new arrays and NamedTuples, x._replace(…), never "
-                "x[…] = …",
-                verb,
-            )
+            self.say("check.changes-arguments", verb, when=when)
         if self._again(verb, when) and _frozen(first) != _frozen(
             self._call(verb, when, copy.deepcopy(arguments))
         ):
-            self.say(
-                f"gives two answers to the same question ({when}): it may depend on its arguments and the "
-                "block's "
-                f"parameters alone.",
-                verb,
-            )
+            self.say("check.two-answers", verb, when=when)
         if _frozen(_fields(self.block)) != self._own:
-            self.say(f"changes the block itself ({when}): what is remembered goes into the state.", verb)
+            self.say("check.changes-itself", verb, when=when)
             self._own = _frozen(_fields(self.block))
         return first
 
-    def _again(self, verb: str, when: str) -> bool:
+    def _again(self, verb: str, when: Diagnostic) -> bool:
         """Whether to ask the same once more: the first times, and then now and then."""
         count = self._asked[verb, when] = self._asked.get((verb, when), 0) + 1
         return count <= 5 or count % 10 == 0
 
-    def step(self, when: str, *arguments: object) -> tuple[Any, Any]:
+    def step(self, when: Diagnostic, *arguments: object) -> tuple[Any, Any]:
         """(state, output) of a step."""
         result = self.ask("step", when, *arguments)
         named = type(result) is not tuple  # a Command alone is a tuple of two as well
         if not (isinstance(result, tuple) and len(result) == 2) or named:
-            shown = f"{len(result)} values" if type(result) is tuple else f"{type(result).__name__} alone"
-            self.say(f"returns {shown} ({when}): expected two, (state, output).", "step")
+            if type(result) is tuple:
+                self.say("check.values", "step", count=len(result), when=when)
+            else:
+                self.say("check.one-value", "step", found=type(result).__name__, when=when)
             raise GaveUp
         return result
 
     def expect(
-        self, what: str, value: object, shape: tuple[int, ...], when: str, verb: str = "step"
+        self, what: str, value: object, shape: tuple[int, ...], when: Diagnostic, verb: str = "step"
     ) -> np.ndarray:
         """An array of a shape, finite; GaveUp if it is no such thing."""
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
-            self.say(f"gives {what} = {type(value).__name__}: expected numbers of shape {shape}.", verb)
+            self.say("check.no-numbers", verb, what=what, found=type(value).__name__, shape=str(shape))
             raise GaveUp from None
         if array.shape != shape:
-            self.say(f"gives {what} with shape {array.shape}: expected {shape}.", verb)
+            self.say("check.shape", verb, what=what, found=str(array.shape), shape=str(shape))
             raise GaveUp
         if not np.all(np.isfinite(array)):
-            self.say(f"gives {what} = {array.tolist()} ({when}): expected finite numbers.", verb)
+            self.say("check.not-finite", verb, what=what, found=str(array.tolist()), when=when)
             raise GaveUp
         return array
 
-    def stamped(self, output: object, t_ns: int, of: str, when: str) -> None:
+    def stamped(self, output: object, t_ns: int, of: str, when: Diagnostic) -> None:
         """The output carries the time of what it answers."""
         found = getattr(output, "t_ns", None)
         if found is None or int(found) != t_ns:
-            self.say(f"stamps its output with {found} instead of {of}.t_ns = {t_ns} ({when}).", "step")
+            self.say("check.stamp", "step", found=found, of=of, t_ns=t_ns, when=when)
 
-    def wrapped(self, what: str, psi: float, when: str) -> None:
+    def wrapped(self, what: str, psi: float, when: Diagnostic) -> None:
         """An angle that leaves a block lies within [−π, π]."""
         if abs(psi) > np.pi + 1e-9:
-            self.say(
-                f"gives {what} = {psi:.4g} rad ({when}): expected it wrapped to [-π, π], geometry.wrap.",
-                "step",
-            )
+            self.say("check.not-wrapped", "step", what=what, psi_rad=psi, when=when)
 
-    def covariance(self, what: str, value: object, size: int, when: str, verb: str = "step") -> np.ndarray:
+    def covariance(
+        self, what: str, value: object, size: int, when: Diagnostic, verb: str = "step"
+    ) -> np.ndarray:
         """Symmetric, and no eigenvalue below 0."""
         P = self.expect(what, value, (size, size), when, verb)
         scale = np.max(np.abs(P), initial=0.0)
         if np.max(np.abs(P - P.T), initial=0.0) > 1e-9 * scale:
-            self.say(f"gives a {what} that is not symmetric ({when}).", verb)
+            self.say("check.not-symmetric", verb, what=what, when=when)
         elif np.linalg.eigvalsh(P)[0] < -1e-9 * scale:
-            smallest = np.linalg.eigvalsh(P)[0]
-            self.say(
-                f"gives a {what} with the eigenvalue {smallest:.3g} ({when}): a covariance has none below "
-                "0. The form "
-                f"of Joseph keeps it so: (I - K H) P (I - K H)ᵀ + K Q Kᵀ.",
-                verb,
-            )
+            self.say("check.eigenvalue", verb, what=what, smallest=np.linalg.eigvalsh(P)[0], when=when)
         return P
 
-    def done(self) -> list[str]:
-        """The sentences."""
-        return list(self.sentences)[:MOST]
+    def done(self) -> list[Diagnostic]:
+        """Return what was found, MOST at most."""
+        return list(self.found)[:MOST]
 
-    def _call(self, verb: str, when: str, arguments: tuple[Any, ...]) -> Any:
+    def _call(self, verb: str, when: Diagnostic, arguments: tuple[Any, ...]) -> Any:
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
@@ -147,17 +135,20 @@ class Trial:
         except BaseException as error:
             if from_outside(error):
                 raise
-            raised = f"raises {named(error)}{_line(self.kind, error)} ({when})."
-            self.say(raised, verb if hasattr(self.kind, verb) else "")
+            line, at = _line(self.kind, error), verb if hasattr(self.kind, verb) else ""
+            if line:
+                self.say("check.raises-on-line", at, error=named(error), line=line, when=when)
+            else:
+                self.say("check.raises", at, error=named(error), when=when)
             raise GaveUp from error
 
 
-def _line(kind: type, error: BaseException) -> str:
-    """ " on line 12": the last line of the block's own file on the way to the error."""
+def _line(kind: type, error: BaseException) -> int:
+    """Return the last line of the block's own file on the way to the error; 0 without one."""
     file = getattr(getattr(kind, "step", None), "__code__", None)
     frames = traceback.extract_tb(error.__traceback__)
     own = [f.lineno for f in frames if file is not None and f.filename == file.co_filename]
-    return f" on line {own[-1]}" if own else ""
+    return own[-1] or 0 if own else 0
 
 
 def _is_frozen_dataclass(kind: type) -> bool:

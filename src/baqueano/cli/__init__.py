@@ -176,8 +176,9 @@ def _answered(args: list[str], before: list[str]) -> int:
     """The exit code, after everything was said."""
     from click.exceptions import NoArgsIsHelpError
 
-    from baqueano.cli.terminal import talk
+    from baqueano.cli.terminal import answered, talk, tell
 
+    answered.clear()
     try:
         code = baqueano.main(before + args, prog_name="baqueano", standalone_mode=False)
         return code if isinstance(code, int) else 0
@@ -185,6 +186,7 @@ def _answered(args: list[str], before: list[str]) -> int:
         error.show()
         return error.exit_code
     except BaseException as error:
+        import json
         import traceback
 
         from baqueano.cli.errors import command_error
@@ -198,4 +200,6 @@ def _answered(args: list[str], before: list[str]) -> int:
             talk("".join(traceback.format_exception(error)).rstrip("\n"))
         end = command_error(error, args)
         talk(end.paragraph)
+        if "--json" in args and not answered:
+            tell(json.dumps(end.to_json(), allow_nan=False))
         return end.code

@@ -7,7 +7,8 @@ import click
 
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
-from baqueano.diagnostics import Diagnostic, fault, nearest, note
+from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest, note
+from baqueano.messages import text
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -76,12 +77,8 @@ def check(
     if room not in CHECKS:
         raise UsageError(fault("cli.block-room", found=room, near=nearest(room, CHECKS)))
     found = check(room, built(room, block, file), file.sensors, file.vehicle.commands)
-    answer(
-        Listed(
-            [{"block": block, "finding": sentence} for sentence in found], "REFUSED" if found else "USABLE"
-        ),
-        as_json,
-    )
+    rows = [{"block": block, "code": one.code, "finding": text(one)} for one in found]
+    answer(Listed(rows, Verdict.of(found)), as_json)
     if found:
         raise AnswerNo(fault("cli.block-breaks", block=block, count=len(found)))
     talk(note("cli.block-sound", block=block))
@@ -127,7 +124,7 @@ class Listed:
     """Rows as they are."""
 
     found: list["TableRow"]
-    verdict: str = "USABLE"
+    verdict: Verdict = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """The error as it was found."""

@@ -12,7 +12,7 @@ import click
 from baqueano.cli.arguments import Option
 from baqueano.cli.next_line import next_line, typed
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import INTERRUPTED, BaqueanoError, from_outside, in_users_file, named
+from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, from_outside, in_users_file, named
 from baqueano.messages import text
 
 NO, USAGE, BAD_FILE = 1, 2, 3
@@ -32,10 +32,20 @@ class CommandError(NamedTuple):
     code: int
 
     @property
-    def paragraph(self) -> str:
-        """The text for stderr."""
+    def said(self) -> str:
+        """Return why it ended and what to type next, as it is typed."""
         said = (text(one, argument=Option) for one in (self.why, self.next) if one is not None)
-        return f"baqueano: {('. ' if self.why.fix else ' ').join(said)}"
+        return (". " if self.why.fix else " ").join(said)
+
+    @property
+    def paragraph(self) -> str:
+        """Return the text for stderr."""
+        return f"baqueano: {self.said}"
+
+    def to_json(self) -> dict[str, object]:
+        """Return it for --json: code, figures, the text, what to type next, and the exit code."""
+        after = {} if self.next is None else {"next": self.next.to_json()}
+        return self.why.to_json() | {"text": self.said} | after | {"exit_code": self.code}
 
 
 def command_error(error: BaseException, args: list[str]) -> CommandError:
@@ -59,7 +69,7 @@ def _why(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
         case MemoryError():
             return fault("cli.memory", error=str(error)), NO
         case _ if type(error).__name__ == "CompileError":  # of the engine, which need not be loaded here
-            return fault("cli.not-compiled", "--backend python", error=str(error)), USAGE
+            return fault("cli.not-compiled", "--backend python", error=cause_of(error)), USAGE
         case OSError():
             place = fault("cli.output") if error.filename is None else error.filename
             return fault("cli.system", typed(args), place=place, error=error.strerror or str(error)), BAD_FILE

@@ -211,8 +211,9 @@ def ended(run: "Run", path: Path) -> None:
 
 def warned(run: "Run") -> None:
     """Tell what a run says of its model, and the sensors that were degraded."""
-    for said in (e.text for e in run.events if e.source in ("model", "sensors") and e.level == "warning"):
-        talk(note("cli.warning", cause=said))
+    for event in run.events:
+        if event.source in ("model", "sensors") and event.level == "warning":
+            talk(note("cli.warning", cause=event.diagnostic or event.text))
 
 
 def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":

@@ -16,8 +16,8 @@ import numpy as np
 from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
 from baqueano.compare.filter_consistency import JOINT, STATES, FilterConsistency, filter_consistency
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.errors import UsageError
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.errors import UsageError, cause_of
 from baqueano.messages import verdict_line
 from baqueano.monitor import Refusals, refusals_of
 from baqueano.runs.interpolated import at_times, poses_at
@@ -223,25 +223,17 @@ def compare(
     0 cm rms across its route, NIS 0.4
     """
     if not isinstance(alignment, str):
-        raise UsageError(
-            f"alignment is a {type(alignment).__name__}: several runs go into a list, as compare([one, other])."
-        )
+        raise UsageError(fault("compare.not-a-list", kind=type(alignment).__name__))
     several = [runs] if not isinstance(runs, Sequence) else list(runs)
     if not several:
-        raise UsageError(
-            "there is no run to compare: give one or more, e.g. baqueano compare runs/0001-repeat.mcap"
-        )
+        raise UsageError(fault("compare.no-runs"))
     if not (over_s > 0.0 and skip_s >= 0.0):
-        raise UsageError(
-            f"over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0."
-        )
+        raise UsageError(fault("compare.times", over_s=over_s, skip_s=skip_s))
     errors.aligned(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
     kept = [run.cut(skip_s) if skip_s else run for run in several]
     told = list(names) if names else [run.name for run in several]
     if len(told) != len(several):
-        raise UsageError(
-            f"names has {len(told)} names, and there are {len(several)} runs: expected one for each."
-        )
+        raise UsageError(fault("compare.names", names=len(told), runs=len(several)))
     return Comparison(
         tuple(_judged(run, name, kept[0], alignment, over_s) for run, name in zip(kept, told, strict=True)),
         alignment,
@@ -272,7 +264,7 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
     try:
         eta = errors.aligned(est.eta, eta_true, alignment)
     except UsageError as error:
-        raise UsageError(f"{run.name}: {error}") from error
+        raise UsageError(fault("compare.of-run", run=run.name, cause=cause_of(error))) from error
     off = errors.absolute(eta, eta_true)
     drift = errors.relative(est.t_ns, eta, eta_true, over_s)
     known = off.position_m[np.isfinite(off.position_m)]

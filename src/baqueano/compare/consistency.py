@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 FALSE_ALARM = 0.05  # a consistent filter is called inconsistent this often
@@ -145,9 +146,7 @@ def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
     try:
         from scipy.stats import chi2
     except ImportError as error:
-        raise UsageError(
-            'scipy is not installed, and the χ² bands need it. Type: pip install "baqueano[lab]"'
-        ) from error
+        raise UsageError(fault("lab.scipy-for-bands", 'pip install "baqueano[lab]"')) from error
     low, high = chi2.ppf([0.5 * false_alarm, 1.0 - 0.5 * false_alarm], freedom)
     return float(low / freedom), float(high / freedom)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare.corridor import Corridor, corridor_of
+from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.simulate import simulate_loop
 
@@ -78,8 +79,5 @@ def corridor_ahead(
     found = corridor_of(run)
     if found is None:
         kind = vehicle_file.data["estimator"].get("kind", "of this vehicle")
-        raise AnswerNo(
-            f"the estimator {kind} gives no covariance of the pose, so there is nothing to forecast. Type: "
-            "--set estimator.kind=augmented_ekf"
-        )
+        raise AnswerNo(fault("forecast.no-covariance", "--set estimator.kind=augmented_ekf", estimator=kind))
     return CorridorAhead(found, laps, float(route.t_s[-1]), run)

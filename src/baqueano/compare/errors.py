@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import align, wrap
 
@@ -38,7 +39,7 @@ def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> n
     """`eta` (N, 3) laid onto `eta_true` (N, 3): not, by the first pose, or by all positions, which asks for no heading.
     UsageError where it is to be laid on by the first pose and no true heading is known."""
     if alignment not in ALIGNMENTS:
-        raise UsageError(f'alignment = "{alignment}": expected one of {", ".join(ALIGNMENTS)}.')
+        raise UsageError(fault("compare.alignment", found=alignment, known=ALIGNMENTS))
     there = np.isfinite(eta) & np.isfinite(eta_true)
     known = np.all(there[:, :2], axis=1)
     if alignment == "none" or not np.any(known):
@@ -46,10 +47,7 @@ def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> n
     if alignment == "start":
         known &= there[:, 2]
         if not np.any(known):
-            raise UsageError(
-                'alignment = "start" turns the path by the first heading, and the truth has positions alone. '
-                "Lay it on by all positions. Type: --align rigid"
-            )
+            raise UsageError(fault("compare.no-first-heading", "--align rigid"))
         first = int(np.argmax(known))
         angle = eta_true[first, 2] - eta[first, 2]
         shift = eta_true[first, :2] - _turned(eta[first : first + 1, :2], angle)[0]
@@ -82,7 +80,7 @@ def cross_track(
 ) -> np.ndarray:
     """Signed distance (N,) [m] of positions `xy` (N, 2) from the path `ref_xy` (K, 2), left positive.  (3)"""
     if len(ref_xy) < 2:
-        raise UsageError(f"the reference path has {len(ref_xy)} points: expected at least 2.")
+        raise UsageError(fault("compare.reference-short", points=len(ref_xy)))
     reach = max(1, round(window_s * NANOSECONDS / max(float(np.median(np.diff(ref_ns))), 1.0)))
     middle = np.clip(np.searchsorted(ref_ns, t_ns), 0, len(ref_ns) - 1)
     thin = max(1, reach // 100)  # at most about 200 segments are looked at for a position

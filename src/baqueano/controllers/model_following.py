@@ -20,6 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, pose_error, wrap
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
@@ -72,9 +74,13 @@ class ModelFollower:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.limit.shape != (self.vehicle.commands,):
-            raise ValueError(
-                f"{type(self).__name__}.limit has shape {self.limit.shape}: expected ({self.vehicle.commands},), "
-                f"one number per command of the vehicle."
+            raise Invalid(
+                fault(
+                    "field.limit",
+                    block=type(self).__name__,
+                    found=str(self.limit.shape),
+                    commands=self.vehicle.commands,
+                )
             )
 
     def memory(self) -> np.ndarray:

@@ -15,6 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.geometry import pose_error, wrap
 from baqueano.parameter import INF, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
@@ -46,10 +48,7 @@ class Pd:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.limit.shape not in ((2,), (3,)):
-            raise ValueError(
-                f"Pd.limit has shape {self.limit.shape}: expected (3,) for (u_x, u_y, u_psi), or (2,) for "
-                f"(throttle, servo): one number per command of the vehicle."
-            )
+            raise Invalid(fault("pd.limit", found=str(self.limit.shape)))
 
     def init(self) -> PdState:
         """Return a state before the first tick."""

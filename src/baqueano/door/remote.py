@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
 from baqueano.door.ssh import there
@@ -49,10 +49,6 @@ LONGEST_LINE = 1 << 20  # bytes of a message; a piece of a run has 64 kB
 LONGEST_RUN = 4 << 30  # bytes: two days of driving
 WAITING = 256  # messages that wait for who listens; more states are left out, the rest waits there
 ATTACH = "exec baqueano robot attach"
-NOBODY = (
-    "{}: no service answers there ({}). On the vehicle type: systemctl status baqueano; from a laptop name the "
-    "vehicle, as pilot@rover.local"
-)
 
 
 class Remote:
@@ -74,9 +70,7 @@ class Remote:
                 self._to.write(encoded(words))
                 self._to.flush()
             except (OSError, ValueError) as error:
-                raise RobotUnreachable(
-                    f"{self.name}: the connection is gone ({error}). The vehicle stops."
-                ) from error
+                raise RobotUnreachable(fault("remote.gone", host=self.name, error=error)) from error
 
     def hear(self, kinds: tuple[str, ...], within_s: float) -> "JsonObject":
         """The next message of these kinds; "state" is remembered, "no" is raised as the error that it was there.
@@ -86,16 +80,10 @@ class Remote:
             try:
                 said = self.inbox.get(timeout=max(0.0, end - time.monotonic()))
             except queue.Empty:
-                raise RobotUnreachable(
-                    f"{self.name} said nothing for {within_s:g} s. Is its service up? Type there: "
-                    "systemctl status baqueano"
-                ) from None
+                raise RobotUnreachable(fault("remote.silent", host=self.name, within_s=within_s)) from None
             if said is None:
                 self.inbox.put(None)  # for the next reader
-                raise RobotUnreachable(
-                    f"{self.name}: the connection was closed. The vehicle stops by itself. To see why, type: "
-                    f"baqueano robot status {self.name}"
-                )
+                raise RobotUnreachable(fault("remote.closed", host=self.name))
             match said["is"]:
                 case "state":
                     self.state = said
@@ -220,9 +208,7 @@ class Remote:
         """A run of the vehicle, one of `runs`, as the file `path`, which appears whole and over no other file.
         FileError for a name that no run has, where there is a file, and for one that is too long for this disk."""
         if not is_name(run):
-            raise FileError(
-                f'{self.name} names a run "{run}", expected a plain name as lap.mcap. Nothing was written.'
-            )
+            raise FileError(fault("remote.run-name", host=self.name, run=run))
         path.parent.mkdir(parents=True, exist_ok=True)
         with appearing(path) as file:
             self.say(do="fetch", run=run)
@@ -243,11 +229,17 @@ class Remote:
             size = come + said["left"] if size is None else size
             if size > min(most, LONGEST_RUN):
                 raise FileError(
-                    f"{run} at {self.name} has {size / 1e6:.0f} MB, and {most / 1e6:.0f} MB are free here; no run is "
-                    f"longer than {LONGEST_RUN >> 30} GB. Make room, and type it again"
+                    fault(
+                        "remote.run-too-long",
+                        run=run,
+                        host=self.name,
+                        size_mb=size / 1000000.0,
+                        free_mb=most / 1000000.0,
+                        longest_gb=LONGEST_RUN >> 30,
+                    )
                 )
             if come + said["left"] != size or size < 0 or (come < size and not piece):
-                raise RobotUnreachable(f"{self.name} sent {run} otherwise than it said. Type it again.")
+                raise RobotUnreachable(fault("remote.run-otherwise", host=self.name, run=run))
             yield piece
 
     def runs(self) -> list[str]:
@@ -282,7 +274,7 @@ def reached(host: str, **first: Any) -> Iterator[Remote]:
         return
     command = _ssh(host)
     if shutil.which("ssh") is None:
-        raise RobotUnreachable(f"{host} cannot be reached: there is no ssh on this machine. Install OpenSSH.")
+        raise RobotUnreachable(fault("remote.no-ssh", host=host))
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as ssh:
@@ -304,13 +296,13 @@ def reached(host: str, **first: Any) -> Iterator[Remote]:
 @contextmanager
 def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
     if not hasattr(socket, "AF_UNIX"):
-        raise UsageError(f"{path}: this system has no sockets in files. Name the vehicle by its host name.")
+        raise UsageError(fault("remote.no-sockets", path=path))
     line = socket.socket(socket.AF_UNIX)
     try:
         line.connect(str(path))
     except OSError as error:
         line.close()
-        raise RobotUnreachable(NOBODY.format(path, error.strerror)) from error
+        raise RobotUnreachable(_nobody(path, error)) from error
     with line, line.makefile("wb") as to, line.makefile("rb") as of:
         remote = Remote(to, of, str(path))  # pyright: ignore[reportArgumentType]
         try:
@@ -328,16 +320,21 @@ def stop(host: str, why: Diagnostic) -> "JsonObject":
     within STOP_S: a drive that is being prepared ends before it moves, and only then."""
     with reached(host, do="stop", why=why) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _stopped(remote), GREETING_S):
-            raise RobotUnreachable(
-                f"{host} did not say that it heard the stop. Type it again, or use the switch of the vehicle."
-            )
+            raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
         if not remote.wait(lambda: _stopped(remote), STOP_S):
             raise AnswerNo(
-                f"{host} heard the stop, and was not seen STOPPED within {STOP_S:g} s: its last state was "
-                f"{remote.state.get('state', 'none')}. A drive that it prepares ends before anything moves. Look at "
-                f"the vehicle, then type: baqueano robot status {host}"
+                fault(
+                    "remote.stop-not-seen",
+                    host=host,
+                    within_s=STOP_S,
+                    state=remote.state.get("state", "none"),
+                )
             )
         return remote.state
+
+
+def _nobody(path: Path, error: OSError) -> Diagnostic:
+    return fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
 
 
 def _stopped(remote: Remote) -> bool:
@@ -357,8 +354,12 @@ def _greeted(remote: Remote, ssh: Any, first: "JsonObject") -> None:
         ssh.kill()
         said = printable(ssh.stderr.read(LONGEST_LINE).decode(errors="replace").strip())
         raise RobotUnreachable(
-            f"{remote.name} cannot be reached: {(said.splitlines()[-1] if said else str(error)).rstrip('.')}. "
-            f"To see why: {shlex.join(['ssh', remote.name, 'baqueano', 'robot', 'status'])}"
+            fault(
+                "remote.unreachable",
+                host=remote.name,
+                cause=(said.splitlines()[-1] if said else str(error)).rstrip("."),
+                command=shlex.join(["ssh", remote.name, "baqueano", "robot", "status"]),
+            )
         ) from error
 
 
@@ -374,7 +375,7 @@ def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
     try:
         line.connect(str(path))
     except OSError as error:
-        raise RobotUnreachable(NOBODY.format(path, error.strerror)) from error
+        raise RobotUnreachable(_nobody(path, error)) from error
 
     def back() -> None:
         with suppress(OSError, ValueError):

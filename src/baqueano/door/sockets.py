@@ -28,10 +28,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
 from baqueano.door.wire import encoded
-from baqueano.errors import BaqueanoError, RobotUnreachable, UsageError, named
+from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError, named
 from baqueano.messages import text
 from baqueano.runs.folder import is_name
 
@@ -168,7 +168,7 @@ class Door:
             "fetch": lambda: self._fetch(guest, str(said["run"])),
         }
         if what not in words:
-            raise ValueError(f"{what!r} is none of {', '.join(words)}")
+            raise Invalid(fault("door.unknown-word", found=repr(what), known=words))
         words[what]()
 
     def _ask(self, guest: Guest, said: "JsonObject") -> None:
@@ -192,7 +192,7 @@ class Door:
         """A run in pieces, the next when the one before has gone; the last has `left` 0, of an empty run too."""
         path = self.folder / name
         if not is_name(name) or path.is_symlink() or not path.is_file():
-            raise ValueError(f"there is no run {name!r}")
+            raise Invalid(fault("door.no-run", run=repr(name)))
         file = path.open("rb")
 
         def pieces() -> None:
@@ -244,9 +244,7 @@ def _listening(path: Path) -> socket.socket:
     except OSError:
         path.unlink(missing_ok=True)  # of a service that was killed
     else:
-        raise RobotUnreachable(
-            f"{path}: a service runs already on this vehicle. Type: systemctl status baqueano"
-        )
+        raise RobotUnreachable(fault("door.runs-already", "systemctl status baqueano", path=path))
     finally:
         probe.close()
     listener = socket.socket(socket.AF_UNIX)

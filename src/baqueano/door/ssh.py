@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import IO, TextIO
 
+from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.printable import one_line, printable
 
@@ -32,25 +33,16 @@ def there(host: str) -> list[str]:
         or name != one_line(name)
         or " " in name
     ):
-        raise UsageError(
-            f'HOST "{one_line(host)}": expected the name of a vehicle that ssh reaches, which begins with a letter or '
-            "a digit and has no space. Type it as pilot@rover.local"
-        )
+        raise UsageError(fault("ssh.host", host=one_line(host)))
     return [*port_words, "--", name]
 
 
 def ssh(host: str, command: str, *options: str) -> list[str]:
     """Return what runs `command` at HOST. UsageError where HOST is not a computer."""
     if host in ("emulated", "simulated"):
-        raise UsageError(
-            f"{host} has no hardware to look after: expected a vehicle that ssh reaches, pilot@rover.local, or "
-            f"nothing, for what is plugged in here. Drives are what it can do: baqueano experiment --robot {host}"
-        )
+        raise UsageError(fault("ssh.no-hardware", host=host))
     if host.startswith(("/", "COM")):
-        raise UsageError(
-            f"{host}: expected a vehicle that ssh reaches, pilot@rover.local. The port of an Uno that is plugged in "
-            f"here stands in the vehicle file; or type: --set robot.port={host}"
-        )
+        raise UsageError(fault("ssh.not-a-host", host=host))
     return [
         "ssh", "-T", "-o", "ConnectTimeout=8", "-o", "ServerAliveInterval=5", *options, *there(host), command
     ]  # fmt: skip
@@ -80,9 +72,7 @@ def answer(stream: IO[bytes]) -> bytes:
     while data := os.read(stream.fileno(), 1 << 16):
         said += data
         if len(said) > LONGEST:
-            raise RobotUnreachable(
-                f"the vehicle answered more than {LONGEST >> 20} MB, and was not heard to its end."
-            )
+            raise RobotUnreachable(fault("ssh.too-much", most_mb=LONGEST >> 20))
     return bytes(said)
 
 

@@ -10,9 +10,8 @@ A stop is latched with its reason: only a person takes it away, by `clear`, and 
 
 from enum import StrEnum
 
-from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
 from baqueano.errors import SafetyStop
-from baqueano.messages import text
 
 
 class DoorState(StrEnum):
@@ -48,16 +47,19 @@ class Machine:
         """The next state. A stop keeps its first reason. SafetyStop where this state does not know the event."""
         target = NEXT.get((self.state, event))
         if target is None:
-            because = f": {text(self.why)}" if self.why is not None else ""
-            raise SafetyStop(f"the vehicle is {self.state}{because}. {self.advice}", self.why)
+            said = {"state": self.state, "advice": self.advice}
+            if self.why is None:
+                raise SafetyStop(fault("door.state", **said))
+            raise SafetyStop(fault("door.state-because", **said, cause=self.why), self.why)
         if self.state is not DoorState.STOPPED or event != "stop":
             self.why = why
         self.state = target
 
     @property
-    def advice(self) -> str:
+    def advice(self) -> Diagnostic:
         """Return the line by which a person can continue."""
-        return {
-            DoorState.DISARMED: "Mend that; it is checked again by itself.",
-            DoorState.STOPPED: "Look at the vehicle, then type: baqueano robot clear",
-        }.get(self.state, "Wait until it is done, or stop it: baqueano robot stop")
+        if self.state is DoorState.DISARMED:
+            return note("door.mend")
+        if self.state is DoorState.STOPPED:
+            return note("door.clear", fix="baqueano robot clear")
+        return note("door.wait", fix="baqueano robot stop")

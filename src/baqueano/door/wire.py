@@ -9,7 +9,7 @@ from baqueano.printable import words
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-DATA = ("why", "said", "about", "imu_bus")  # may be diagnostics
+DATA = ("why", "said", "about", "imu_bus", "degraded")  # may be diagnostics
 FIELDS: dict[str, "JsonObject"] = {  # what a message must hold; what else is in it is shown, or not used
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},

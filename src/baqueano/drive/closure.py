@@ -28,6 +28,7 @@ import numpy as np
 from baqueano.contracts.blocks import Sensor
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree, Value
+from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
 from baqueano.runs import Channel, Run
@@ -78,22 +79,17 @@ def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closu
     """
     marks = marks_of(run)
     if len(marks) < 2:
-        raise AnswerNo(
-            f"{run.name} has {len(marks)} marks: press m on the mark before a lap and after it, standing."
-        )
+        raise AnswerNo(fault("marks.too-few", name=run.name, marks=len(marks)))
     name = next((n for n, s in file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
     if name is None or name not in run.sensors:
-        raise AnswerNo(f"{run.name} has no gyro, so its marks tell no scale of one.")
+        raise AnswerNo(fault("marks.no-gyro", name=run.name))
     sensor, channel = getattr(file.sensors, name), run.sensors[name]
     bias, bias_sd = _at_rest(run, channel)
     cosine = _gain(sensor) / sensor.gyro_scale
     raw = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
     turns = sum(_whole(x / sensor.gyro_scale, run.name) for x in raw)
     if turns == 0:
-        raise AnswerNo(
-            f"{run.name}: no turn is left between the marks, as those of an eight cancel, and that tells no "
-            "scale. Drive a circle, or a rectangle, one way round."
-        )
+        raise AnswerNo(fault("marks.no-turn", name=run.name))
     scale = sum(raw) / (2.0 * np.pi * turns)  # (1)
     sd = _deviation(sensor, bias_sd, seconds(marks[-1], marks[0])) / (
         2.0 * np.pi * cosine * abs(turns)
@@ -120,11 +116,8 @@ def _whole(turned_rad: float, name: str) -> int:
     turns = round(turned_rad / (2.0 * np.pi))
     left_rad = abs(turned_rad - 2.0 * np.pi * turns)
     if abs(turns) > MOST_TURNS or left_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
-        raise AnswerNo(
-            f"{name}: between two marks the gyro counts {np.degrees(turned_rad):.0f}°, which is no whole number of "
-            f"turns within {100 * WRONG:.0f} %, or more than {MOST_TURNS}. Press m only when the vehicle stands on "
-            "the same mark with the same heading."
-        )
+        figures = {"turned_deg": np.degrees(turned_rad), "within_percent": 100 * WRONG, "most": MOST_TURNS}
+        raise AnswerNo(fault("marks.no-whole-turn", subject=name, **figures))
     return turns
 
 
@@ -137,10 +130,7 @@ def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
     z = channel.z[still, -1]
     between_s = float(np.median(seconds(np.diff(channel.t_ns)))) if len(channel.t_ns) > 1 else 1.0
     if len(z) * between_s < LEAST_S:
-        raise AnswerNo(
-            f"{run.name}: the vehicle stood for {len(z) * between_s:.1f} s, too short to know the zero of its gyro. "
-            "Let it stand 2 s on the mark, then drive."
-        )
+        raise AnswerNo(fault("marks.stood-too-short", name=run.name, stood_s=len(z) * between_s))
     return float(np.mean(z)), float(np.std(z) / np.sqrt(len(z)))
 
 

@@ -27,12 +27,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.controllers import CarefulController
+from baqueano.diagnostics import Diagnostic, fault, joined
 from baqueano.drive.first_drive_pulses import GROWTH, SEEN, STEP, Careful
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
 from baqueano.guides import CarefulGuide
 from baqueano.loop import Blocks
+from baqueano.messages import texts
 from baqueano.parameter import all_parameters
 from baqueano.runs import Run
 from baqueano.signals import seconds
@@ -59,8 +61,8 @@ class First:
 
     run: Run
     pulses: tuple[Pulse, ...]
-    wiring: tuple[str, ...]  # what is wired wrong, with what to do; empty if nothing is
-    still: tuple[str, ...]  # directions in which nothing moved
+    wiring: tuple[Diagnostic, ...]  # what is wired wrong, with what to do; empty if nothing is
+    still: tuple[Diagnostic, ...]  # directions in which nothing moved
     gain_along: float  # of the file's model, (1); NaN where nothing was felt
     gain_about: float
     moves_at: np.ndarray  # (D,) part of the limit at which it was first felt, per direction; NaN: never
@@ -78,7 +80,7 @@ class First:
             lines.append(f"along: {self.gain_along:.2g} times as strong as the file says")
         if np.isfinite(self.gain_about):
             lines.append(f"about z: {self.gain_about:.2g} times as strong as the file says")
-        return "\n".join([*lines, *self.still, *self.wiring])
+        return "\n".join([*lines, *texts((*self.still, *self.wiring))])
 
 
 def first_drive(vehicle_file: VehicleFile, **options: Any) -> First:
@@ -101,10 +103,7 @@ def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
     'first drive'
     """
     if "imu" not in vehicle_file.sensors._fields:
-        raise UsageError(
-            f"{vehicle_file.name} has no sensor imu: a first drive stops on the gyro, so it needs one. Add "
-            "[sensors.imu] to the vehicle file. Or type --known, and stand by the switch."
-        )
+        raise UsageError(fault("first-drive.no-imu", name=vehicle_file.name))
     pulses = Careful(directions(vehicle_file))
     blocks = Blocks(Inertial(), CarefulGuide(pulses), CarefulController(pulses), vehicle_file.supervisor())
     return drive(blocks, vehicle_file, "first drive", **options)
@@ -114,10 +113,7 @@ def directions(vehicle_file: VehicleFile) -> np.ndarray:
     """(D, n) the commands at full level whose pulses are tried, turning first: it leads nowhere."""
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
     if not np.all(np.isfinite(limit)) or not np.any(limit > 0.0):
-        raise UsageError(
-            f"{vehicle_file.name}: [command] limit = {limit.tolist()}: expected the largest size of each command, "
-            "finite, one of them above 0."
-        )
+        raise UsageError(fault("first-drive.limit", vehicle=vehicle_file.name, limit=str(limit.tolist())))
     if steers(vehicle_file.vehicle):
         servo = 0.5 * limit[1]
         some = [[limit[0], s] for s in (0.0, servo, -servo)]
@@ -159,7 +155,7 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
     begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
     log, out = run.estimate, []
     if log is None or log.cov is None:
-        raise UsageError(f"{run.name} holds no estimates of a first drive.")
+        raise UsageError(fault("first-drive.no-estimates", name=run.name))
     for a, b in zip(begin, end, strict=True):
         last = int(np.searchsorted(log.t_ns, run.t_ns[b] + round(AFTER_S * 1e9)))
         rows = slice(a, min(last, len(log.t_ns)))
@@ -195,8 +191,8 @@ def between(level: np.ndarray) -> np.ndarray:
 def rough(first: First, vehicle_file: VehicleFile) -> VehicleFile:
     """The file with the rough gains and dead zones in it, a start for a fit; AnswerNo where the wiring is wrong
     or nothing moved."""
-    if first.wiring or first.still:
-        raise AnswerNo(" ".join([*first.wiring, *first.still]))
+    if (why := joined([*first.wiring, *first.still])) is not None:
+        raise AnswerNo(why)
     file = vehicle_file
     if not first.late:
         file = with_dead_zones(file, directions(file), first.moves_at)
@@ -237,8 +233,8 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
     return (gains[0], gains[1]), left
 
 
-def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[str, ...]:
-    """(2), in words; from the gyro alone where the accelerometer did not feel enough."""
+def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ...]:
+    """Return (2); from the gyro alone where the accelerometer did not feel enough."""
     turn, both, var = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
         for wheel, forward in enumerate((ways[0], ways[2])):
@@ -251,14 +247,14 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[str, ...]:
         return ()
     if np.any(np.abs(both) < SURE * np.sqrt(var)):
         wrong = [side for side, x in zip(("left", "right"), turn, strict=True) if x < 0.0]
-        return tuple(f"the {side} wheel turns the vehicle the wrong way: look at its wires" for side in wrong)
+        return tuple(fault(f"wiring.turns-wrong-{side}") for side in wrong)
     own = both > 0.0  # the wheel that was asked is the one that turned
     if own.any() and not own.all():
-        return ("the two wheels answer as one: look at the wires of both motors",)
-    swapped = [] if own.all() else ["left and right motor are swapped: change their connectors"]
+        return (fault("wiring.answers-as-one"),)
+    swapped = [] if own.all() else [fault("wiring.swapped")]
     names, ahead = (("left", "right"), turn) if own.all() else (("right", "left"), -turn)
     backwards = [name for name, x in zip(names, ahead, strict=True) if x < 0.0]
-    return (*swapped, *(f"the {name} motor runs backwards: change its two wires" for name in backwards))
+    return (*swapped, *(fault(f"wiring.backwards-{name}") for name in backwards))
 
 
 def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
@@ -271,13 +267,10 @@ def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:
     return [float(p.u @ way / (way @ way)) for p in pulses if p.u @ way > 0.0 and _along(p.u, way)]
 
 
-def _nothing_moved(how: str, tried: float) -> str:
+def _nothing_moved(how: str, tried: float) -> Diagnostic:
     if tried > 1.0 - 1e-6:
-        return f"nothing moved with {how}: is the motor connected, the battery charged?"
-    return (
-        f"nothing moved with up to {100.0 * tried:.0f} % of {how}, and then the drive was over, because the vehicle "
-        "had left its spot or it took too long: put it back and start again"
-    )
+        return fault("first-drive.nothing-moved", command=how)
+    return fault("first-drive.ended-early", command=how, tried_percent=100.0 * tried)
 
 
 def _along(u: np.ndarray, way: np.ndarray) -> bool:

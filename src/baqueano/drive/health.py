@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.monitor import REFUSED, Finding, Notice, Watching, written
+from baqueano.diagnostics import Diagnostic, Severity, joined, note
+from baqueano.monitor import REFUSED, Finding, Notice, Watching, counted
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, Watch
 
@@ -26,12 +27,12 @@ TOO_LARGE = 2.0
 FAR = 5.0  # standard deviations: one wild measurement counts as no more
 SOURCE = "model"
 SENSORS_SOURCE = "sensors"
-Line = tuple[str, str, str]  # source, level, text of an event
+Line = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 
-def shown(degraded: tuple[Finding, ...]) -> str:
-    """Return the degraded sensors of a tick on one line; "" of none."""
-    return " ".join(one.sentence for one in degraded)
+def shown(degraded: tuple[Finding, ...]) -> Diagnostic | None:
+    """Return the degraded sensors of a tick as one message; None of none."""
+    return joined(one.diagnostic for one in degraded)
 
 
 class Health:
@@ -58,8 +59,8 @@ class Health:
         ):  # a fit to readings of a broken sensor helps nobody
             self._forget()
         said = self.check(tick.t_ns, estimate)
-        model = [(SOURCE, "warning", said)] if said else []
-        return [*model, *((SENSORS_SOURCE, one.level, one.text) for one in noticed)]
+        model = [] if said is None else [(SOURCE, "warning", said)]
+        return [*model, *((SENSORS_SOURCE, str(one.said.severity), one.said) for one in noticed)]
 
     def _forget(self) -> None:
         self._window.clear()
@@ -69,41 +70,39 @@ class Health:
         """Return the events of the end."""
         counts = () if self._sensors is None else self._sensors.refusals
         beyond = [(SOURCE, "warning", said) for said in self.beyond()]
-        return [*beyond, *([(REFUSED, "info", written(counts))] if counts else [])]
+        return [*beyond, *([(REFUSED, "info", counted(counts))] if counts else [])]
 
-    def beyond(self) -> tuple[str, ...]:
-        """A sentence for each command and measurement that left the envelope."""
-        return self._watch.flags("the run")
+    def beyond(self) -> tuple[Diagnostic, ...]:
+        """Return a message for each command and measurement that left the envelope."""
+        return self._watch.flags(note("envelope.this-run"))
 
     def count(self, tick: Tick) -> None:
         """Count a tick for `beyond`."""
         self._watch.update(tick)
 
-    def check(self, t_ns: int, estimate: Any) -> str:
-        """A sentence when the model does not fit any more; "" else, and after it was said."""
+    def check(self, t_ns: int, estimate: Any) -> Diagnostic | None:
+        """Return a message when the model does not fit any more; None else, and after it was said."""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.reported or y is None or S is None:
-            return ""
+            return None
         try:
             square = _nis(y.tolist(), S.tolist())
         except ZeroDivisionError:
-            return ""
+            return None
         if square is None:
-            return ""
+            return None
         self._window.append((t_ns, min(square, FAR**2)))
         self._sum += self._window[-1][1]
         if seconds(t_ns, self._window[0][0]) < WINDOW_S:
-            return ""
+            return None
         while seconds(t_ns, self._window[0][0]) >= WINDOW_S:
             self._sum -= self._window.popleft()[1]
         nis = self._sum / max(1, len(self._window))
         if nis <= TOO_LARGE:
-            return ""
+            return None
         self.reported = True
-        return (
-            f"for {WINDOW_S:.0f} s the sensors were {np.sqrt(nis):.1f} times as far from the model as it "
-            "predicts: it no longer fits this vehicle or this floor. Type: baqueano identify last"
-        )
+        fix = "baqueano identify last"
+        return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, times=np.sqrt(nis))
 
 
 def _nis(y: list[float], S: list[list[float]]) -> float | None:

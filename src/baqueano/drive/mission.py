@@ -14,6 +14,7 @@ import numpy as np
 
 from baqueano.blocks import read
 from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import fault
 from baqueano.drive.first_drive import careful_drive
 from baqueano.drive.session import drive
 from baqueano.drive.verbs import experiment, lesson
@@ -51,10 +52,10 @@ class Mission:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise UsageError(f'a mission of kind "{self.kind}": expected one of {", ".join(KINDS)}.')
-        for kind, name, what in (("experiment", "u", "commands"), ("repeat", "route", "a route")):
+            raise UsageError(fault("mission.kind", kind=self.kind, known=KINDS))
+        for kind, name in (("experiment", "u"), ("repeat", "route")):
             if self.kind == kind and getattr(self, name) is None:
-                raise UsageError(f'a mission of kind "{kind}" without {name}: it needs {what}.')
+                raise UsageError(fault("mission.lacks", kind=kind, name=name))
 
     def json(self) -> str:
         """Return a line of JSON."""
@@ -73,7 +74,7 @@ class Mission:
         try:
             said = json.loads(text)
             if said.pop("format") != FORMAT:
-                raise UsageError("this mission is of another version: update baqueano on both sides.")
+                raise UsageError(fault("mission.version"))
             route = said.pop("route")
             u = said.pop("u")
             return cls(
@@ -82,7 +83,7 @@ class Mission:
                 route=None if route is None else _route(route),
             )
         except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-            raise UsageError(f"this is no mission ({type(error).__name__}: {error}).") from error
+            raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
 
 
 def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
@@ -104,7 +105,7 @@ def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
         path = home / f"{file}.py"
         text = path.read_text(encoding="utf-8")
         if texts.setdefault(path.name, text) != text:
-            raise FileError(f"two files of blocks are called {path.name}: give one of them another name.")
+            raise FileError(fault("mission.two-files", name=path.name))
         return f"{path.name}:{name}"
 
     blocks, vehicle = {room: taken(kind) for room, kind in mission.blocks.items()}, vehicle_file.text
@@ -134,7 +135,7 @@ def perform(
         case "teach":
             driver = hand if mission.route is None else mission.route
             if driver is None:
-                raise UsageError("a lesson needs a route, or somebody who drives.")
+                raise UsageError(fault("mission.no-driver"))
             return lesson(vehicle_file, driver, mission.hold, **options)
     assert mission.route is not None
     kinds = mission.blocks
@@ -151,7 +152,7 @@ def unpacked(mission: Mission, folder: Path) -> VehicleFile:
     """The vehicle file of a mission, written into `folder` beside the user's blocks, and loaded."""
     for name, text in mission.texts.items():
         if Path(name).name != name or not name.endswith(".py"):
-            raise UsageError(f"a block in the file {name!r}: expected a plain name that ends in .py.")
+            raise UsageError(fault("mission.file-name", name=repr(name)))
         (folder / name).write_text(text, encoding="utf-8")
     for name in mission.texts:  # all of the user's text that runs before there is a block
         read(name, folder)

@@ -20,7 +20,6 @@ from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording
 from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.loop import Blocks
-from baqueano.messages import text
 from baqueano.monitor import Watching
 from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.in_memory import RunInMemory, RunSink
@@ -196,7 +195,9 @@ def fast(
         quick = compiled(block, backend)
         quick.step(state, *inputs)
     except TraceError as error:
-        return block, note("drive.not-compiled", room=room, block=type(block).__name__, error=str(error))
+        return block, note(
+            "drive.not-compiled", room=room, block=type(block).__name__, error=error.diagnostic
+        )
     except BaseException as error:  # the loop meets it again, stops, and names the block
         if from_outside(error):
             raise
@@ -236,10 +237,7 @@ def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recor
             blocks, recording.world, until_interrupted, recording.tick, recording.stopped, start
         )
     if outcome.stopped is not None and not outcome.ticks:
-        raise SafetyStop(
-            f"{text(outcome.stopped)}. That was before the first tick: nothing moved, no run was made.",
-            outcome.stopped,
-        )
+        raise SafetyStop(fault("drive.never-began", cause=outcome.stopped), outcome.stopped)
     recording.end(outcome.stopped)
 
 

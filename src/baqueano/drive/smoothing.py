@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.contracts.blocks import Estimator
+from baqueano.diagnostics import fault
 from baqueano.drive.session import initial_pose_for
 from baqueano.errors import UsageError
 from baqueano.estimators.pauses import split
@@ -29,15 +30,12 @@ def smoothed(
     quiet = Tick(int(run.t_ns[0]), run.applied[0], silent(sizes))
     who = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, quiet):
-        raise UsageError(
-            f"{who} cannot be smoothed: that takes a Kalman filter, with a belief of mean (η, ν, …) and cov, estimates "
-            "with innovations, and Kalman's gains. Leave --smooth out, or replay through ekf: --estimator ekf"
-        )
+        raise UsageError(fault("smooth.not-kalman", who=who))
     rows, at = split(_ticks(run, sizes), vehicle_file.rate_hz)
     try:
         mean, cov = smooth(estimator, belief, rows, backend)
     except TraceError as error:
-        raise UsageError(f"{who} cannot be compiled, so it cannot be smoothed: {error}") from error
+        raise UsageError(fault("smooth.not-compiled", who=who, cause=error.diagnostic)) from error
     log = EstimateLog(run.t_ns, mean[at, :3], mean[at, 3:6], cov[at, :6, :6])
     return replace(run, estimate=log, metadata=run.metadata | {"smoothed": "Rauch-Tung-Striebel"})
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Guide
 from baqueano.controllers import Hand, Schedule
+from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import holding
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
@@ -39,10 +40,8 @@ def experiment(vehicle_file: VehicleFile, u: np.ndarray, **options: Any) -> Run:
     """
     u = np.atleast_2d(np.array(u, dtype=float))
     if u.shape[1] != vehicle_file.vehicle.commands or not np.all(np.isfinite(u)):
-        raise UsageError(
-            f"the signal has shape {u.shape}: expected finite numbers (N, {vehicle_file.vehicle.commands}), "
-            f"one column for each of {', '.join(vehicle_file.command.names)}."
-        )
+        commands, names = vehicle_file.vehicle.commands, vehicle_file.command.names
+        raise UsageError(fault("drive.signal-shape", found=str(u.shape), commands=commands, names=names))
     blocks = Blocks(
         vehicle_file.estimator(),
         Idle(len(u) / vehicle_file.rate_hz),
@@ -97,10 +96,7 @@ def lesson(vehicle_file: VehicleFile, driver: Driver, hold: bool = False, **opti
     elif isinstance(driver, Guide):
         guide = driver
     else:
-        raise UsageError(
-            f"a driver of type {type(driver).__name__}: expected a Route, a guide, a list of "
-            f"(seconds, command), or a function that returns a command."
-        )
+        raise UsageError(fault("drive.driver-type", kind=type(driver).__name__))
     if controller is None:
         controller = vehicle_file.controller()
     blocks = Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
@@ -162,16 +158,12 @@ def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz
         try:
             duration_s, u = float(step[0]), np.array(step[1], dtype=float)
         except (TypeError, ValueError, IndexError) as error:
-            raise UsageError(
-                f"step {k + 1} of the drive is {step!r}: expected (seconds, command)."
-            ) from error
+            raise UsageError(fault("drive.step-pair", number=k + 1, found=repr(step))) from error
         if u.shape != (n,) or not (duration_s > 0.0 and np.all(np.isfinite(u))):
-            raise UsageError(
-                f"step {k + 1} of the drive is {step!r}: expected a time above 0 s and {n} finite numbers."
-            )
+            raise UsageError(fault("drive.step-numbers", number=k + 1, found=repr(step), commands=n))
         rows.append(np.tile(u, (round(duration_s * rate_hz), 1)))
     if not rows:
-        raise UsageError("the drive has no step: give at least one (seconds, command).")
+        raise UsageError(fault("drive.no-steps"))
     return np.concatenate(rows)
 
 
@@ -179,11 +171,11 @@ def route_of(run: Run, closed: bool = False) -> Route:
     """The path that a run believed to drive, without the waiting at both ends, at ROUTE_RATE_HZ."""
     log = run.estimate
     if log is None or len(log.t_ns) < 2:
-        raise AnswerNo(f"{run.name} has no estimated path to make a route of.")
+        raise AnswerNo(fault("route.no-estimates", name=run.name))
     speed, turn = np.hypot(log.nu[:, 0], log.nu[:, 1]), np.abs(log.nu[:, 2])
     moving = np.flatnonzero(((speed > STILL_M_S) | (turn > STILL_RAD_S)) & np.isfinite(speed + turn))
     if len(moving) < 2:
-        raise AnswerNo(f"{run.name}: the vehicle did not move, so there is no route in it.")
+        raise AnswerNo(fault("route.no-motion", name=run.name))
     first, last = max(moving[0] - 1, 0), moving[-1]
     t_s = seconds(log.t_ns[first : last + 1], log.t_ns[first])
     keep = np.unique(np.searchsorted(t_s, np.append(np.arange(0.0, t_s[-1], 1.0 / ROUTE_RATE_HZ), t_s[-1])))
@@ -196,9 +188,6 @@ def route_of(run: Run, closed: bool = False) -> Route:
 def _closed(route: Route, name: str) -> Route:
     gap_m, gap_rad = end_gap(route)
     if gap_m > CLOSE_M or gap_rad > CLOSE_RAD:
-        raise AnswerNo(
-            f"{name} ends {gap_m:.2f} m and {np.degrees(gap_rad):.0f}° from where it began; a closed route "
-            f"comes back within {CLOSE_M} m and {np.degrees(CLOSE_RAD):.0f}°. Drive back to the mark, or "
-            f"teach it as an open route."
-        )
+        gap, close = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)
+        raise AnswerNo(fault("route.open", name=name, **gap, close_m=CLOSE_M, close_deg=close))
     return run_through(closed_up(route))

@@ -11,6 +11,8 @@ from functools import cache
 import numpy as np
 
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 
 ROUNDING = 1e-14  # of a variance
 
@@ -20,23 +22,32 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
     matrix."""
     P = np.array(matrix, dtype=float)
     if P.shape != (size, size):
-        raise ValueError(f"{name} has shape {P.shape}, expected ({size}, {size}).")
+        raise Invalid(fault("cov.shape", name=name, found=str(P.shape), size=size))
     if not np.all(np.isfinite(P)):
         i, j = np.argwhere(~np.isfinite(P))[0]
-        raise ValueError(f"{name}[{i}][{j}] = {P[i, j]}: expected a finite number.")
+        raise Invalid(fault("cov.not-finite", name=name, i=i, j=j, found=P[i, j]))
     scale = np.max(np.abs(P), initial=0.0)
     gap = np.abs(P - P.T)
     if np.max(gap) > 1e-9 * scale:
         i, j = np.unravel_index(np.argmax(np.triu(gap)), P.shape)
-        raise ValueError(
-            f"{name} is not symmetric: [{i}][{j}] = {P[i, j]:g} but [{j}][{i}] = {P[j, i]:g}. {_offer(P)}"
+        raise Invalid(
+            fault("cov.not-symmetric", name=name, i=i, j=j, one=P[i, j], other=P[j, i], offer=_offer(P))
         )
     smallest = np.linalg.eigvalsh(P)[0]
     if smallest < -1e-12 * scale:
         i, j = _worst_pair(P)
-        raise ValueError(
-            f"{name} has the eigenvalue {smallest:.3g}; a covariance has none below 0. [{i}][{j}] = "
-            f"{P[i, j]:g} is too large for the diagonal entries {P[i, i]:g} and {P[j, j]:g}. {_offer(P)}"
+        raise Invalid(
+            fault(
+                "cov.eigenvalue",
+                name=name,
+                smallest=smallest,
+                i=i,
+                j=j,
+                entry=P[i, j],
+                first=P[i, i],
+                second=P[j, j],
+                offer=_offer(P),
+            )
         )
     return mirrored(P)
 

@@ -48,6 +48,8 @@ import numpy as np
 from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved, predict
 from baqueano.estimators.pauses import FilterRow, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
@@ -105,22 +107,23 @@ class Ekf:
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
-            raise ValueError(f'mode = "{self.mode}": expected one of {", ".join(MODES)}.')
+            raise Invalid(fault("ekf.mode", found=self.mode, known=MODES))
         check_use(self.sensors, self.use)
         if not (self.rate_hz > 0.0 and self.gate_sigma > 0.0 and self.disturbance_time_s > 0.0):
-            raise ValueError(
-                f"rate_hz = {self.rate_hz}, gate_sigma = {self.gate_sigma}, disturbance_time_s = "
-                f"{self.disturbance_time_s}: each must be greater than 0. To take every measurement, set "
-                f"gate_sigma = inf."
+            raise Invalid(
+                fault(
+                    "ekf.positive",
+                    rate_hz=self.rate_hz,
+                    gate_sigma=self.gate_sigma,
+                    disturbance_time_s=self.disturbance_time_s,
+                )
             )
         object.__setattr__(
             self, "process_noise_cov", covariance(self.process_noise_cov, 6, "process_noise_cov")
         )
         object.__setattr__(self, "initial_std", np.array(self.initial_std, dtype=float))
         if self.initial_std.shape != (9,) or not np.all(self.initial_std > 0.0):
-            raise ValueError(
-                f"initial_std = {self.initial_std}: expected 9 numbers greater than 0, for (η, ν, ν̇)."
-            )
+            raise Invalid(fault("ekf.initial-std", found=self.initial_std))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
         """Return a belief at rest at the origin, unless `eta` is given."""

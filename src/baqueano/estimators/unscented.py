@@ -19,6 +19,8 @@ import numpy as np
 
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import Gaussian, correct, moved
 from baqueano.estimators.pauses import FilterRow, chosen, in_rows, row_of, rows_before, unmoved_cov
@@ -72,9 +74,7 @@ class Unscented:
         check_bounds(self)
         check_use(self.sensors, self.use)
         if not is_dynamic(self.vehicle):
-            raise ValueError(
-                f"{type(self.vehicle).__name__} lacks nu_dot, its acceleration, which is a state: take ekf."
-            )
+            raise Invalid(fault("unscented.no-acceleration", vehicle=type(self.vehicle).__name__))
         R = covariance(self.process_noise_cov, 6, "process_noise_cov")
         object.__setattr__(self, "process_noise_cov", R)
 

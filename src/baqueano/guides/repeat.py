@@ -16,7 +16,8 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Guide
 from baqueano.contracts.values import Tree, Value
-from baqueano.errors import UsageError
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.parameter import parameter
@@ -44,20 +45,14 @@ class Repeat:
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
         m = len(self.t_s)
         if m < 2 or self.t_s.shape != (m,) or self.eta.shape != (m, 3) or self.nu.shape != (m, 3):
-            raise ValueError(
-                f"the route has t_s {self.t_s.shape}, eta {self.eta.shape}, nu {self.nu.shape}: expected "
-                f"(m,), (m, 3), (m, 3) with the same m of at least 2."
-            )
+            shapes = {name: str(getattr(self, name).shape) for name in ("t_s", "eta", "nu")}
+            raise Invalid(fault("route.shapes", **shapes))
         if not all(np.all(np.isfinite(x)) for x in (self.t_s, self.eta, self.nu)):
-            raise ValueError(
-                "the route has a number that is not finite: teach it again, or cut that part out."
-            )
+            raise Invalid(fault("route.not-finite"))
         if self.t_s[0] != 0.0 or not np.all(np.diff(self.t_s) > 0.0):
-            raise ValueError(
-                f"the route's times must start at 0 and increase; they start {self.t_s[:3].tolist()} s."
-            )
+            raise Invalid(fault("guide.times", found=str(self.t_s[:3].tolist())))
         if self.laps < 0:
-            raise ValueError(f"laps = {self.laps}: expected 0 (for ever) or more.")
+            raise Invalid(fault("route.laps", found=self.laps))
         self.eta[:, 2] = np.unwrap(self.eta[:, 2])
 
     @classmethod
@@ -100,7 +95,6 @@ def with_laps(guide: Guide, laps: int) -> Guide:
     except (AttributeError, TypeError, ValueError) as error:
         kind = type(guide).__name__
         raise UsageError(
-            f"{kind}.laps = {before} cannot become {laps}: {error}. Write self.laps = laps in __init__, or leave "
-            "laps out."
+            fault("route.laps-kept", kind=kind, before=before, laps=laps, cause=error)
         ) from error
     return other

@@ -13,6 +13,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.route import Route, from_start, route_of_curve
 from baqueano.parameter import parameter
@@ -57,9 +59,14 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     side. ValueError where the corners do not fit."""
     a, b = length_m - 2.0 * corner_m, width_m - 2.0 * corner_m
     if not (a > 0.0 and b > 0.0 and corner_m > 0.0):
-        raise ValueError(
-            f"a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m: "
-            f"the radius must be above 0 and below {min(length_m, width_m) / 2.0:g} m."
+        raise Invalid(
+            fault(
+                "shape.corners",
+                length_m=length_m,
+                width_m=width_m,
+                corner_m=corner_m,
+                most_m=min(length_m, width_m) / 2.0,
+            )
         )
     quarter = 0.5 * np.pi * corner_m
     pieces = [(a / 2, 0.0), (quarter, 1.0), (b, 0.0), (quarter, 1.0), (a, 0.0), (quarter, 1.0), (b, 0.0)]
@@ -98,10 +105,7 @@ class SinuousCircle:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.amplitude_m >= self.radius_m:
-            raise ValueError(
-                f"SinuousCircle.amplitude_m = {self.amplitude_m} m: expected less than "
-                f"radius_m = {self.radius_m} m."
-            )
+            raise Invalid(fault("shape.amplitude", amplitude_m=self.amplitude_m, radius_m=self.radius_m))
 
     def _repeat(self) -> Repeat:
         return _repeat(self.radius_m, self.amplitude_m, self.waves, self.speed_m_s, self.laps)

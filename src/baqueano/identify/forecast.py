@@ -25,7 +25,7 @@ from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.parameters.free import value, with_numbers
 from baqueano.identify.result.fit_result import Fit
-from baqueano.messages import text, texts
+from baqueano.messages import ended, text, texts
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
@@ -79,7 +79,7 @@ class Forecast:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return a sentence per drive, then what is not in them."""
-        return (*texts(one.message for one in self.ahead), *texts(self.notes))
+        return (*texts(one.message for one in self.ahead), *map(ended, texts(self.notes)))
 
     def table(self) -> str:
         """Return the sentences, for people."""
@@ -130,7 +130,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
         title = note("forecast.lap") if route else note("forecast.lap-of-circle")
         title = note("forecast.lap-of", name=name) if name else title
         ahead.append(_whole(title, _driven(kernel, theta, *lap), cov))
-        notes.append(_beyond(fit, lap[1]))
+        notes += _beyond(fit, lap[1])
     if not np.isfinite([one[1:] for one in ahead]).all():
         raise UsageError(fault("forecast.ran-away"))
     if fit.unobservable:
@@ -235,11 +235,11 @@ def _command_and_pose(heard: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarray
     return heard.record.tick.u, heard.truth.eta, heard.record.reference.eta
 
 
-def _beyond(fit: "Fit", u: np.ndarray) -> str:
-    """Return a sentence where the lap asks for commands that the fit has not seen; "" where it does not."""
+def _beyond(fit: "Fit", u: np.ndarray) -> tuple[Diagnostic, ...]:
+    """Return a message where the lap asks for commands that the fit has not seen; none where it does not."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
     flags = fit.envelope.flags(Run("The lap", None, t_ns, u))
-    return f"{flags[0]}." if flags else ""
+    return flags[:1]
 
 
 def _length(length_m: float) -> str:

@@ -34,7 +34,7 @@ from baqueano.identify.result.channel_units import channel_unit, percent, times
 from baqueano.identify.result.fit_result import ChannelFit, Fit, asked_for
 from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
 from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
-from baqueano.messages import verdict_line
+from baqueano.messages import text, verdict_line
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
 
@@ -69,7 +69,7 @@ class Judged:
     figures: tuple[Figure, ...]
     channels: tuple[ChannelFit, ...]
     found: tuple[Diagnostic, ...]  # what speaks against the model, and why nothing could
-    outside: tuple[str, ...]  # runs that leave the envelope of the fit
+    outside: tuple[Diagnostic, ...]  # runs that leave the envelope of the fit
     basis: Diagnostic  # "20 s open loop from standstill, 12 independent pieces of motion"
 
     @property
@@ -101,7 +101,7 @@ class Judged:
         for f in self.figures:
             parts = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
             lines.append(f"{f.run:20} {f.channel:14} {f.error:>10.3g} {f.unit:6} {parts}")
-        return "\n".join([*lines, *(f"note: {said}" for said in self.outside), self.sentence])
+        return "\n".join([*lines, *(f"note: {text(said)}" for said in self.outside), self.sentence])
 
 
 class _Left(NamedTuple):

@@ -16,8 +16,9 @@ from baqueano import language
 from baqueano.diagnostics import Diagnostic, Verdict
 
 ROOMS = (
-    "blocks", "cli", "data", "door", "fit", "fit_errors", "names", "noise", "robot", "runs",
-    "tune", "vehicle_file",
+    "block_checks", "block_fields", "blocks", "cli", "compare", "data", "door", "drive", "fit", "fit_errors",
+    "hardware", "monitor", "names", "noise", "recordings", "robot", "runs", "simulate", "study", "symbolic", "tune",
+    "vehicle_file",
 )  # fmt: skip
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 

@@ -1,4 +1,4 @@
-"""Agreement of each number of each sensor with the model and the estimator. Figures only; findings.py has words.
+"""Agreement of each number of each sensor with the model and the estimator. Figures only; findings.py says it.
 
 A reading z disagrees if it is not finite, if it stands at the end of its range, or if
 

@@ -1,14 +1,15 @@
-"""Words of the monitor: what a number that disagrees looks like, and which of sensor and model is off."""
+"""What a number that disagrees looks like, and which of sensor and model is off."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, stuck
 from baqueano.monitor.numbers import Numbers
 
 NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY = (
-    "no number", "at its end", "frozen", "zero", "slips", "scaled", "away",
+    "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away",
 )  # fmt: skip
 SENSOR, MODEL, UNKNOWN = "sensor", "model", "unknown"
 SURE = 3.0  # log odds: 20 to 1
@@ -34,25 +35,16 @@ class Finding:
         return self.doubt_s >= DEGRADED_S
 
     @property
-    def sentence(self) -> str:
-        """Return it in words."""
-        z, h = f"{self.reading:.3g}", f"{self.expected:.3g}"
-        looks = {
-            NO_NUMBER: "gives no finite number",
-            AT_ITS_END: f"stands at the end of its range, {z}",
-            FROZEN: f"is stuck at {z}, where {h} is expected",
-            ZERO: f"reads nothing, where {h} is expected",
-            SLIPS: f"turns at {z}, where {h} is expected: does its wheel slip?",
-            SCALED: f"reads {self.ratio:.2f} times what is expected",
-            AWAY: f"reads {z}, where {h} is expected",
-        }[self.looks]
-        off = {
-            SENSOR: "The sensor is off, not the model.",
-            MODEL: "The model is off, not the sensor. Type: baqueano identify last",
-            UNKNOWN: "If it is the sensor or the model that is off, no third witness tells.",
-        }[self.off]
-        begin = f"DEGRADED: {self.name}" if self.degraded else self.name
-        return f"{begin} {looks}. {off}"
+    def diagnostic(self) -> Diagnostic:
+        """Return it as a message."""
+        off = note(f"sensor.off-{self.off}", fix="baqueano identify last" if self.off == MODEL else "")
+        figures = {"reading": self.reading, "expected": self.expected, "ratio": self.ratio, "off": off}
+        said = note(f"sensor.{self.looks}", subject=self.name, **figures)
+        return (
+            note("sensor.degraded", Severity.WARNING, subject=self.name, cause=said)
+            if self.degraded
+            else said
+        )
 
 
 def finding(numbers: Numbers, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:

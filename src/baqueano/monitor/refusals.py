@@ -1,13 +1,13 @@
 """Readings that an estimator refused, counted by number: one event at the end of a run, and its reader."""
 
-import re
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, note
 
 REFUSED = "refused"  # source of the event
-_ONE = re.compile(r"(\S+): (\d+) of (\d+)")
+OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # of the figures of a number
 
 
 class Refusals(NamedTuple):
@@ -18,12 +18,21 @@ class Refusals(NamedTuple):
     arrived: int
 
 
-def written(counts: Sequence[Refusals]) -> str:
-    """Return the text of the event."""
-    return ", ".join(f"{one.name}: {one.refused} of {one.arrived}" for one in counts)
+def counted(counts: Sequence[Refusals]) -> Diagnostic:
+    """Return the message of the event."""
+    figures: dict[str, Any] = {one.name + OF_REFUSED: one.refused for one in counts}
+    figures |= {one.name + OF_ARRIVED: one.arrived for one in counts}
+    each = [f"{one.name}: {one.refused} of {one.arrived}" for one in counts]
+    return note("estimator.refused", each=each, **figures)
 
 
 def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
     """Return the counts in the events of a run; none of an estimator that does not count."""
-    found = [one for e in events if e.source == REFUSED for one in _ONE.findall(e.text)]
-    return tuple(Refusals(name, int(refused), int(arrived)) for name, refused, arrived in found)
+    said = [e.diagnostic.figures for e in events if e.source == REFUSED and e.diagnostic is not None]
+    names = [
+        (figures, key.removesuffix(OF_REFUSED))
+        for figures in said
+        for key in figures
+        if key.endswith(OF_REFUSED)
+    ]
+    return tuple(Refusals(name, of[name + OF_REFUSED], of[name + OF_ARRIVED]) for of, name in names)

@@ -6,6 +6,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Estimator, SensorBlocks
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import from_outside, named
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import rows_of, split
@@ -20,8 +21,7 @@ from baqueano.symbolic import compiled
 class Notice(NamedTuple):
     """A line of the run."""
 
-    level: str
-    text: str
+    said: Diagnostic
     finding: Finding | None = None  # that began or got worse
 
 
@@ -87,9 +87,7 @@ class Watching:
             if from_outside(error):
                 raise
             self._broken, self._found = True, {}
-            return [
-                Notice("warning", f"the sensors are not watched any more: the monitor raised {named(error)}")
-            ]
+            return [Notice(note("monitor.raised", Severity.WARNING, error=named(error)))]
         doubts = doubt.tolist()
         if not self._since_ns and max(doubts, default=0.0) < EVENT_S:
             return []
@@ -103,15 +101,14 @@ class Watching:
                     continue
                 self._since_ns[c] = t_ns - round(1e9 * d)
                 self._found[c] = finding(self.numbers, c, memory, t_ns, d)
-                notices.append(Notice("info", self._found[c].sentence, self._found[c]))
+                notices.append(Notice(self._found[c].diagnostic, self._found[c]))
             elif d >= DEGRADED_S and not self._found[c].degraded:
                 self._found[c] = finding(self.numbers, c, memory, t_ns, d)
-                notices.append(Notice("warning", self._found[c].sentence, self._found[c]))
+                notices.append(Notice(self._found[c].diagnostic, self._found[c]))
             elif d <= 0.0:
                 lasted_s = seconds(t_ns, self._since_ns.pop(c))
-                notices.append(
-                    Notice("info", f"{self._found.pop(c).name} agrees again, after {lasted_s:.1f} s")
-                )
+                name = self._found.pop(c).name
+                notices.append(Notice(note("sensor.agrees-again", subject=name, lasted_s=lasted_s)))
         return notices
 
 

@@ -2,9 +2,10 @@
 
 from typing import Any
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
-_MISSING = '{name} is not installed, and a report needs it. Type: pip install "baqueano[lab]"'
+LAB = 'pip install "baqueano[lab]"'
 
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -36,7 +37,7 @@ def pyplot() -> Any:
     try:
         import matplotlib
     except ImportError as error:
-        raise UsageError(_MISSING.format(name="matplotlib")) from error
+        raise UsageError(fault("lab.missing", LAB, name="matplotlib")) from error
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
 
@@ -49,5 +50,5 @@ def jinja2() -> Any:
     try:
         import jinja2
     except ImportError as error:
-        raise UsageError(_MISSING.format(name="jinja2")) from error
+        raise UsageError(fault("lab.missing", LAB, name="jinja2")) from error
     return jinja2

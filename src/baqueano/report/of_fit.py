@@ -99,7 +99,10 @@ def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
     said = [ended(reason) for reason in texts(fit.reasons)]
     said = [f"• {one}" for one in said] if len(said) > 1 else said
     if held_out is not None:
-        said += [f"On unseen runs: {ended(held_out.sentence)}", *(f"{one}." for one in held_out.outside)]
+        said += [
+            f"On unseen runs: {ended(held_out.sentence)}",
+            *(f"{one}." for one in texts(held_out.outside)),
+        ]
     needs = [one.figures["needs"] for one in fit.unobservable if "needs" in one.figures]
     if fit.verdict == Verdict.REFUSED:
         said.append("Next: look at the data below. The vehicle file stays as it is.")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import baqueano
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.symbolic.c_code.compile import user_cache
 
@@ -39,17 +40,12 @@ def emulated(
     0.6 reached the motors, 4 rad/s
     """
     if not (TREE / "tests" / "emulated" / "robot.py").is_file():
-        raise UsageError(
-            "--robot emulated: the emulated vehicle is in the source tree, not in the package. Type: "
-            "git clone, then make demo there, and .venv/bin/baqueano"
-        )
+        raise UsageError(fault("emulated.no-source"))
     if str(TREE) not in sys.path:
         sys.path.append(str(TREE))
     rig = importlib.import_module("tests.emulated.rig")
     if lacking := rig.missing():
-        raise UsageError(
-            f"--robot emulated: the emulator needs Debian packages. Type: sudo apt-get install {' '.join(lacking)}"
-        )
+        raise UsageError(fault("emulated.no-packages", f"sudo apt-get install {' '.join(lacking)}"))
     robot = importlib.import_module("tests.emulated.robot")
     world, _ = robot.world_of(rig.build(user_cache() / "emulated"), vehicle_file, truth, seed)
     try:

@@ -8,11 +8,13 @@ import os
 import re
 import unicodedata
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
+from baqueano.messages import text
 from baqueano.printable import in_lines
 from baqueano.runs.container.reader import read_run
 
@@ -142,8 +144,8 @@ def _listed(path: Path) -> ListedRun:
     try:
         run = read_run(path)
     except BaqueanoError as error:
-        first = str(error).removeprefix(f"{path}").lstrip(": ").split(". ")[0]
-        return ListedRun(number_of(path), path.stem, "?", None, "", "UNREADABLE", first)
+        why = replace(error.diagnostic, figures={**error.diagnostic.figures, "path": path.name})
+        return ListedRun(number_of(path), path.stem, "?", None, "", "UNREADABLE", text(why))
     verdict = run.metadata.get("verdict", "")
     notes = [run.metadata["note"]] if run.metadata.get("note") else []
     worst = [event for event in run.events if event.level in ("error", "fatal")]

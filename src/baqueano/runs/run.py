@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
 
 if TYPE_CHECKING:
@@ -200,17 +202,21 @@ def age_s(measured_ns: Value, t_ns: Value) -> Value:
 def _times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:
     t = np.asarray(t_ns)
     if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
-        raise ValueError(
-            f"{name} of a run is a list of integer nanoseconds, got {t.dtype} of shape {t.shape}."
-        )
+        raise Invalid(fault("run.times", name=name, dtype=t.dtype, found=str(t.shape)))
     t = np.ascontiguousarray(t, dtype=np.int64)
     steps = np.diff(t)
     wrong = steps <= 0 if strictly else steps < 0
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise ValueError(
-            f"{name} of a run must {'increase' if strictly else 'not decrease'}: entry {k} is {t[k]} ns, "
-            f"the next one {t[k + 1]} ns. Repeated or backward times have to be removed first."
+        raise Invalid(
+            fault(
+                "run.order",
+                name=name,
+                order="increase" if strictly else "not decrease",
+                entry=k,
+                t_ns=t[k],
+                next_ns=t[k + 1],
+            )
         )
     return t
 
@@ -219,7 +225,7 @@ def _array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.shape != shape:
         said = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
-        raise ValueError(f"{name} of a run has shape {array.shape}, expected {said}: one row per time.")
+        raise Invalid(fault("run.shape", name=name, found=str(array.shape), expected=said))
     return array
 
 
@@ -228,7 +234,7 @@ def _channel(name: str, channel: Channel) -> Channel:
     arrival = _times(channel.arrival_ns, f"{where}.arrival_ns")
     t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
     if t_ns.shape != arrival.shape:
-        raise ValueError(f"{where} has {len(t_ns)} measurement times and {len(arrival)} arrival times.")
+        raise Invalid(fault("run.arrivals", where=where, times=len(t_ns), arrivals=len(arrival)))
     m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
     return Channel(t_ns, arrival, _array(channel.z, f"{where}.z", (len(arrival), m)))
 

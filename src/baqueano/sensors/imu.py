@@ -31,6 +31,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import SensorState, check, sample, start
 from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
@@ -133,9 +135,7 @@ class Imu:
 
     def __post_init__(self) -> None:
         if self.measurement_model not in MODELS:
-            raise ValueError(
-                f"Imu.measurement_model = {self.measurement_model!r}: expected one of {', '.join(MODELS)}."
-            )
+            raise Invalid(fault("imu.model", found=repr(self.measurement_model), known=MODELS))
         check(self)
         if self.low_pass_hz < INF:
             object.__setattr__(self, "has_low_pass", True)

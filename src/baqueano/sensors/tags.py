@@ -22,6 +22,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.sampling import place_of
 from baqueano.signals import Motion, Slot
@@ -61,10 +63,7 @@ class Tags:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.points_m.ndim != 2 or self.points_m.shape[1] != 2:
-            raise ValueError(
-                f"Tags.points_m has shape {self.points_m.shape}: expected (n, 2), a row (x, y) for each tag, such as "
-                "[[0.0, 0.0], [1.2, 0.8]]."
-            )
+            raise Invalid(fault("tags.points", found=str(self.points_m.shape)))
 
     @property
     def cov(self) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Controller, Guide, Supervision
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
@@ -156,7 +157,7 @@ def lasting(system: System) -> float:
     """Return the time from the first tick to the end of the reference [s], for any motion of the vehicle."""
     low, high = -1, LONGEST_NS
     if not _done(system, high):
-        raise UsageError("this guide never says that it is done: say how long, with duration_s.")
+        raise UsageError(fault("simulate.never-done"))
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if _done(system, middle) else (middle, high)

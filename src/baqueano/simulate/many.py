@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from baqueano.contracts.values import TableRow, Tree
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
@@ -46,7 +46,7 @@ class Many:
     nu: np.ndarray  # (L, K, 3)
     clipped: int  # vehicles with a drawn parameter that was brought back to its bound
     backend: str
-    outside: tuple[str, ...] = ()  # commands that leave the envelope of the fit
+    outside: tuple[Diagnostic, ...] = ()  # commands that leave the envelope of the fit
 
     def rows(self) -> list[TableRow]:
         """Return a flat row per time: mean and standard deviation over the vehicles."""
@@ -144,8 +144,16 @@ def simulate_many(
     t_s = seconds(times(len(u), rate)[np.array(ends) - 1])
     watch = Watch(vehicle_file.envelope)
     watch.look(u, {})
+    outside = watch.flags(note("envelope.this-signal"))
     return Many(
-        tuple(labels(system, paths)), theta, t_s, eta, nu, clipped, kernel.backend, watch.flags("the signal")
+        tuple(labels(system, paths)),
+        theta,
+        t_s,
+        eta,
+        nu,
+        clipped,
+        kernel.backend,
+        outside,
     )
 
 
@@ -177,18 +185,16 @@ def given(
         if array.shape[1:] != shape or array.ndim != len(shape) + 1:
             expected = "(L" + "".join(f", {n}" for n in shape) + ("," if not shape else "") + ")"
             raise UsageError(
-                f'vary["{path}"] has shape {array.shape}: expected {expected}, a row per vehicle.'
+                fault("simulate.vary-shape", path=path, found=str(array.shape), expected=expected)
             )
         if count is not None and len(array) != count:
-            raise UsageError(f'vary["{path}"] is for {len(array)} vehicles, another value for {count}.')
+            raise UsageError(fault("simulate.vary-count", path=path, found=len(array), expected=count))
         if not np.all(np.isfinite(array)):
-            raise UsageError(f'vary["{path}"] holds a number that is not finite.')
+            raise UsageError(fault("simulate.vary-not-finite", path=path))
         count = len(array)
         columns.append(array.reshape(count, -1))
     if not count:
-        raise UsageError(
-            "no vehicles: give vary = {path: values}, a row per vehicle, or vehicles = how many."
-        )
+        raise UsageError(fault("simulate.no-vehicles"))
     return tuple(vary), np.concatenate(columns, axis=1) if columns else np.zeros((count, 0))
 
 
@@ -199,12 +205,9 @@ def drawn(
     fit = vehicle_file.parameter_cov
     own = [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]
     if fit is None or not own:
-        raise UsageError(
-            f"{vehicle_file.name}: no parameter has a covariance yet, so there is nothing to draw from. Run "
-            f"`baqueano identify`, or say what varies: vary = {{path: values}}."
-        )
+        raise UsageError(fault("simulate.no-covariance", name=vehicle_file.name))
     if not vehicles or vehicles < 1:
-        raise UsageError(f"vehicles = {vehicles}: say how many to draw, 1 or more.")
+        raise UsageError(fault("simulate.vehicles", vehicles=vehicles))
     paths = tuple(fit.names[k] for k in own)
     mean = flat(system, paths)
     size, axes = np.linalg.eigh(fit.cov[np.ix_(own, own)])

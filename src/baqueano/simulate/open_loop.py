@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from baqueano.contracts.blocks import SensorBlocks
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.messages import text
 from baqueano.runs.container.writer import versions
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS, ByName, Motion, Slot
@@ -91,9 +93,9 @@ def simulate(
 
 
 def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
-    """A line for each command and measurement that leaves what the fit of the file saw."""
+    """Return an event for each command and measurement that leaves what the fit of the file saw."""
     flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
-    return tuple(Event(int(run.t_ns[-1]), "warning", "model", said) for said in flags)
+    return tuple(Event(int(run.t_ns[-1]), "warning", "model", text(said), said) for said in flags)
 
 
 @lru_cache(maxsize=32)
@@ -150,20 +152,14 @@ def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != len(names) or not len(u):
-        raise UsageError(
-            f"the command signal has shape {u.shape}: expected (N, {len(names)}), one row a tick with "
-            f"{', '.join(names)}."
-        )
+        raise UsageError(fault("simulate.signal-shape", found=str(u.shape), commands=len(names), names=names))
     if not np.all(np.isfinite(u)):
         k, i = np.argwhere(~np.isfinite(u))[0]
-        raise UsageError(f"{names[i]} = {u[k, i]} at tick {k}: expected a finite number.")
+        raise UsageError(fault("simulate.not-finite", name=names[i], value=u[k, i], tick=k))
     over = np.abs(u) > np.asarray(limit) * (1.0 + 1e-12)
     if np.any(over):
         k, i = np.argwhere(over)[0]
-        raise UsageError(
-            f"{names[i]} = {u[k, i]:g} at tick {k}: the vehicle file allows up to {limit[i]:g} "
-            f"([command] limit). Scale the signal, or write np.clip(u, -limit, limit)."
-        )
+        raise UsageError(fault("simulate.beyond-limit", name=names[i], value=u[k, i], tick=k, limit=limit[i]))
     return u
 
 
@@ -172,5 +168,5 @@ def _pose(x: np.ndarray | None, name: str) -> np.ndarray | None:
         return None
     x = np.array(x, dtype=float)
     if x.shape != (3,) or not np.all(np.isfinite(x)):
-        raise UsageError(f"{name} = {x.tolist()}: expected three finite numbers.")
+        raise UsageError(fault("simulate.pose", name=name, found=str(x.tolist())))
     return x

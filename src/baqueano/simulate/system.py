@@ -13,7 +13,8 @@ import numpy as np
 from baqueano import loop
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Tree, Value
-from baqueano.errors import UsageError
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError, cause_of
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import get, put
 from baqueano.vehicles.state import Vehicle
@@ -88,10 +89,7 @@ def value(system: System, path: str) -> np.ndarray:
     try:
         found = np.asarray(get(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
-        raise UsageError(
-            f'there is no number at "{path}" of this vehicle: {error}. Name it as in the vehicle file, '
-            f'for example "model.friction.linear".'
-        ) from error
+        raise UsageError(fault("simulate.no-number", path=path, cause=cause_of(error))) from error
     return found
 
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare import Comparison, compare
-from baqueano.diagnostics import Verdict
+from baqueano.diagnostics import Verdict, fault, joined
 from baqueano.drive import experiment, repeat, stop_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise import Noise, measure_noise
-from baqueano.messages import texts, verdict_line
+from baqueano.messages import verdict_line
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.of_fit import sections_of_fit
 from baqueano.report.of_run import driving, errors, headlines, paths
@@ -164,7 +164,7 @@ def demo(
     say("2/6 identify    the model from commands and IMU")
     fit = identify(run, believed, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(f"the fit of the demo was refused: {'; '.join(texts(fit.reasons))}")
+        raise AnswerNo(fault("demo.refused", cause=joined(fit.reasons)))
     believed = fit.vehicle_file
     say("3/6 noise       covariances of sensors and model")
     noise = measure_noise(fit, run, backend=backend)

@@ -155,12 +155,12 @@ def drive_one(seed: int, backend: str = "auto") -> One:
     assert where is not None
     margin = float(np.min(room.free - np.abs(where.eta[:, :2])))
     said = {
-        "well": (),
-        "left inverted": ("the left motor runs backwards",),
-        "right inverted": ("the right motor runs backwards",),
-        "swapped": ("left and right motor are swapped",),
+        "well": [],
+        "left inverted": ["wiring.backwards-left"],
+        "right inverted": ["wiring.backwards-right"],
+        "swapped": ["wiring.swapped"],
     }[wiring]
-    named = tuple(text.partition(":")[0] for text in found.wiring) == said
+    named = [one.code for one in found.wiring] == said
     off = float("nan")
     if wiring == "well":
         ratio = np.array([found.gain_along, found.gain_about]) / gains(robot, file)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from baqueano.diagnostics import Verdict
+from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import FileError
 from baqueano.runs.maps.column_map import data_folders, load_map
 
@@ -100,9 +100,12 @@ def check_present() -> None:
     missing = missing_of(files_of(MAPS))
     if missing:
         raise FileError(
-            f"recordings are missing: {', '.join(missing)}: there is no such file in "
-            f"{' or '.join(map(str, data_folders()))}. They do not come with baqueano; set BAQUEANO_DATA to the "
-            f"folder that holds {missing[0].partition('/')[0]}"
+            fault(
+                "study.recordings-missing",
+                missing=missing,
+                folders=" or ".join(map(str, data_folders())),
+                first=missing[0].partition("/")[0],
+            )
         )
 
 

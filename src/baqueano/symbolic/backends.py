@@ -4,11 +4,14 @@ import os
 import sys
 
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.errors import Invalid
+from baqueano.messages import text
 from baqueano.symbolic.graph.program import Kernel, Program
 from baqueano.symbolic.python_code import python
 
 NAMES = ("auto", "c", "python", "numpy")
-_told: set[str] = set()
+_told: set[Diagnostic] = set()
 
 
 def chosen(backend: str) -> str:
@@ -16,7 +19,7 @@ def chosen(backend: str) -> str:
     if backend == "auto":
         backend = os.environ.get("BAQUEANO_BACKEND", "") or "auto"
     if backend not in NAMES:
-        raise ValueError(f'backend = "{backend}": expected one of {", ".join(NAMES)}')
+        raise Invalid(fault("engine.backend", found=backend, known=NAMES))
     return backend
 
 
@@ -35,7 +38,7 @@ class Runner:
         found = compile.find()
         self._kernel = c.make_kernel(program)
         if self._may_change and found.compiler is None:
-            self._give_up_c("" if found.note.startswith("no C compiler") else found.note)
+            self._give_up_c(found.why)
 
     @property
     def source(self) -> str:
@@ -51,12 +54,14 @@ class Runner:
         try:
             return getattr(self._kernel, method)(*args)
         except CompileError as error:
-            self._give_up_c(str(error))
+            self._give_up_c(error.diagnostic)
             return getattr(self._kernel, method)(*args)
 
-    def _give_up_c(self, note: str) -> None:
+    def _give_up_c(self, why: Diagnostic | None) -> None:
         self.backend, self._may_change = "python", False
         self._kernel = python.make_kernel(self._program)
-        if note and note not in _told:
-            _told.add(note)
-            print(f"baqueano: Python is used instead of C, which is slower: {note}", file=sys.stderr)
+        if why is not None and why.code != "compiler.absent" and why not in _told:
+            _told.add(why)
+            print(
+                f"baqueano: {text(note('compiler.given-up', Severity.WARNING, cause=why))}", file=sys.stderr
+            )

@@ -9,16 +9,22 @@ from types import CodeType
 
 import numpy as np
 
+from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Coded
+
 _FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, made-up text
-_INDEX_ADVICE = (
-    ": an index must be known before run time; write np.where(condition, a, b) to choose, "
-    "np.interp(x, xp, fp) to read a table"
-)
+FANCY_INDEX = "arrays used as ind"  # of NumPy's text
 _CAUSES = (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError)
 
 
-class TraceError(TypeError, ValueError):
+class TraceError(Coded, TypeError, ValueError):
     """The text of a function cannot be traced; the message names its file and line and what to write."""
+
+
+def untraceable(code: str, **figures: Value) -> TraceError:
+    """Return the error of the innermost running line of the user."""
+    return TraceError(fault(code, place=here(), **figures))
 
 
 def here() -> str:
@@ -47,8 +53,8 @@ def located() -> Iterator[None]:
             step = step.tb_next
         if not place:
             raise
-        advice = _INDEX_ADVICE if isinstance(error, IndexError) and "arrays used as ind" in str(error) else ""
-        raise TraceError(f"{place}\n    {type(error).__name__}: {error}{advice}") from error
+        code = "trace.index" if isinstance(error, IndexError) and FANCY_INDEX in str(error) else "trace.numpy"
+        raise TraceError(fault(code, place=place, kind=type(error).__name__, error=str(error))) from error
 
 
 def _is_users(code: CodeType) -> bool:

@@ -21,6 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Misused
 from baqueano.symbolic.backends import Runner, chosen
 from baqueano.symbolic.graph.assemble import assemble, lasting_zeros
 from baqueano.symbolic.graph.program import Program
@@ -68,7 +70,9 @@ class Function:
         if kwargs:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
-            raise TypeError(f"{len(args)} arguments, expected {len(self._shapes)}: {', '.join(self._names)}")
+            raise Misused(
+                fault("engine.arguments", found=len(args), expected=len(self._shapes), names=self._names)
+            )
         return self.call(*args)
 
     def _compile(self, backend: str, examples: tuple[Tree, ...]) -> Runner:
@@ -150,10 +154,10 @@ def _same(x: object) -> Hashable:
     if isinstance(x, tuple | list):
         return type(x), tuple(map(_same, x))
     if not is_dataclass(x):
-        raise TypeError(f"{type(x).__name__} is no dataclass")
+        raise TypeError(type(x))
     names = [field.name for field in fields(x)]
     if not set(names).issuperset(getattr(x, "__dict__", ())):
-        raise TypeError(f"{type(x).__name__} has more than its fields")
+        raise TypeError(type(x))
     return type(x), tuple(_same(getattr(x, name)) for name in names)
 
 
@@ -209,7 +213,7 @@ class Compiled:
 
 
 def _never(*args: Tree) -> Tree:
-    raise ShapeMismatch("nothing is compiled yet")
+    raise ShapeMismatch(fault("engine.not-compiled"))
 
 
 def _argument_names(f: Callable[..., Tree], count: int) -> list[str]:

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.symbolic.graph.tree import Leaf, as_floats, leaves, values
 
 if TYPE_CHECKING:
@@ -34,10 +36,7 @@ class Lanes(NamedTuple):
             np.shape(v)[is_own] for (_, v), is_own in zip(given, own, strict=True) if np.ndim(v) > is_own
         }
         if len(counts) != 1 or len(ticks) != 1:
-            raise ValueError(
-                f"theta, carry and inputs name {_listed(counts)} lanes, inputs {_listed(ticks)} ticks: "
-                f"one of each is expected"
-            )
+            raise Invalid(fault("engine.lanes", lanes=_listed(counts), ticks=_listed(ticks)))
         (count,), (n,) = counts, ticks
         columns = [
             _columns(leaf, v, (count, n) if o else (n,)) for (leaf, v), o in zip(given, own, strict=True)

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid, cause_of
 from baqueano.symbolic.graph.tree import (
     Branch,
     Fixed,
@@ -26,7 +28,7 @@ from baqueano.symbolic.graph.tree import (
 )
 
 
-class ShapeMismatch(ValueError):
+class ShapeMismatch(Invalid):
     """A tree has another shape than the one that the text was made for."""
 
 
@@ -187,7 +189,7 @@ def _array(leaf: Leaf, value: Tree) -> np.ndarray:
     try:
         return as_floats(leaf, value)
     except (ValueError, TypeError) as error:
-        raise ShapeMismatch(str(error)) from None
+        raise ShapeMismatch(cause_of(error)) from None
 
 
 def _wrong(shape: Shape, tree: Tree) -> None:
@@ -195,6 +197,6 @@ def _wrong(shape: Shape, tree: Tree) -> None:
     try:
         found = values(shape, tree)
     except ValueError as error:
-        raise ShapeMismatch(str(error)) from None
+        raise ShapeMismatch(cause_of(error)) from None
     if len(found) != sum(1 for _ in leaves(shape)):
-        raise ShapeMismatch(f"another tree than in the example at {shape.path}")
+        raise ShapeMismatch(fault("tree.another", path=shape.path))

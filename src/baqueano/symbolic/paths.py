@@ -6,7 +6,6 @@ only at run time.
 """
 
 import dataclasses
-import difflib
 import re
 from functools import lru_cache
 from typing import TypeVar
@@ -14,9 +13,17 @@ from typing import TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault, nearest
+from baqueano.errors import Coded, Invalid
 from baqueano.symbolic.arrays.array import filled_later, has_scalars
 
 Of = TypeVar("Of")
+
+
+class NoSuchName(Coded, AttributeError):
+    """A path names what is not there."""
+
+
 _STEP = re.compile(r"\.?([^.\[\]]+)|\[([^\]]*)\]")
 
 
@@ -39,9 +46,7 @@ def _steps(path: str) -> tuple[Tree, ...]:
     while at < len(path):
         match = _STEP.match(path, at)
         if match is None:
-            raise ValueError(
-                f'"{path}" is no path: write names with dots and indices in brackets, "a.b[0,2]"'
-            )
+            raise Invalid(fault("path.not-a-path", path=path))
         name, index = match.groups()
         steps.append(name if index is None else _index(index, path))
         at = match.end()
@@ -52,7 +57,7 @@ def _index(text: str, path: str) -> tuple[int, ...]:
     try:
         return tuple(int(part) for part in text.split(","))
     except ValueError:
-        raise ValueError(f'"{path}": an index is one or more whole numbers, not [{text}]') from None
+        raise Invalid(fault("path.index", path=path, found=text)) from None
 
 
 def _child(tree: Tree, step: Tree, path: str) -> Tree:
@@ -60,10 +65,9 @@ def _child(tree: Tree, step: Tree, path: str) -> Tree:
         return tree[step[0] if len(step) == 1 else step]
     known = tree if isinstance(tree, dict) else _names(type(tree))
     if step not in known:
-        near = difflib.get_close_matches(step, map(str, known), n=1)
-        raise AttributeError(
-            f'"{path}": {type(tree).__name__} has no {step}; it has '
-            f"{', '.join(map(str, known)) or 'no names'}." + (f" Did you mean {near[0]}?" if near else "")
+        near = nearest(step, map(str, known))
+        raise NoSuchName(
+            fault("path.no-such-name", path=path, kind=type(tree).__name__, found=step, near=near)
         )
     return tree[step] if isinstance(tree, dict) else getattr(tree, step)
 
@@ -78,7 +82,9 @@ def _names(of: type) -> tuple[str, ...]:
 def _put(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> Tree:
     if not steps:
         if tree is not None and np.shape(tree) != np.shape(value):
-            raise ValueError(f'"{path}" has shape {np.shape(tree)}, not {np.shape(value)}')
+            raise Invalid(
+                fault("path.shape", path=path, expected=str(np.shape(tree)), found=str(np.shape(value)))
+            )
         return value
     step = steps[0]
     new = _put(_child(tree, step, path), steps[1:], value, path)

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.symbolic.arrays.array import Traced, as_array
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.derivatives.dual import Dual, rows_of, seeded
@@ -107,7 +109,7 @@ class PlainScan(Scan):
             carry, output = self.step(*given, carry, x)
             outputs.append(output)
         if not outputs:
-            raise ValueError("no ticks: without one the back end numpy does not know the outputs")
+            raise Invalid(fault("engine.no-ticks"))
         return carry, outputs
 
     def _ticks(self, inputs: Tree) -> Iterator[Tree]:
@@ -127,4 +129,4 @@ def _shape_of_all(outputs: list[Tree]) -> Shape:
 
 def _check_scalar(numbers: int) -> None:
     if numbers != 1:
-        raise ValueError(f"a cost is one number a tick; this step puts out {numbers}")
+        raise Invalid(fault("engine.cost", numbers=numbers))

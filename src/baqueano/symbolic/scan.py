@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.symbolic.backends import Runner, chosen
 from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import below
@@ -31,7 +33,7 @@ def scan(
     name = chosen(backend)
     theta = None if theta is None else np.array(theta, dtype=float)
     if theta is not None and theta.ndim != 1:
-        raise ValueError(f"theta has shape {theta.shape}, expected (p,)")
+        raise Invalid(fault("engine.theta-vector", found=str(theta.shape)))
     if name == "numpy":
         from baqueano.symbolic.plain import PlainScan
 
@@ -109,18 +111,22 @@ class Scan(ABC):
         wanted = "(L, p)" if lanes else "(p,)"
         if self.parameters is None:
             if theta is not None:
-                raise ValueError("this scan has no theta: give scan(..., theta=) an example of it")
+                raise Invalid(fault("engine.no-theta"))
             return np.zeros(0)
         if theta is None:
-            raise ValueError(f"theta is missing: expected {self.parameters} parameters, {wanted}")
+            raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=wanted))
         theta = np.ascontiguousarray(theta, dtype=float)
         if theta.ndim != 1 + lanes or theta.shape[-1] != self.parameters:
-            raise ValueError(f"theta has shape {theta.shape}, expected {wanted} with p = {self.parameters}")
+            raise Invalid(
+                fault(
+                    "engine.theta-shape", found=str(theta.shape), expected=wanted, parameters=self.parameters
+                )
+            )
         return theta
 
     def _need_theta(self) -> None:
         if self.parameters is None:
-            raise ValueError("no derivatives without parameters: give scan(..., theta=) an example of them")
+            raise Invalid(fault("engine.no-parameters"))
 
 
 def count_ticks(shape: Shape, inputs: Tree) -> int:
@@ -129,8 +135,8 @@ def count_ticks(shape: Shape, inputs: Tree) -> int:
         ticks = np.shape(value)
         if len(ticks) == 1 + len(leaf.shape):
             return ticks[0]
-        raise ValueError(f"{leaf.path} has shape {ticks}, expected (N, …) with {leaf.shape} after N")
-    raise ValueError("the inputs hold no number, so nothing tells how many ticks there are: add one, as t_ns")
+        raise Invalid(fault("engine.ticks", path=leaf.path, found=str(ticks), expected=str(leaf.shape)))
+    raise Invalid(fault("engine.no-number"))
 
 
 class TracedScan(Scan):
@@ -219,9 +225,7 @@ class TracedScan(Scan):
         theta, rows = self._theta(theta), self._rows(inputs)
         (assembly, runner), start = self._prepared(False, carry)
         if len(assembly.program.outputs) != 1:
-            raise ValueError(
-                f"a cost is one number a tick; this step puts out {len(assembly.program.outputs)}"
-            )
+            raise Invalid(fault("engine.cost", numbers=len(assembly.program.outputs)))
         return runner.call("total", len(rows), theta, start, rows, gradient)
 
     def _traced(self, symmetric: set[str]) -> Tree:

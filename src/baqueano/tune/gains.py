@@ -19,6 +19,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Guide
 from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
@@ -117,9 +118,7 @@ def rehearse(
     """
     weights = _weights(vehicle_file, radian_m, huber_m, effort_m2)
     if not np.isfinite(aside_m):
-        raise UsageError(
-            f"aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route."
-        )
+        raise UsageError(fault("tune.aside", aside_m=aside_m))
     asked = _asked(vehicle_file, gains, bounds or {})
     system = closed(vehicle_file, route, laps, not estimator, vehicle_file.controller(**asked.first))
     system = unquantised(system)
@@ -203,10 +202,7 @@ def rms(x: np.ndarray) -> float:
 def _tuned(vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list, own: list[np.ndarray]) -> Tuned:
     asked, best = rehearsal.asked, descents[0]
     if best.cost >= UNUSABLE:
-        raise UsageError(
-            f"{vehicle_file.name}: with all gains that were tried the simulated vehicle leaves the finite "
-            f"numbers. Give the command a limit ([command] limit), or smaller bounds."
-        )
+        raise UsageError(fault("tune.all-run-away", vehicle=vehicle_file.name))
     limits = at_limit(best.gains, asked.low, asked.high)
     found = tuple(_gain(rehearsal, k, best, int(limits[k])) for k in range(len(asked.names)))
     rows = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
@@ -252,23 +248,18 @@ def _asked(
     fields = {name: p for name, p in parameters(block) if p.shape == ()}
     names = tuple(fields) if gains is None else tuple(gains)
     if not names:
-        raise UsageError(
-            f"{type(block).__name__} names no gain to look for. Write each as a field with unit and bounds, from "
-            'baqueano.parameter: k: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, default=3.0)'
-        )
+        raise UsageError(fault("tune.no-gains", kind=type(block).__name__))
     for name in [*names, *bounds]:
         if name not in fields:
             raise UsageError(
-                f"{type(block).__name__} has no gain {name!r}: it has {', '.join(fields) or 'none'}."
+                fault("tune.no-such-gain", kind=type(block).__name__, found=repr(name), known=fields)
             )
     limit = vehicle_file.command.limit
     full = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
     low, high = np.array([_bounds(name, fields[name], full, bounds) for name in names], dtype=float).T
     for name, l, h in zip(names, low, high, strict=True):
         if not (np.isfinite(l) and np.isfinite(h) and l < h):
-            raise UsageError(
-                f'bounds["{name}"] = ({l:g}, {h:g}): expected two finite numbers, the smaller one first.'
-            )
+            raise UsageError(fault("tune.bounds", name=name, low=l, high=h))
     before = [float(getattr(block, name)) if known else float("nan") for name in names]
     return SoughtGains(names, tuple(fields[name].unit for name in names), low, high, np.array(before))
 
@@ -288,8 +279,7 @@ def _weights(
     weights = Weights(_radian(vehicle_file) if radian_m is None else radian_m, huber_m, effort_m2)
     if not (weights.radian_m >= 0.0 and huber_m > 0.0 and effort_m2 >= 0.0):
         raise UsageError(
-            f"radian_m = {weights.radian_m:g}, huber_m = {huber_m:g}, effort_m2 = {effort_m2:g}: expected at "
-            f"least 0, above 0, at least 0."
+            fault("tune.weights", radian_m=weights.radian_m, huber_m=huber_m, effort_m2=effort_m2)
         )
     return weights
 

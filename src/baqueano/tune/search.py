@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 CURVE = 7.0  # c: the middle of the range is 3 % of its upper end
@@ -142,9 +143,7 @@ def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 def halton(points: int, dimensions: int) -> np.ndarray:
     """(points, dimensions) of the unit cube, evenly spread."""
     if dimensions > len(PRIMES):
-        raise UsageError(
-            f"{dimensions} gains at once: expected at most {len(PRIMES)}. Name fewer, and fix the rest."
-        )
+        raise UsageError(fault("tune.too-many", dimensions=dimensions, most=len(PRIMES)))
     out = np.zeros((points, dimensions))
     for j, base in enumerate(PRIMES[:dimensions]):
         for i in range(points):
@@ -163,7 +162,5 @@ def _minimize() -> Callable:
     try:
         from scipy.optimize import minimize
     except ImportError as error:
-        raise UsageError(
-            'scipy is not installed, and tuning needs it. Type: pip install "baqueano[lab]"'
-        ) from error
+        raise UsageError(fault("lab.scipy-for-tuning", 'pip install "baqueano[lab]"')) from error
     return minimize

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.vehicle_file.tables import Sheet, number_array, unknown
 
@@ -56,8 +56,8 @@ class Envelope(NamedTuple):
         """ "throttle from -0.41 to 0.57, servo from …", of the commands that moved."""
         return ", ".join(f"{self.names[k]} from {self.low[k]:.2g} to {self.high[k]:.2g}" for k in self.moved)
 
-    def flags(self, run: Any) -> tuple[str, ...]:
-        """A sentence for each command and channel of a Run that leaves the envelope; none if it stays inside."""
+    def flags(self, run: Any) -> tuple[Diagnostic, ...]:
+        """Return a message for each command and channel of a Run that leaves the envelope; none if it stays inside."""
         watch = Watch(self)
         watch.look(run.applied, {name: channel.z for name, channel in run.sensors.items()})
         return watch.flags(run.name)
@@ -99,17 +99,16 @@ class Watch:
         if len(self._ticks) >= BATCH:
             self._flush()
 
-    def flags(self, who: str) -> tuple[str, ...]:
-        """A sentence about the run `who` for each name that leaves the envelope."""
+    def flags(self, run: str | Diagnostic) -> tuple[Diagnostic, ...]:
+        """Return a message about `run` for each name that leaves the envelope."""
         self._flush()
         inside, out = self.envelope, []
         part = self._beyond / np.maximum(self._seen, 1)
         for k in np.flatnonzero(part > SHOWN):
-            out.append(
-                f"{who} leaves the envelope of the fit: {inside.names[k]} goes from {self._least[k]:.2g} to "
-                f"{self._most[k]:.2g}, {100.0 * part[k]:.0f} % of the time beyond {inside.low[k]:.2g} to "
-                f"{inside.high[k]:.2g}, which the model was fitted to"
-            )
+            seen = {"least": self._least[k], "most": self._most[k], "beyond_percent": 100.0 * part[k]}
+            fitted = {"low": inside.low[k], "high": inside.high[k]}
+            name = inside.names[k]
+            out.append(note("envelope.left", Severity.WARNING, subject=name, run=run, **seen, **fitted))
         return tuple(out)
 
     def _flush(self) -> None:

@@ -6,6 +6,8 @@ Runs once, when a block is built; never while the vehicle moves, and never on a 
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.parameter import INF, Parameter, parameters
 
 
@@ -22,18 +24,40 @@ def check_bounds(block: Tree) -> None:
 
 def _check_type(where: str, value: Value, p: Parameter) -> None:
     if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
-        raise ValueError(f"{where} = {value!r}: expected one number [{p.unit}], {p.meaning}.")
+        raise Invalid(
+            fault("field.one-number", where=where, found=repr(value), in_unit=p.unit, meaning=p.meaning)
+        )
     if p.shape != () and not isinstance(value, np.ndarray):
-        raise ValueError(f"{where} = {value!r}: expected a NumPy array, {p.meaning}; write np.array([...]).")
+        raise Invalid(fault("field.not-array", where=where, found=repr(value), meaning=p.meaning))
     if p.shape is not None and np.shape(value) != p.shape:
-        raise ValueError(f"{where} has shape {np.shape(value)}: expected {p.shape} [{p.unit}], {p.meaning}.")
+        raise Invalid(
+            fault(
+                "field.shape",
+                where=where,
+                found=str(np.shape(value)),
+                expected=str(p.shape),
+                in_unit=p.unit,
+                meaning=p.meaning,
+            )
+        )
 
 
 def _check_values(where: str, value: np.ndarray, p: Parameter) -> None:
     if np.any(np.isnan(value)) or (np.any(np.isinf(value)) and p.high < INF):
-        raise ValueError(f"{where} = {value.tolist()}: expected finite numbers [{p.unit}], {p.meaning}.")
+        raise Invalid(
+            fault(
+                "field.not-finite", where=where, found=str(value.tolist()), in_unit=p.unit, meaning=p.meaning
+            )
+        )
     if np.any(value < p.low) or np.any(value > p.high):
-        raise ValueError(
-            f"{where} = {value.tolist()}: expected values from {p.low:g} to {p.high:g} [{p.unit}], "
-            f"{p.meaning}."
+        raise Invalid(
+            fault(
+                "field.range",
+                where=where,
+                found=str(value.tolist()),
+                low=p.low,
+                high=p.high,
+                in_unit=p.unit,
+                meaning=p.meaning,
+            )
         )

@@ -25,6 +25,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import parameter
 from baqueano.signals import Motion
@@ -112,9 +114,8 @@ class Car:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.drivetrain.commands != self.commands:
-            raise ValueError(
-                f"Car has {self.commands} commands (throttle, servo), its drivetrain "
-                f"{self.drivetrain.commands}: give Drivetrain(commands=2)."
+            raise Invalid(
+                fault("car.commands", commands=self.commands, of_drivetrain=self.drivetrain.commands)
             )
         if self.drivetrain.servos != 1:
             object.__setattr__(self, "drivetrain", replace(self.drivetrain, servos=1))

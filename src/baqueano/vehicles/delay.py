@@ -21,6 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 
 SHORTEST_TICK_S = 1e-9  # one count of the clock: what a tick without duration is taken for
 BEFORE_S = 1.0  # how long the first values of a line had been there
@@ -83,9 +85,8 @@ def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
 def check_delay(name: str, delay_s: float, delay_slots: int) -> None:
     """Refuse a delay for which no past is kept."""
     if not isinstance(delay_slots, int) or isinstance(delay_slots, bool) or delay_slots < 0:
-        raise ValueError(f"{name}.delay_slots = {delay_slots!r}: expected a whole number, 0 or more.")
+        raise Invalid(fault("delay.slots", name=name, found=repr(delay_slots)))
     if delay_s > 0.0 and delay_slots == 0:
-        raise ValueError(
-            f"{name}.delay_s = {delay_s:g} s but delay_slots = 0, so no past is kept to read it from: "
-            f"give delay_slots = delay_s · rate_hz rounded up, {int(np.ceil(delay_s * 100.0))} at 100 Hz."
+        raise Invalid(
+            fault("delay.no-slots", name=name, delay_s=delay_s, slots=int(np.ceil(delay_s * 100.0)))
         )

@@ -28,6 +28,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.parameter import INF, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, check_delay, felt, with_newest
@@ -134,20 +136,16 @@ class Drivetrain:
 
     def __post_init__(self) -> None:
         if self.mixing not in MIXINGS:
-            raise ValueError(f"Drivetrain.mixing = {self.mixing!r}: expected one of {', '.join(MIXINGS)}.")
+            raise Invalid(fault("drivetrain.mixing", found=repr(self.mixing), known=MIXINGS))
         if self.battery not in BATTERIES:
-            raise ValueError(
-                f"Drivetrain.battery = {self.battery!r}: expected one of {', '.join(BATTERIES)}."
-            )
+            raise Invalid(fault("drivetrain.battery", found=repr(self.battery), known=BATTERIES))
         if self.mixing == "two_wheels" and self.commands != 3:
-            raise ValueError(
-                f"Drivetrain.commands = {self.commands}: two_wheels mixes three, (u_x, u_y, u_psi)."
-            )
+            raise Invalid(fault("drivetrain.commands", commands=self.commands))
         check_bounds(self)
         check_delay("Drivetrain", self.delay_s, self.delay_slots)
         self._check_channels()
         if self.has_lag and self.lag_s == 0.0:
-            raise ValueError("Drivetrain.lag_s = 0 with has_lag = True: expected a time constant above 0 s.")
+            raise Invalid(fault("drivetrain.lag"))
         if self.lag_s > 0.0:
             object.__setattr__(self, "has_lag", True)
 
@@ -156,9 +154,15 @@ class Drivetrain:
         for name, p in parameters(self):
             shape = np.shape(getattr(self, name))
             if p.shape is None and shape not in ((1,), (k,)):
-                raise ValueError(
-                    f"Drivetrain.{name} has shape {shape}: expected ({k},), one value per channel of "
-                    f"mixing = {self.mixing!r} with {self.commands} commands, or (1,) for all."
+                raise Invalid(
+                    fault(
+                        "drivetrain.shape",
+                        name=name,
+                        found=str(shape),
+                        channels=k,
+                        mixing=repr(self.mixing),
+                        commands=self.commands,
+                    )
                 )
 
     @property

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.parameter import parameter
 from baqueano.vehicles.bounds import check_bounds
 
@@ -76,10 +78,7 @@ class Friction:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.track_m == 0.0 and (np.any(self.coulomb_forward) or np.any(self.coulomb_backward)):
-            raise ValueError(
-                "Friction.track_m = 0 with dry friction of a wheel: expected the distance from the left wheel "
-                "to the right one [m], which says how the wheels turn the vehicle."
-            )
+            raise Invalid(fault("friction.track"))
 
     def force(self, nu: np.ndarray) -> np.ndarray:
         """f(ν) (3,) [N, N, N m], to be subtracted from what drives the vehicle.  (1)"""

@@ -20,6 +20,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import parameter
 from baqueano.signals import Motion
@@ -55,9 +57,12 @@ class Kinematic:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.drivetrain.commands != self.commands:
-            raise ValueError(
-                f"Kinematic has {self.commands} commands (u_x, u_y, u_psi), its drivetrain "
-                f"{self.drivetrain.commands}: give Drivetrain(commands=3)."
+            raise Invalid(
+                fault(
+                    "vehicle.commands-of-kinematic",
+                    commands=self.commands,
+                    of_drivetrain=self.drivetrain.commands,
+                )
             )
 
     def gravity(self, psi: float) -> np.ndarray:

@@ -10,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from baqueano.contracts.blocks import SensorBlocks, World
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
 from baqueano.worlds.gaps import filled, period_ns
@@ -20,7 +22,7 @@ class Replayed(World):
 
     def __init__(self, run: Run, sensors: SensorBlocks | tuple[()] = ()) -> None:
         if not len(run.t_ns):
-            raise ValueError(f"{run.name}: no tick to replay, the run is empty.")
+            raise Invalid(fault("replay.empty", run=run.name))
         lacking = [name for name in getattr(sensors, "_fields", ()) if name not in run.sensors]
         none = np.zeros(0, np.int64)
         run = replace(

@@ -20,7 +20,7 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Sensor, SensorBlocks, World
-from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.diagnostics import Diagnostic, StopReason, fault, stop
 from baqueano.errors import UsageError
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
@@ -110,10 +110,7 @@ class Body:
 
     def __post_init__(self) -> None:
         if self.mixing != "two_wheels":
-            raise UsageError(
-                f'[model.drivetrain] mixing = "{self.mixing}": the firmware drives a left and a right wheel. '
-                'Write: mixing = "two_wheels"'
-            )
+            raise UsageError(fault("robot.mixing", mixing=self.mixing))
 
 
 class Robot(World):

@@ -12,6 +12,7 @@ pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.imu import driver as imu
 from baqueano.robot.imu.settings import ImuSettings
+from tests.codes import refused
 from tests.emulated.i2c_ioctl import Bench, loop, start
 from tests.emulated.mpu import REST, STANDARD_GRAVITY
 
@@ -173,7 +174,7 @@ def test_settings_that_no_chip_has_are_refused(wrong, said):
 
 def test_a_laptop_is_told_that_i2c_needs_linux(monkeypatch):
     monkeypatch.setitem(sys.modules, "smbus2", None)
-    with pytest.raises(UsageError, match="needs Linux and smbus2"):
+    with refused("imu.no-smbus", UsageError):
         imu.open()
 
 
@@ -201,7 +202,7 @@ except UsageError as error:
 
 
 def test_without_a_bus_the_remedy_is_told(tmp_path):
-    with pytest.raises(RobotUnreachable, match="dtparam=i2c_arm=on"):
+    with refused("imu.no-bus", RobotUnreachable):
         imu.open(str(tmp_path / "i2c-7"))
 
 
@@ -211,14 +212,14 @@ def test_without_the_right_to_the_bus_the_group_is_told(bench, monkeypatch):
 
     b = bench()
     monkeypatch.setattr("smbus2.smbus2.os.open", refuse)
-    with pytest.raises(RobotUnreachable, match="usermod -aG i2c"):
+    with refused("imu.bus-not-allowed", RobotUnreachable):
         imu.open(b.path)
 
 
 def test_where_nobody_answers_the_wires_are_told(bench):
     b = bench()
     b.bus.devices.clear()
-    with pytest.raises(RobotUnreachable, match="No IMU answers at 0x68 and 0x69"):
+    with refused("imu.no-answer", RobotUnreachable, asked="0x68 and 0x69"):
         start(b)
 
 
@@ -231,7 +232,7 @@ def test_a_chip_with_ad0_high_is_found(bench):
 def test_a_chip_that_gives_nothing_is_told(bench):
     b = bench()
     b.chip._write = lambda value: None  # deaf to all writes, so it stays asleep
-    with pytest.raises(RobotUnreachable, match="gave 0 samples in 2 s"):
+    with refused("imu.too-few-samples", RobotUnreachable, count=0, within_s=2):
         start(b)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
 
+from tests.codes import refused
 from tests.emulated.i2c_ioctl import Bench, loop, start
 from tests.emulated.mpu import STANDARD_GRAVITY
 
@@ -235,7 +236,7 @@ def test_a_bus_held_at_the_start_is_told_apart_from_a_missing_chip(bench):
 
     b = bench()
     b.bus.held = True
-    with pytest.raises(RobotUnreachable, match="is stuck low"):
+    with refused("imu.bus-cannot-be-asked", RobotUnreachable):
         start(b)
 
 

@@ -11,6 +11,7 @@ from baqueano.cli import main
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.setup import install, steps
 from baqueano.robot.setup.install import TargetMachine, remove, setup
+from tests.codes import refused
 
 PI = TargetMachine((3, 11), "aarch64", "ana")
 SMALL = vehicle_file.load("small")
@@ -102,9 +103,7 @@ def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(progr
     there.write_text(calibrated(SMALL).text)
     text = SMALL.text.replace("[sensors.imu]", "[sensors.gyro]")
     text = text.replace("[estimator]", '[estimator]\nuse = ["gyro"]')
-    with pytest.raises(
-        UsageError, match=r"gyro_bias = 0.0123 was calibrated there.*ssh r1 rm /var/lib/baqueano"
-    ):
+    with refused("setup.no-place-for-calibration", UsageError, host="r1", found="0.0123"):
         setup("r1", wheels, PI, vehicle=vehicle_file.parse(text, "mine"), root=str(pi))
     assert there.read_text() == calibrated(SMALL).text
 
@@ -122,9 +121,7 @@ def test_a_file_on_the_robot_that_cannot_be_read_is_told_and_kept_beside_the_new
     assert there.read_text() == SMALL.text
     assert there.with_name("vehicle.toml.before").read_bytes() == held
     programs(ssh="echo no way >&2; exit 255")
-    with pytest.raises(
-        RobotUnreachable, match=r"vehicle.toml could not be read, for the reason above. Type: ssh r1"
-    ):
+    with refused("setup.file-not-read", RobotUnreachable, host="r1"):
         setup("r1", wheels, PI, vehicle=SMALL, root=str(pi))
 
 

@@ -11,6 +11,7 @@ from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.setup import install, steps
 from baqueano.robot.setup.install import TargetMachine, bundle, machine_at, remove, setup
 from baqueano.robot.setup.steps import Pi, boot_block
+from tests.codes import refused
 
 PI = TargetMachine((3, 11), "aarch64", "ana")
 
@@ -73,7 +74,7 @@ def test_a_dry_run_tells_every_step_and_changes_nothing(programs, pi, wheels, ca
 def test_a_set_up_that_was_cut_off_says_so_and_can_be_taken_back(programs, pi, wheels, capfd):
     before = tree(pi)
     programs(usermod="echo no such user >&2; exit 6")
-    with pytest.raises(RobotUnreachable, match=r"it was not finished, for the reason above.*remove r1"):
+    with refused("setup.not-finished", RobotUnreachable, host="r1"):
         setup("r1", wheels, PI, root=str(pi))
     assert "usermod -aG dialout,gpio,input ana failed (6): no such user" in capfd.readouterr().err
     remove("r1", PI, root=str(pi))
@@ -96,7 +97,7 @@ def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels
 def test_packages_that_cannot_be_installed_leave_the_ones_before_in_their_place(programs, pi, wheels, capfd):
     setup("r1", wheels, PI, root=str(pi))
     (wheels / "broken-1.0-py3-none-any.whl").write_bytes(b"cut off")
-    with pytest.raises(RobotUnreachable, match="it was not finished"):
+    with refused("setup.not-finished", RobotUnreachable):
         setup("r1", wheels, PI, root=str(pi))
     assert "broken" in capfd.readouterr().err
     assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
@@ -153,14 +154,18 @@ def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wh
 @pytest.mark.parametrize(
     ("answer", "kind", "match"),
     [
-        ("exit 255", RobotUnreachable, "r1 did not answer over ssh. .* Type: ssh r1"),
-        ("echo 3 11 armv7l pi", UsageError, "r1 is a armv7l: numpy has no wheel for 32-bit systems"),
-        ("echo 3 9 aarch64 pi", UsageError, "r1 has Python 3.9, expected 3.11 or newer"),
+        ("exit 255", RobotUnreachable, ("setup.no-answer", {"host": "r1"})),
+        ("echo 3 11 armv7l pi", UsageError, ("setup.32-bit", {"host": "r1", "computer": "armv7l"})),
+        (
+            "echo 3 9 aarch64 pi",
+            UsageError,
+            ("setup.old-python", {"host": "r1", "major": 3, "least_major": 3}),
+        ),
     ],
 )
 def test_a_machine_that_cannot_be_a_vehicle_is_told_why(programs, answer, kind, match):
     programs(ssh=answer)
-    with pytest.raises(kind, match=match):
+    with refused(match[0], kind, **match[1]):
         machine_at("r1")
 
 
@@ -171,11 +176,11 @@ def test_who_answers_is_asked_with_what_every_pi_has(programs):
 
 
 @pytest.mark.parametrize(
-    ("verb", "match"), [("setup", "Is its card full"), ("remove", "nothing could be sent there")]
+    ("verb", "match"), [("setup", ("setup.packages-not-sent", {})), ("remove", ("setup.nothing-sent", {}))]
 )
 def test_a_card_that_takes_nothing_is_told(programs, wheels, verb, match):
     programs(ssh="cat >/dev/null; exit 1")
-    with pytest.raises(RobotUnreachable, match=match):
+    with refused(match[0], RobotUnreachable, **match[1]):
         setup("r1", wheels, PI) if verb == "setup" else remove("r1", PI)
 
 
@@ -184,9 +189,7 @@ def test_a_bundle_that_cannot_be_made_says_why_and_what_it_needs(tmp_path, monke
     python.write_text("#!/bin/sh\necho 'ERROR: no network' >&2\nexit 1\n")
     python.chmod(0o755)
     monkeypatch.setattr(install.sys, "executable", str(python))
-    with pytest.raises(
-        FileError, match=r"could not be put together: ERROR: no network This computer needs the internet"
-    ):
+    with refused("setup.packages", FileError, said="ERROR: no network"):
         bundle(tmp_path / "bundle", PI)
 
 

@@ -6,6 +6,7 @@ from baqueano.door import remote, ssh
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.setup import deployed_vehicle_file, install
 from baqueano.robot.workshop import exclusive_hardware
+from tests.codes import refused
 
 OPTIONS = [
     "-oProxyCommand=touch pwned",
@@ -24,9 +25,9 @@ OPTIONS = [
 def test_a_host_that_would_be_an_option_is_refused(programs, host):
     calls = programs(ssh="exit 0")
     for go in (lambda: exclusive_hardware.there(host, "robot", "doctor"), lambda: install.machine_at(host)):
-        with pytest.raises(UsageError, match="expected the name of a vehicle that ssh reaches"):
+        with refused("ssh.host", UsageError):
             go()
-    with pytest.raises(UsageError, match=r"pilot@rover.local"), remote.reached(host):
+    with refused("ssh.host", UsageError), remote.reached(host):
         pass
     assert not calls.exists() or not calls.read_text()
 
@@ -67,7 +68,7 @@ def test_an_answer_without_an_end_is_not_kept(programs, monkeypatch):
     monkeypatch.setattr(ssh, "LONGEST", 1 << 20)
     programs(ssh="yes")
     for go in (lambda: exclusive_hardware.there("r1", "robot", "doctor"), lambda: install.machine_at("r1")):
-        with pytest.raises(RobotUnreachable, match="more than 1 MB"):
+        with refused("ssh.too-much", RobotUnreachable, most_mb=1):
             go()
 
 

@@ -3,7 +3,6 @@
 import random
 from binascii import crc_hqx
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +19,7 @@ from baqueano.robot.uno.codec import (
     unstuff,
 )
 from baqueano.robot.uno.frames import Config, Drive, DriveFlag, Ping, Settings, State, Stop, pack
+from tests.codes import refused
 
 DRIVE = Drive(7, 400, -400, DriveFlag.ARM)
 STATE = State(123456, 0, 5000, -5000, 10, -10, 400, -400, 7400, 12, 7, 9, 1, 0, 0, 0, 0)
@@ -120,7 +120,7 @@ def test_a_kind_shared_by_two_directions_is_told_apart_on_the_wire():
 
 
 def test_a_number_that_the_firmware_refuses_is_not_sent():
-    with pytest.raises(UsageError, match=r"Config\.dead_man_ms = 49: the firmware takes 50 to 1000\."):
+    with refused("uno.number-range", UsageError, frame="Config", number=49, least=50, most=1000):
         encode(Config(dead_man_ms=49), 0)
-    with pytest.raises(UsageError, match=r"Drive\.left_permille = 1001"):
+    with refused("uno.number-range", UsageError, frame="Drive", number=1001):
         encode(Drive(0, 1001, 0, 0), 0)

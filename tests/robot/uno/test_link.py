@@ -20,6 +20,7 @@ from baqueano.robot.uno.frames import (
     Stop,
 )
 from baqueano.robot.uno.link import Uno
+from tests.codes import refused
 
 MS = 1_000_000
 CONFIG = Config()
@@ -244,7 +245,7 @@ def test_a_question_nobody_answers_ends_and_says_what_to_do(line, uno):
     def wait(s):
         line.now_ns += round(s * 1e9)
 
-    with pytest.raises(RobotUnreachable, match="robot flash"):
+    with refused("uno.no-answer", RobotUnreachable):
         uno.settings(wait)
     assert line.now_ns < 1.1e9
 
@@ -254,7 +255,7 @@ def test_a_question_whose_answers_are_damaged_says_that_the_line_is_noisy(line, 
         line.now_ns += round(s * 1e9)
         line.coming += b"\0\x05damaged\0"
 
-    with pytest.raises(RobotUnreachable, match="the line is noisy"):
+    with refused("uno.answer-not-whole", RobotUnreachable):
         uno.settings(wait)
 
 
@@ -263,7 +264,7 @@ def test_a_configuration_that_the_firmware_did_not_take_is_no_success(line, uno)
         line.now_ns += round(s * 1e9)
         line.say(info(config=CONFIG._replace(dead_man_ms=250)))
 
-    with pytest.raises(RobotUnreachable, match="250"):
+    with refused("uno.refused-number", RobotUnreachable):
         uno.configure(CONFIG, wait)
     assert any(isinstance(frame, Config) for frame, _ in line.sent)
 

@@ -25,6 +25,7 @@ from baqueano.robot.uno.frames import Settings, Way
 from baqueano.robot.workshop import exclusive_hardware
 from baqueano.robot.workshop.calibrate_imu import Mounted
 from baqueano.robot.workshop.calibrate_motors import Motors, Sweep
+from tests.codes import refused
 
 MOUNTED = Mounted(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
 
@@ -73,7 +74,7 @@ def test_a_service_that_does_not_run_is_left_alone(programs):
 
 def test_a_user_who_may_not_stop_the_service_is_told_what_to_type(programs):
     programs(systemctl="exit 0", sudo="echo a password is required >&2; exit 1")
-    with pytest.raises(UsageError, match=r"\(a password is required\). Type: sudo systemctl stop baqueano"):
+    with refused("hardware.service-has-it", UsageError, error="a password is required"):
         exclusive_hardware.service_off(print).__enter__()
 
 
@@ -104,10 +105,10 @@ def test_what_was_interrupted_at_a_host_is_interrupted_here(programs):
 
 @pytest.mark.parametrize(
     ("host", "match"),
-    [("emulated", "experiment --robot emulated"), ("/dev/ttyUSB0", "--set robot.port=/dev/ttyUSB0")],
+    [("emulated", ("ssh.no-hardware", {"host": "emulated"})), ("/dev/ttyUSB0", ("ssh.not-a-host", {}))],
 )
 def test_what_is_no_computer_is_told_before_ssh_is_asked(host, match):
-    with pytest.raises(UsageError, match=match):
+    with refused(match[0], UsageError, **match[1]):
         exclusive_hardware.there(host, "robot", "doctor")
 
 

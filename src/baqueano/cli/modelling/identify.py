@@ -206,9 +206,9 @@ def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
     if judged is None:
         return own
 
-    reasons = list(map(row_of, judged.reasons))
+    reasons, outside = (list(map(row_of, found)) for found in (judged.reasons, judged.outside))
     summary = {
-        "verdict": judged.verdict, "sentence": judged.sentence, "reasons": reasons, "outside": judged.outside,
+        "verdict": judged.verdict, "sentence": judged.sentence, "reasons": reasons, "outside": outside,
     }  # fmt: skip
     return [
         *own,

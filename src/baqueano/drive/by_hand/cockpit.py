@@ -163,7 +163,7 @@ class Cockpit(Observer):
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),
         )
-        self.status.degraded = shown(record.degraded)
+        self.status.degraded = text(shown(record.degraded))
 
     def show(self, state: JsonObject) -> None:
         """Take the state of a vehicle for the screen."""
@@ -171,7 +171,7 @@ class Cockpit(Observer):
         s.state, s.why = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
             setattr(s, name, float("nan") if state.get(name) is None else float(state[name]))
-        s.degraded = str(state.get("degraded") or "")
+        s.degraded = text(state.get("degraded"))
         if state.get("u") is not None and len(state["u"]) == len(self._limit):
             s.applied = np.array(state["u"], dtype=float)
             self._held_by(state.get("requested", state["u"]))

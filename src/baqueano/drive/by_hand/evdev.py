@@ -8,6 +8,7 @@ Source: the kernel's include/uapi/linux/input.h, input-event-codes.h and asm-gen
 that reads, not the kernel: its `long` decides, which "@l" of struct is.
 """
 
+import errno
 import os
 import struct
 from collections.abc import Callable
@@ -78,7 +79,7 @@ class InputDevice:
             except BlockingIOError:
                 return events
             if not data:
-                raise OSError("the device has ended")
+                raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
             events += [InputEvent(*fields[2:]) for fields in self._event.iter_unpack(data)]
 
     def close(self) -> None:

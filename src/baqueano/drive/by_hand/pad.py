@@ -16,8 +16,10 @@ import re
 import sys
 from pathlib import Path
 
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, InputDevice, InputEvent, X, Y
 from baqueano.errors import UsageError
+from baqueano.messages import text
 
 FOLDER = Path("/dev/input")
 # The codes of a game pad (BTN_SOUTH …), and of one whose buttons are numbered only (BTN_TRIGGER …)
@@ -116,7 +118,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
     """The pad of this computer, or the one that is `named`. UsageError where there is none, may not be read, or are
     several: it says what was looked at."""
     if sys.platform != "linux":
-        raise UsageError("--pad: game pads are read from Linux's /dev/input. Here, drive by keys.")
+        raise UsageError(fault("pad.not-linux"))
     if named is not None:
         return _named(named)
     pads, looked, closed = [], [], []
@@ -130,7 +132,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
             looked.append(f"{path.name} ({error.strerror or error})")
             continue
         if lack := lacking(device):
-            looked.append(f'{path.name} "{device.name}" ({lack})')
+            looked.append(f'{path.name} "{device.name}" ({text(note(f"pad.no-{lack}"))})')
             device.close()
         else:
             pads.append((path, device))
@@ -140,42 +142,31 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
         device.close()
     if pads:
         several = ", ".join(f'{path} "{device.name}"' for path, device in pads)
-        raise UsageError(f"--pad: there are {len(pads)} game pads: {several}. Name one: --pad {pads[0][0]}")
+        raise UsageError(fault("pad.several", count=len(pads), several=several, first=pads[0][0]))
     raise UsageError(_none(folder, looked, closed))
 
 
 def lacking(device: InputDevice) -> str:
-    """Return what `device` lacks to be a pad, in words; "" where it is one."""
+    """Return what `device` lacks to be a pad, "stick" or "front-buttons"; "" where it is one."""
     if not {X, Y} <= device.axes:
-        return "no stick"
-    return "" if device.keys & HOLD else "no front buttons"
+        return "stick"
+    return "" if device.keys & HOLD else "front-buttons"
 
 
-def _none(folder: Path, looked: list[str], closed: list[str]) -> str:
-    text = f"--pad: no game pad is plugged in: of {folder}/event* "
-    text += (
-        f"looked at {', '.join(looked)}"
-        if looked
-        else "none could be looked at"
-        if closed
-        else "there is none"
-    )
-    if closed:
-        return f"{text}; {', '.join(closed)} may not be read by this user. If one is the pad, type: {GROUP}"
-    return f"{text}. Plug one in, or drive by keys."
+def _none(folder: Path, looked: list[str], closed: list[str]) -> Diagnostic:
+    if not closed:
+        return fault("pad.not-among" if looked else "pad.none", folder=folder, looked=looked)
+    return fault("pad.closed", GROUP, folder=folder, looked=looked, closed=closed)
 
 
 def _named(path: Path) -> Pad:
     try:
         device = InputDevice(path)
     except PermissionError as error:
-        raise UsageError(f"--pad {path}: may not be read by this user. Type: {GROUP}") from error
+        raise UsageError(fault("pad.may-not-read", f"{GROUP}", path=path)) from error
     except OSError as error:
-        raise UsageError(
-            f"--pad {path}: no device of evdev ({error.strerror or error}), expected one like /dev/input/event5. "
-            "--pad alone looks for the pad."
-        ) from error
+        raise UsageError(fault("pad.not-evdev", path=path, error=error.strerror or error)) from error
     if lack := lacking(device):
         device.close()
-        raise UsageError(f'--pad {path}: "{device.name}" has {lack}. --pad alone looks for the pad.')
+        raise UsageError(fault("pad.lacks", path=path, name=device.name, lack=note(f"pad.no-{lack}")))
     return Pad(device)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
+from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.keys import PRESS, KeyDecoder, KeyEvent
 from baqueano.errors import UsageError
 
@@ -156,13 +157,9 @@ def _unix() -> Tty:
     try:
         import termios  # noqa: F401
     except ImportError as error:
-        raise UsageError(
-            "this terminal cannot be asked for single keys: give the drive as a list of commands."
-        ) from error
+        raise UsageError(fault("keys.no-terminal-control")) from error
     if not sys.stdin.isatty():
-        raise UsageError(
-            "driving by keys needs a terminal; here the input is a file or a pipe. Over ssh, type: ssh -t"
-        )
+        raise UsageError(fault("keys.no-terminal"))
     return Tty(sys.stdin.fileno())
 
 

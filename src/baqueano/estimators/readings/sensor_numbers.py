@@ -17,6 +17,8 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.parameter import Parameter, parameters
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Motion, Slot
@@ -59,9 +61,7 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], by_number: bool = Fal
     names = getattr(sensors, "_fields", ())
     for one in use:
         if (split(one)[0] if by_number else one) not in names:
-            raise ValueError(
-                f'use = "{one}": the vehicle has no such sensor; it has {", ".join(names) or "none"}.'
-            )
+            raise Invalid(fault("field.use", found=one, known=names))
 
 
 def arrived(sensor: Sensor, slot: Slot) -> Value:

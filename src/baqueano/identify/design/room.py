@@ -26,9 +26,6 @@ from baqueano.identify.design.belief import Cloud, believed
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
-if TYPE_CHECKING:
-    from baqueano.identify.design.room import Room
-    from baqueano.vehicle_file.file import VehicleFile
     from baqueano.vehicles import VehicleState
 
 DEVIATIONS = 3.0  # k of (1): one normal position in 370 lies further out
@@ -200,9 +197,7 @@ def contained(
     margin = float(room.margin(eta))
     if margin < 0.0:
         raise AnswerNo(
-            f"the vehicle cannot be kept in a room of {room.width_m:g} × {room.height_m:g} m: its corridor "
-            f"passes the wall by {-margin:.2f} m even where no command is given. Give a larger room, or start "
-            f"further from the wall."
+            fault("room.too-small", width_m=room.width_m, height_m=room.height_m, beyond_m=-margin)
         )
     return Contained(out, margin, changed / len(poses), eta)
 

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from baqueano.blocks import closest
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
 
 
@@ -128,9 +127,7 @@ def excitation(
     ((1000, 3), [1.0, 0.0, 1.0])
     """
     if kind not in KINDS:
-        raise UsageError(
-            fault("signal.unknown", found=kind, known=KINDS, closest=closest(kind, [*KINDS, "designed"]))
-        )
+        raise UsageError(fault("signal.unknown", found=kind, near=nearest(kind, [*KINDS, "designed"])))
     moving_s = duration_s - 2.0 * rest_s
     if not (rest_s >= 0.0 and moving_s > 0.0):
         raise UsageError(fault("signal.all-rest", rest_s=rest_s, moving_s=moving_s, duration_s=duration_s))

@@ -21,7 +21,7 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import slopes
 from baqueano.estimators.readings.velocity_readings import readings_of
-from baqueano.identify.residuals.huber import MAD
+from baqueano.identify.residuals.noise_level import MAD
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit

@@ -16,10 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import closest
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
@@ -274,14 +273,22 @@ def _found(blocks: FittedBlocks, path: str) -> np.ndarray:
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         field, bracket, entry = path.partition("[")
         known = _fields(blocks)
-        near = closest(field, known) or closest(f"model.{field}", known)
-        near = near.replace("?", f"{bracket}{entry}?") if near and field not in known else near
+        near = _near(field, bracket + entry, known)
         raise UsageError(
             fault(
                 "parameter.unknown", path=path, kind=type(blocks.model).__name__, near=near, example=known[0]
             )
         ) from error
     return found
+
+
+def _near(field: str, entry: str, known: list[str]) -> Diagnostic:
+    """Return the path that was meant, with the `entry` that stood behind it, and those that are known."""
+    near = nearest(field, known)
+    near = near if "meant" in near.figures else nearest(f"model.{field}", known)
+    if "meant" not in near.figures or field in known:
+        return near
+    return note("name.near", meant=f"{near.figures['meant']}{entry}", known=near.figures["known"])
 
 
 def _fields(blocks: FittedBlocks) -> list[str]:

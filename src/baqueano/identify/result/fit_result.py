@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import closest
-from baqueano.diagnostics import Diagnostic, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.parameters.free import described, entries
@@ -91,19 +90,20 @@ class Fit:
     def value(self, name: str) -> float:
         """The estimate of one parameter by its path; NaN if it was not observable. UsageError if it was not fitted."""
         if name not in self.names:
-            raise UsageError(
-                fault("fit.not-fitted", path=name, fitted=self.names, advice=self._in_place_of(name))
-            )
+            raise UsageError(self._not_fitted(name))
         return float(self.estimate[self.names.index(name)])
 
-    def _in_place_of(self, name: str) -> str:
-        """What to type for a name that was not fitted: how to free it, if it is a parameter, else the closest name."""
+    def _not_fitted(self, name: str) -> Diagnostic:
+        """Return what to type for a name that was not fitted: how to free it, if it is a parameter, else the name that
+        is near."""
         try:
             own = [described(self.blocks, path, {}).path for path in entries(self.blocks, name)]
         except UsageError:
             own = []
         fitted = [path for path in own if path in self.names]
-        return f" Type: --free +{name}" if own and not fitted else closest(name, fitted[:1] or self.names)
+        if own and not fitted:
+            return fault("fit.not-free", f"--free +{name}", path=name, fitted=self.names)
+        return fault("fit.not-fitted", path=name, near=nearest(name, fitted[:1] or self.names))
 
     @property
     def vehicle_file(self) -> "VehicleFile":

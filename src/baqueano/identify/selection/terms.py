@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import closest
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.data.record import FittedBlocks
@@ -145,8 +144,7 @@ def asked_for(
                     "choose.no-term",
                     found=one,
                     kind=type(blocks.model).__name__,
-                    closest=closest(one, list(by_name)),
-                    known=by_name,
+                    near=nearest(one, by_name),
                 )
             )
     return out

@@ -25,4 +25,54 @@ TEMPLATES: dict[str, str] = {
         "{host} and this computer have different versions of baqueano: the vehicle uses version {theirs} of the door, "
         "this computer version {ours}. Install the newer one on both; onto the vehicle with: {fix}"
     ),
+    "remote.gone": "{host}: the connection is gone ({error}). The vehicle stops.",
+    "remote.silent": (
+        "{host} said nothing for {within_s:g} s. Is its service up? Type there: systemctl status baqueano"
+    ),
+    "remote.closed": (
+        "{host}: the connection was closed. The vehicle stops by itself. To see why, type: baqueano robot status "
+        "{host}"
+    ),
+    "remote.run-name": '{host} names a run "{run}", expected a plain name as lap.mcap. Nothing was written.',
+    "remote.run-too-long": (
+        "{run} at {host} has {size_mb:.0f} MB, and {free_mb:.0f} MB are free here; no run is longer than "
+        "{longest_gb} GB. Make room, and type it again"
+    ),
+    "remote.run-otherwise": "{host} sent {run} otherwise than it said. Type it again.",
+    "remote.no-ssh": "{host} cannot be reached: there is no ssh on this machine. Install OpenSSH.",
+    "remote.no-sockets": "{path}: this system has no sockets in files. Name the vehicle by its host name.",
+    "remote.stop-not-heard": (
+        "{host} did not say that it heard the stop. Type it again, or use the switch of the vehicle."
+    ),
+    "remote.stop-not-seen": (
+        "{host} heard the stop, and was not seen STOPPED within {within_s:g} s: its last state was {state}. A "
+        "drive that it prepares ends before anything moves. Look at the vehicle, then type: baqueano robot "
+        "status {host}"
+    ),
+    "remote.unreachable": "{host} cannot be reached: {cause}. To see why: {command}",
+    "door.unknown-word": "{found} is none of {known}",
+    "door.no-run": "there is no run {run}",
+    "door.runs-already": "{path}: a service runs already on this vehicle. Type: {fix}",
+    "ssh.host": (
+        'HOST "{host}": expected the name of a vehicle that ssh reaches, which begins with a letter or a digit '
+        "and has no space. Type it as pilot@rover.local"
+    ),
+    "ssh.no-hardware": (
+        "{host} has no hardware to look after: expected a vehicle that ssh reaches, pilot@rover.local, or "
+        "nothing, for what is plugged in here. Drives are what it can do: baqueano experiment --robot {host}"
+    ),
+    "ssh.not-a-host": (
+        "{host}: expected a vehicle that ssh reaches, pilot@rover.local. The port of an Uno that is plugged in "
+        "here stands in the vehicle file; or type: --set robot.port={host}"
+    ),
+    "ssh.too-much": "the vehicle answered more than {most_mb} MB, and was not heard to its end.",
+    "door.nobody": (
+        "{path}: no service answers there ({error}). On the vehicle type: {fix}; from a laptop name the vehicle, as "
+        "pilot@rover.local"
+    ),
+    "door.state": "the vehicle is {state}. {advice}.",
+    "door.state-because": "the vehicle is {state}: {cause}. {advice}.",
+    "door.mend": "Mend that; it is checked again by itself",
+    "door.clear": "Look at the vehicle, then type: {fix}",
+    "door.wait": "Wait until it is done, or stop it: {fix}",
 }

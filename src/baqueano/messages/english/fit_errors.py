@@ -36,7 +36,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "choose.no-command": "The runs do not have a command, so terms cannot be chosen.",
     "choose.no-term": (
-        'candidates = "{found}": a {kind} does not have this term.{closest} Known are {known}, and paths as model.…'
+        'candidates = "{found}": a {kind} does not have this term. {near}, and paths as model.…'
     ),
     "choose.options": (
         "A choice of terms does not accept {options}. Choose first, then fit the chosen terms with these options."
@@ -64,7 +64,8 @@ TEMPLATES: dict[str, str] = {
         "them above 0."
     ),
     "design.short": "{duration_s:g} s leave less than 1 s to move: choose a longer duration.",
-    "fit.not-fitted": "{path} was not fitted: expected one of {fitted}.{advice}",
+    "fit.not-fitted": "{path} was not fitted. {near}.",
+    "fit.not-free": "{path} was not fitted: expected one of {fitted}. Type: {fix}",
     "forecast.no-errors": (
         "The fit did not give the error of any parameter of the model, so a drive cannot be predicted."
     ),
@@ -108,7 +109,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "parameter.none": "{path} cannot be fitted: it is not a parameter of a block.",
     "parameter.unknown": (
-        "{path} is not a parameter of this vehicle ({kind}).{near} Name it as in the vehicle file, for example "
+        "{path} is not a parameter of this vehicle ({kind}). {near}. Name it as in the vehicle file, for example "
         "{example}."
     ),
     "room.small": (
@@ -161,10 +162,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row a tick.",
     "signal.short": "{what} = {span_s:g}: expected at least one tick, {least_s:g} s.",
-    "signal.unknown": (
-        'Signal "{found}" is unknown: expected one of {known}, or designed, which needs a vehicle file and a '
-        "room.{closest}"
-    ),
+    "signal.unknown": 'Signal "{found}" is unknown. {near}. Designed needs a vehicle file and a room.',
     "start.not-free": "{arg[start]} = {path}: it is not a free parameter, so it does not have a start value.",
     "tape.after-the-end": (
         '{arg[measured]} "{line}": {run} lasts {duration_s:.4g} s, and {t_s:g} s is not in it: expected a '

@@ -4,5 +4,6 @@ TEMPLATES: dict[str, str] = {
     "name.near": "Did you mean {meant}? Known are {known}",
     "name.unknown": "Known are {known}",
     "messages.others": "{first} (so also {others})",
+    "messages.then": "{first}. {then}.",
     "messages.times": "{first} ({times} times)",
 }

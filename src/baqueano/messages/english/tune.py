@@ -15,4 +15,23 @@ TEMPLATES: dict[str, str] = {
     "simulate.lost": "{lost} of {vehicles} vehicles diverged and are not counted",
     "simulate.clipped": "{clipped} of {vehicles} draws were moved to a bound",
     "compare.inconsistent": "{subject} {how}",
+    "tune.aside": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
+    "tune.all-run-away": (
+        "{vehicle}: with all gains that were tried the simulated vehicle leaves the finite numbers. Give the "
+        "command a limit ([command] limit), or smaller bounds."
+    ),
+    "tune.no-gains": (
+        "{kind} names no gain to look for. Write each as a field with unit and bounds, from baqueano.parameter: "
+        'k: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, default=3.0)'
+    ),
+    "tune.no-such-gain": "{kind} has no gain {found}: it has {known}.",
+    "tune.bounds": (
+        'bounds["{name}"] = ({low:g}, {high:g}): expected two finite numbers, the smaller one first.'
+    ),
+    "tune.weights": (
+        "radian_m = {radian_m:g}, huber_m = {huber_m:g}, effort_m2 = {effort_m2:g}: expected at least 0, above "
+        "0, at least 0."
+    ),
+    "tune.too-many": "{dimensions} gains at once: expected at most {most}. Name fewer, and fix the rest.",
+    "lab.scipy-for-tuning": "scipy is not installed, and tuning needs it. Type: {fix}",
 }

@@ -24,7 +24,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import RobotUnreachable
 from baqueano.messages import text
 
@@ -148,7 +148,7 @@ class _Pins:
         said = self._call("get", BOTH)
         lines = {number: BusLine(function, level == "hi") for number, function, level in LINE.findall(said)}
         if len(lines) != 2:
-            raise RobotUnreachable(f"pinctrl get {BOTH} said {said!r}, expected a line for each of the two.")
+            raise RobotUnreachable(fault("bus.pinctrl-said", pins=BOTH, found=repr(said)))
         return lines[SDA], lines[SCL]
 
     def set(self, pin: str, *options: str) -> None:
@@ -156,7 +156,9 @@ class _Pins:
         if said := self._call(
             "set", pin, *options
         ):  # it says something where it refuses, and ends well all the same
-            raise RobotUnreachable(f"pinctrl set {pin} {' '.join(options)} said: {said}")
+            raise RobotUnreachable(
+                fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=said)
+            )
 
     def give_back(self) -> None:
         """Put both pins back into I2C mode; tried twice, however late it is."""
@@ -169,28 +171,28 @@ class _Pins:
                     return
             except RobotUnreachable as error:
                 why = f" ({error})"
-        raise RobotUnreachable(
-            f"GPIO 2 and 3 could not be given back to I2C{why}. Type: pinctrl set {BOTH} {I2C}"
-        )
+        raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=why))
 
     def _call(self, *words: str) -> str:
         import subprocess  # the service starts without it: hardly ever is a bus held
 
         command = " ".join(("pinctrl", *words))
         if time.monotonic() > self._end_s:
-            raise RobotUnreachable(
-                f"{command} came too late: {ALL_S:g} s were over. Type: pinctrl get {BOTH}"
-            )
+            raise RobotUnreachable(fault("bus.too-late", f"pinctrl get {BOTH}", command=command, all_s=ALL_S))
         try:
             done = subprocess.run(
                 [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=CALL_S
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise RobotUnreachable(f"{command} did not end well: {error}") from None
+            raise RobotUnreachable(fault("bus.call-failed", command=command, error=error)) from None
         if done.returncode:
             raise RobotUnreachable(
-                f"{command} failed ({done.returncode}): {(done.stdout + done.stderr).strip()}. Is this user in the "
-                "group gpio? Type: sudo usermod -aG gpio $USER, and log in again."
+                fault(
+                    "bus.call-refused",
+                    command=command,
+                    exit=done.returncode,
+                    said=(done.stdout + done.stderr).strip(),
+                )
             )
         return done.stdout.strip("\n")
 
@@ -198,7 +200,7 @@ class _Pins:
 def _pins(path: str) -> _Pins:
     """The pins of the bus at `path`; RobotUnreachable where they are others, or there is no `pinctrl`."""
     if Path(path).name != BUS:
-        raise RobotUnreachable(f"{path} is not /dev/{BUS}: on which pins it is, is not known.")
+        raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS))
     import shutil
 
     program = shutil.which("pinctrl")
@@ -207,10 +209,7 @@ def _pins(path: str) -> _Pins:
     pins = _Pins(program)
     sda, scl = pins.look()
     if not {sda.function, scl.function} <= {I2C, *LEFT_BEHIND}:
-        raise RobotUnreachable(
-            f"GPIO 2 is {sda.function} and GPIO 3 {scl.function}, expected {I2C}: on this board they are not those of "
-            "i2c-bcm2835, and were not touched."
-        )
+        raise RobotUnreachable(fault("bus.other-pins", sda=sda.function, scl=scl.function, expected=I2C))
     return pins
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
 from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu
@@ -118,8 +119,14 @@ def _rest(
         samples += imu.read()
         if now_ns() - began > START_NS:
             raise RobotUnreachable(
-                f"The IMU at 0x{imu.device.address:02X} on {imu.device.path} answers, but gave {len(samples)} samples "
-                f"in {START_NS // SECOND} s: {' '.join(e.text for e in imu.events()) or 'it does not start.'}"
+                fault(
+                    "imu.too-few-samples",
+                    address=imu.device.address,
+                    path=imu.device.path,
+                    count=len(samples),
+                    within_s=START_NS // SECOND,
+                    events=" ".join(e.text for e in imu.events()) or "–",
+                )
             )
         sleep(STEP_S)
     accel = float(np.linalg.norm(np.mean([s.accel for s in samples], axis=0)))
@@ -148,8 +155,7 @@ def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]
         return odd
     if odd:
         raise RobotUnreachable(
-            f"What answers 0x{who_am_i:02X} to WHO_AM_I at 0x{imu.device.address:02X} is not a chip that is known, and "
-            f"it {' and '.join(odd)}. Put the vehicle at rest and try again; else try another IMU."
+            fault("imu.unknown-chip", who_am_i=who_am_i, address=imu.device.address, odd=" and ".join(odd))
         )
     odd.append(
         f"WHO_AM_I 0x{who_am_i:02X} is not known: driven as an MPU-6500, temperature unknown. "

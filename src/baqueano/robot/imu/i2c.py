@@ -14,6 +14,7 @@ import errno
 from dataclasses import dataclass, field
 from typing import Any
 
+from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 
 I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 does not name
@@ -37,15 +38,9 @@ class Device:
         try:
             self._bus = bus_class(self.path)
         except FileNotFoundError:
-            raise RobotUnreachable(
-                f"There is no {self.path}: I2C is off, or this is not the robot: from a laptop end the line in its "
-                "HOST. On a Raspberry Pi put dtparam=i2c_arm=on,i2c_arm_baudrate=400000 into "
-                "/boot/firmware/config.txt, and start it again."
-            ) from None
+            raise RobotUnreachable(fault("imu.no-bus", path=self.path)) from None
         except PermissionError:
-            raise RobotUnreachable(
-                f"{self.path} may not be opened by this user. Type: sudo usermod -aG i2c $USER, and log in again."
-            ) from None
+            raise RobotUnreachable(fault("imu.bus-not-allowed", path=self.path)) from None
         self._message = message
         self._bound_the_wait()
 
@@ -92,8 +87,5 @@ def _smbus2() -> tuple[Any, Any]:
     try:
         from smbus2 import SMBus, i2c_msg
     except ImportError:
-        raise UsageError(
-            "I2C needs Linux and smbus2, and one is missing here. On the robot type: pip install smbus2. "
-            "On a laptop use --robot HOST or --robot simulated."
-        ) from None
+        raise UsageError(fault("imu.no-smbus")) from None
     return i2c_msg, SMBus

@@ -37,7 +37,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from baqueano.diagnostics import Severity, note
+from baqueano.diagnostics import Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
@@ -342,10 +342,7 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
             note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.message)
         )
     asked = " and ".join(f"0x{address:02X}" for address in addresses)
-    raise RobotUnreachable(
-        f"No IMU answers at {asked} on {path}. Check VCC to pin 1 (3.3 V), GND to 6, SDA to 3, SCL to 5; "
-        "i2cdetect -y 1 shows what answers."
-    )
+    raise RobotUnreachable(fault("imu.no-answer", asked=asked, path=path))
 
 
 def _asked(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
@@ -367,7 +364,6 @@ def chip_at(device: Device, who_am_i: int) -> Chip:
     """The chip on the bus; RobotUnreachable for 0x00 and 0xFF, which are a bus without a chip."""
     if who_am_i in (0x00, 0xFF):
         raise RobotUnreachable(
-            f"What answers at 0x{device.address:02X} on {device.path} says 0x{who_am_i:02X} to WHO_AM_I: a broken "
-            "line or a broken chip. Check the wires, then try another IMU."
+            fault("imu.no-chip", address=device.address, path=device.path, who_am_i=who_am_i)
         )
     return chip_of(who_am_i)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.robot.imu.chips import GYRO_LSB_PER_DPS
 from baqueano.robot.imu.mpu6050 import SMPLRT_DIV, Mpu6050
@@ -76,7 +77,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
         pushed = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
         codes = _codes(imu)
     except OSError as error:
-        raise AnswerNo(f"The self-test of the IMU broke off: {error}. Check the wires and repeat.") from None
+        raise AnswerNo(fault("imu.self-test-broke-off", error=error)) from None
     finally:
         imu.start_again()
     trims = factory_trims(codes, own)
@@ -138,7 +139,12 @@ def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float]
     if np.any(scatter > STILL):
         worst = int(np.argmax(scatter / STILL))
         raise AnswerNo(
-            f"The vehicle moved during the self-test: {AXES[worst]} scattered by {scatter[worst]:.3g} "
-            f"{UNITS[worst]}, expected less than {STILL[worst]:g}. Put it down, motors off, and repeat."
+            fault(
+                "imu.self-test-moved",
+                axis=AXES[worst],
+                scatter=scatter[worst],
+                in_unit=UNITS[worst],
+                limit=STILL[worst],
+            )
         )
     return values.mean(axis=0)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
 from baqueano.robot.imu.chips import ACCEL_RANGES_G, BANDS_6050, GYRO_RANGES_DPS
@@ -111,14 +111,11 @@ class ImuSettings:
             if name.removeprefix("-") in LETTERS:
                 matrix[row, LETTERS.index(name.removeprefix("-"))] = -1.0 if name.startswith("-") else 1.0
         if len(self.axes) != 3 or round(np.linalg.det(matrix)) != 1:
-            raise UsageError(
-                f"IMU axes = {list(self.axes)}: expected the chip's axes that point ahead, to the left and up, each "
-                'letter once and no mirror image, as ("x", "y", "z") or ("x", "-y", "-z") for a chip upside down.'
-            )
+            raise UsageError(fault("imu.axes", axes=list(self.axes)))
         return matrix
 
 
 def _one_of(name: str, value: object, allowed: object) -> None:
     if value not in allowed:  # type: ignore[operator]
         words = ", ".join(str(v) for v in allowed)  # type: ignore[attr-defined]
-        raise UsageError(f"IMU {name} = {value!r}: expected one of {words}.")
+        raise UsageError(fault("imu.setting", name=name, value=repr(value), words=words))

@@ -20,7 +20,7 @@ from typing import Any
 
 from baqueano import clock
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door.operator import Operator
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.budget import PREPARE_S, within
@@ -313,14 +313,16 @@ class Service:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise FileError(
-                f"{self.folder} cannot take a run: {error.strerror}. Type: ls -ld {self.folder}"
+                fault(
+                    "service.no-run-there", f"ls -ld {self.folder}", folder=self.folder, error=error.strerror
+                )
             ) from error
         stem = f"{datetime.now():%Y%m%d-%H%M%S}-{kind}"
         for k in range(100):
             path = self.folder / (f"{stem}.mcap" if k == 0 else f"{stem}-{k}.mcap")
             if not path.exists():
                 return path
-        raise FileError(f"{self.folder} has a hundred runs of this second.")
+        raise FileError(fault("service.hundred-runs", folder=self.folder))
 
     def _leave(self) -> None:
         self.operator.stop(stop(StopReason.SERVICE_ENDED))

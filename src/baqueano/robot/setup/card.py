@@ -21,6 +21,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 
 STARTER = (
@@ -62,17 +63,10 @@ def boot_partition(folder: Path | None) -> Path:
     if folder is None:
         there = [found for label in LABELS for found in Path("/").glob(label.lstrip("/"))]
         if len(there) != 1:
-            raise FileError(
-                f"{len(there) or 'no'} cards with a partition bootfs are mounted here. Write Raspberry Pi OS Lite "
-                "(64-bit) on one, plug it in again, and name the folder of its small partition: baqueano robot card "
-                "/media/you/bootfs"
-            )
+            raise FileError(fault("card.cards", cards=len(there) or "no"))
         folder = there[0]
     if not (folder / "cmdline.txt").is_file() or not (folder / "config.txt").is_file():
-        raise FileError(
-            f"{folder} is no boot partition of a Raspberry Pi: expected cmdline.txt and config.txt in it. It is the "
-            "small partition of the card, called bootfs."
-        )
+        raise FileError(fault("card.no-boot", folder=folder))
     return folder
 
 
@@ -85,13 +79,9 @@ def public_key(path: Path | None) -> str:
         if place.is_file():
             text = place.read_text(encoding="utf-8", errors="replace").strip()
             if not re.fullmatch(r"(ssh|ecdsa|sk)-\S+ [A-Za-z0-9+/=]+( [^\n]*)?", text):
-                raise FileError(
-                    f"{place} is no public ssh key: expected one line, ssh-ed25519 AAAA… It ends in .pub."
-                )
+                raise FileError(fault("card.no-public-key", place=place))
             return text
-    raise FileError(
-        f"there is no ssh key: looked for {', '.join(map(str, tried))}. Type: ssh-keygen -t ed25519, and this again"
-    )
+    raise FileError(fault("card.no-key", known=tried))
 
 
 def connection(network: Network, name: str) -> str:
@@ -165,22 +155,14 @@ def _escaped(text: str) -> str:
 
 def _check(name: str, user: str, network: Network | None) -> None:
     if not re.fullmatch(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?", name):
-        raise UsageError(
-            f"--name {name}: expected small letters, digits and - between them, 63 at most: robot-1"
-        )
+        raise UsageError(fault("card.name", name=name))
     if not re.fullmatch(r"[a-z][a-z0-9_-]{0,31}", user) or user == "root":
-        raise UsageError(
-            f"--user {user}: expected small letters and digits, a letter first, and not root: ana"
-        )
+        raise UsageError(fault("card.user", user=user))
     if network is None:
         return
     if not 1 <= len(network.ssid.encode()) <= 32:
-        raise UsageError(f"the network's name has {len(network.ssid.encode())} bytes, expected 1 to 32.")
+        raise UsageError(fault("card.network-name", bytes=len(network.ssid.encode())))
     if not re.fullmatch(r"[ -~]{8,63}", network.password):
-        raise UsageError(
-            f"the network's password has {len(network.password)} letters, expected 8 to 63 of ASCII."
-        )
+        raise UsageError(fault("card.network-password", letters=len(network.password)))
     if not re.fullmatch(r"[A-Z]{2}", network.country):
-        raise UsageError(
-            f"--country {network.country}: expected two capital letters, as AR, DE, US: Wi-Fi is off without."
-        )
+        raise UsageError(fault("card.country", country=network.country))

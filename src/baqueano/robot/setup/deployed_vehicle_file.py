@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot import VEHICLE
@@ -39,7 +40,7 @@ def renewed(host: str, file: "VehicleFile", root: str = "/") -> Renewed:
     path = f"{root.rstrip('/')}{VEHICLE}"
     seen, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
     if code:
-        raise RobotUnreachable(f"{host}: {path} could not be read, for the reason above. Type: ssh {host}")
+        raise RobotUnreachable(fault("setup.file-not-read", f"ssh {host}", host=host, path=path))
     if not seen:
         return Renewed(file.text, b"", [])
     try:
@@ -78,8 +79,13 @@ def _with_calibration(
             continue
         if not exists(file.data, key, file.folder):
             raise UsageError(
-                f"{host}: {key} = {_shown(leaves[key])} was calibrated there, and your vehicle file has no place for "
-                f"it: expected the table of that key. Put it in; or, to lose the calibration: ssh {host} rm {VEHICLE}"
+                fault(
+                    "setup.no-place-for-calibration",
+                    host=host,
+                    key=key,
+                    found=_shown(leaves[key]),
+                    path=VEHICLE,
+                )
             )
         mine, own = file.value(key), file.provenance.get(key)
         if np.array_equal(np.asarray(mine), np.asarray(leaves[key])):

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import baqueano
+from baqueano.diagnostics import fault
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.setup.deployed_vehicle_file import renewed
@@ -58,19 +59,20 @@ def machine_at(host: str) -> TargetMachine:
     said, code = run(ssh(host, ASK))
     words = said.decode(errors="replace").split()
     if code or not re.fullmatch(MACHINE, " ".join(words)):
-        raise RobotUnreachable(
-            f"{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: ssh {host}"
-        )
+        raise RobotUnreachable(fault("setup.no-answer", f"ssh {host}", host=host))
     found = TargetMachine((int(words[0]), int(words[1])), words[2], words[3])
     if found.kind not in MACHINES:
-        raise UsageError(
-            f"{host} is a {found.kind}: numpy has no wheel for 32-bit systems. Write the 64-bit Raspberry Pi OS Lite "
-            "on its card (a Pi 3, 4, 5 or Zero 2 runs it), and: baqueano robot card"
-        )
+        raise UsageError(fault("setup.32-bit", host=host, computer=found.kind))
     if found.python < LEAST_PYTHON:
         raise UsageError(
-            f"{host} has Python {found.python[0]}.{found.python[1]}, expected {LEAST_PYTHON[0]}.{LEAST_PYTHON[1]} or "
-            "newer. Write a newer Raspberry Pi OS on its card (Bookworm or later)."
+            fault(
+                "setup.old-python",
+                host=host,
+                major=found.python[0],
+                minor=found.python[1],
+                least_major=LEAST_PYTHON[0],
+                least_minor=LEAST_PYTHON[1],
+            )
         )
     return found
 
@@ -108,10 +110,7 @@ def _piped(command: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         said = done.stderr.strip().splitlines() or ["it says nothing"]
-        raise FileError(
-            f"the robot's packages could not be put together: {said[-1]} This computer needs the internet for it, once "
-            "for each kind of robot."
-        )
+        raise FileError(fault("setup.packages", said=said[-1]))
 
 
 def setup(
@@ -134,9 +133,7 @@ def setup(
             tar.add(path, path.name)
     command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && tar -x -C {THERE}"
     if run(ssh(host, command), packed.getvalue())[1]:
-        raise RobotUnreachable(
-            f"{host}: the packages could not be sent, for the reason above. Is its card full?"
-        )
+        raise RobotUnreachable(fault("setup.packages-not-sent", host=host))
     words = ["--bundle", THERE, "--user", machine.user, "--root", root, "--now", f"{time.time():.0f}"]
     try:
         _steps(host, ["plan" if dry else "do", *words], as_root=not dry)
@@ -149,7 +146,7 @@ def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
     text = (files("baqueano.robot.setup") / "steps.py").read_text(encoding="utf-8")
     command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && cat >{THERE}/steps.py"
     if run(ssh(host, command), text.encode())[1]:
-        raise RobotUnreachable(f"{host}: nothing could be sent there, for the reason above.")
+        raise RobotUnreachable(fault("setup.nothing-sent", host=host))
     try:
         _steps(host, ["undo", "--bundle", THERE, "--user", machine.user, "--root", root], as_root=True)
     finally:
@@ -161,7 +158,4 @@ def _steps(host: str, words: list[str], as_root: bool) -> None:
     sudo = ["sudo"] if terminal else ["sudo", "-n"]
     command = shlex.join([*(sudo if as_root else ()), "python3", f"{THERE}/steps.py", *words])
     if run(ssh(host, command, *(["-t"] if terminal and as_root else [])), answers=False)[1]:
-        raise RobotUnreachable(
-            f"{host}: it was not finished, for the reason above; what was done is noted there. Type it again, or take "
-            f"it back: baqueano robot remove {host}"
-        )
+        raise RobotUnreachable(fault("setup.not-finished", host=host))

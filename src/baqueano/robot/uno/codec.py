@@ -11,6 +11,7 @@ loss    a damaged body passes the CRC with probability 2⁻¹⁶; it must also h
 from binascii import crc_hqx
 from typing import NamedTuple
 
+from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.robot.uno.frames import (
     KIND_OF,
@@ -97,8 +98,14 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
     if wrong := outside(frame):
         path, number, (least, most) = wrong
         raise UsageError(
-            f"{type(frame).__name__}.{path} = {number}: the firmware takes {least} to {most}. "
-            f"Give a value in that range."
+            fault(
+                "uno.number-range",
+                frame=type(frame).__name__,
+                path=path,
+                number=number,
+                least=least,
+                most=most,
+            )
         )
     return framed(KIND_OF[type(frame)] if kind is None else kind, seq, pack(frame))
 

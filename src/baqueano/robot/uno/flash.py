@@ -12,6 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.uno.frames import PROTOCOL
 from baqueano.robot.uno.serial_port import connected, find_port
@@ -64,17 +65,15 @@ def program(path: Path) -> bytes:
                 or len(record) < 5
                 or len(record) != 5 + record[0]
             ):
-                raise FileError(f"{path}: line {number} is no line of an Intel hex file, or is damaged.")
+                raise FileError(fault("flash.bad-line", path=path, line=number))
             if record[3] == 0:
                 at = record[1] << 8 | record[2]
                 memory.extend(b"\xff" * (at + record[0] - len(memory)))
                 memory[at : at + record[0]] = record[4:-1]
     except (OSError, ValueError) as error:
-        raise FileError(f"{path}: no Intel hex file can be read there: {error}.") from error
+        raise FileError(fault("flash.not-hex", path=path, error=error)) from error
     if not 0 < len(memory) <= FLASH_BYTES:
-        raise FileError(
-            f"{path} holds {len(memory)} bytes: expected 1 to {FLASH_BYTES}, what an Uno has room for."
-        )
+        raise FileError(fault("flash.size", path=path, bytes=len(memory), most_bytes=FLASH_BYTES))
     return bytes(memory)
 
 
@@ -94,10 +93,7 @@ def flash(
     size = len(program(path))
     avrdude = shutil.which("avrdude")
     if avrdude is None:
-        raise UsageError(
-            "avrdude is not installed here. Type: sudo apt-get install avrdude. Where there is no internet, plug the "
-            "Uno into a computer that has it, and type there: baqueano robot flash"
-        )
+        raise UsageError(fault("flash.no-avrdude"))
     where = find_port(port)
     say(f"{where}: writing {size} bytes ({path.name}, {checksum(path)})")
     _written(avrdude, where, path)
@@ -127,15 +123,7 @@ def _written(avrdude: str, where: str, path: Path) -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
     except subprocess.TimeoutExpired as error:
-        raise RobotUnreachable(f"{where}: avrdude was not done after {SECONDS:g} s. {REMEDY}") from error
+        raise RobotUnreachable(fault("flash.too-slow", where=where, within_s=SECONDS)) from error
     if done.returncode:
         said = [line for line in done.stderr.splitlines() if line.strip() and "ioctl" not in line]
-        raise RobotUnreachable(
-            f"{where}: avrdude did not write it: {said[0] if said else done.returncode} {REMEDY}"
-        )
-
-
-REMEDY = (
-    "Is it an Uno, with its own boot-loader, and is nothing plugged into D0 and D1? Press its reset button once, and "
-    "type it again."
-)
+        raise RobotUnreachable(fault("flash.failed", where=where, said=said[0] if said else done.returncode))

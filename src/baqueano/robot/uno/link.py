@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
-from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.diagnostics import Diagnostic, StopReason, fault, stop
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.uno.clock import WRAP_US, UnoClock
 from baqueano.robot.uno.codec import Decoder, Received, encode
@@ -225,17 +225,15 @@ class Uno:
             if said is not None and meant(said):
                 return said
         if said is not None:
-            raise RobotUnreachable(
-                f"the Uno was told {question}, and says {said}: it refused one of the numbers."
-            )
+            raise RobotUnreachable(fault("uno.refused-number", question=str(question), said=str(said)))
         if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
             raise RobotUnreachable(
-                f"the Uno's answer to {type(question).__name__} did not come whole within {ANSWER_S:g} s: the line is "
-                "noisy. Look at its cable, and at the capacitors across the motors"
+                fault("uno.answer-not-whole", question=type(question).__name__, within_s=ANSWER_S)
             )
         raise RobotUnreachable(
-            f"the Uno did not answer {type(question).__name__} within {ANSWER_S:g} s: is it powered, and is our "
-            "firmware on it? Type: baqueano robot flash"
+            fault(
+                "uno.no-answer", "baqueano robot flash", question=type(question).__name__, within_s=ANSWER_S
+            )
         )
 
     def configure(self, config: Config, wait: Callable[[float], object] = time.sleep) -> Info:

@@ -18,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, RobotUnreachable, UsageError
 from baqueano.robot.uno.frames import BAUD, PROTOCOL, AskInfo, Info
 
@@ -159,8 +160,7 @@ def introduce(uno: "Uno", path: str) -> Info:
                 raise
     if info.protocol != PROTOCOL:
         raise RobotUnreachable(
-            f"the firmware at {path} speaks protocol {info.protocol}, this baqueano {PROTOCOL}. "
-            "Type: baqueano robot flash"
+            fault("uno.protocol", "baqueano robot flash", path=path, theirs=info.protocol, ours=PROTOCOL)
         )
     return info
 
@@ -171,15 +171,9 @@ def find_port(port: str) -> str:
         return port
     there = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))
     if not there:
-        raise RobotUnreachable(
-            "no serial line of an Uno was found: neither /dev/serial/by-id/* nor /dev/ttyACM*, /dev/ttyUSB*. Is its "
-            "USB cable plugged in, and does it carry data? Or name the line: [robot] port"
-        )
+        raise RobotUnreachable(fault("uno.no-line"))
     if len(there) > 1:
-        raise UsageError(
-            f"there are {len(there)} serial lines: {', '.join(there)}. Name one in the vehicle file: [robot] port = "
-            f'"{there[0]}"'
-        )
+        raise UsageError(fault("uno.several-lines", count=len(there), lines=there, first=there[0]))
     return there[0]
 
 

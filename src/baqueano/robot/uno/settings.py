@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.robot.uno.frames import FIELDS, Driver, Encoders, Settings, Way, Wiring
 
@@ -144,10 +145,7 @@ def _with(settings: Settings, name: str, text: str) -> Settings:
         return settings._replace(**{field: _number(name, text, text, Settings, field, unit)})
     wheel, equals, said = text.partition("=")
     if not equals or wheel not in (*WAYS, "all"):
-        raise UsageError(
-            f"--{name} {text}: expected a wheel and direction with its number, as left-forwards=0.9; wheels and "
-            f"directions are {', '.join(WAYS)} and all."
-        )
+        raise UsageError(fault("settings.way", option=name, found=text, known=WAYS))
     number = _number(name, text, said, Way, OF_WAYS[name], 1000)
     ways = [
         way._replace(**{OF_WAYS[name]: number}) if wheel in (at, "all") else way
@@ -158,7 +156,7 @@ def _with(settings: Settings, name: str, text: str) -> Settings:
 
 def _word(name: str, text: str, words: list[str]) -> str:
     if text.lower() not in words:
-        raise UsageError(f"--{name} {text}: expected one of {', '.join(words)}.")
+        raise UsageError(fault("settings.word", option=name, found=text, known=words))
     return text.lower()
 
 
@@ -170,7 +168,9 @@ def _number(name: str, text: str, said: str, layout: type, field: str, unit: int
     except ValueError:
         value = float("nan")
     if not least <= value * unit <= most:
-        raise UsageError(f"--{name} {text}: expected a number from {least / unit:g} to {most / unit:g}.")
+        raise UsageError(
+            fault("settings.number", option=name, found=text, least=least / unit, most=most / unit)
+        )
     return round(value * unit)
 
 
@@ -193,10 +193,7 @@ def _at_rest(uno: "Uno", wait: Wait) -> None:
     said = uno.receive()
     if any(duty for telemetry in said[-1:] for duty in telemetry.applied):
         left, right = said[-1].applied
-        raise AnswerNo(
-            f"a motor runs (left {left:+.0%}, right {right:+.0%} of full duty): expected both at rest. Nothing was "
-            "stored. Stop the vehicle, and type it again."
-        )
+        raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
 
 
 def watch(uno: "Uno", seconds: float, say: Callable[[str], object], wait: Wait = time.sleep) -> None:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
 from baqueano.signals import STANDARD_GRAVITY, Motion
@@ -67,9 +68,7 @@ class Watched:
                 self._last_ns = sample.t_ns
                 found.append(sample)
         if not found:
-            raise AnswerNo(
-                f"the IMU gave no sample in {seconds:g} s: look at its four wires. Type: baqueano robot doctor"
-            )
+            raise AnswerNo(fault("calibrate.no-sample", "baqueano robot doctor", within_s=seconds))
         return np.array([s.accel for s in found]), np.array([s.gyro for s in found])
 
     def still(self, seconds: float, what: str) -> tuple[np.ndarray, np.ndarray]:
@@ -81,9 +80,7 @@ class Watched:
             accel, gyro = self.samples(seconds)
             if _steady(accel, gyro):
                 return accel.mean(axis=0), gyro.mean(axis=0)
-        raise AnswerNo(
-            f"{what}: the vehicle was not still within {PATIENCE_S:g} s. Put it down, let it go, and try again."
-        )
+        raise AnswerNo(fault("calibrate.not-still", what=what, within_s=PATIENCE_S))
 
     def changed(self, what: str, meant: Callable[[np.ndarray], bool]) -> np.ndarray:
         """The mean force (3,) once it is still, and is what was meant. AnswerNo after a minute."""
@@ -93,7 +90,7 @@ class Watched:
             held = np.abs(gyro.mean(axis=0) - self.bias).max() < HELD * STILL_RAD_S
             if held and _steady(accel, gyro, HELD) and meant(accel.mean(axis=0)):
                 return accel.mean(axis=0)
-        raise AnswerNo(f"{what}: nothing of that was felt within {PATIENCE_S:g} s. Type the same line again.")
+        raise AnswerNo(fault("calibrate.not-felt", what=what, within_s=PATIENCE_S))
 
 
 def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:
@@ -177,10 +174,7 @@ def _turned(watched: Watched, before: np.ndarray, up: np.ndarray) -> bool:
     """(3) AnswerNo where it went to the right."""
     turn = float(up @ (watched.turned - before))
     if turn < -LEAST_TURN_RAD:
-        raise AnswerNo(
-            f"it was turned by {-np.degrees(turn):.0f}° to the right, or its gyro is a mirror image of its "
-            "accelerometer, as in no chip that is known. Seen from above to the left is against the clock: try again."
-        )
+        raise AnswerNo(fault("calibrate.turned-right", turned_deg=-np.degrees(turn)))
     return turn > LEAST_TURN_RAD
 
 
@@ -189,10 +183,7 @@ def upward(force: np.ndarray) -> np.ndarray:
     place = int(np.argmax(np.abs(force)))
     if abs(force[place]) < UPRIGHT * np.linalg.norm(force):
         x, y, z = force
-        raise AnswerNo(
-            f"at rest the chip feels ({x:.1f}, {y:.1f}, {z:.1f}) m/s²: none of its axes is within 25° of upright. "
-            "Mount it flat or on edge, and type the same line again."
-        )
+        raise AnswerNo(fault("calibrate.not-upright", x=x, y=y, z=z))
     up = np.zeros(3)
     up[place] = np.sign(force[place])
     return up
@@ -205,9 +196,12 @@ def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
     first, second = np.argsort(-np.abs(gained))[:2]
     if abs(gained[second]) > CLEAR * abs(gained[first]):
         raise AnswerNo(
-            f"it was lifted over a corner: gravity moved by {abs(gained[first]):.1f} m/s² along one axis of the chip "
-            f"and by {abs(gained[second]):.1f} along another, expected less than {CLEAR:.2f} of it. Lift the front "
-            "straight over the rear; a chip that sits at 45° has no axis that points ahead: turn it on the vehicle."
+            fault(
+                "calibrate.lifted-over-corner",
+                first_m_s2=abs(gained[first]),
+                second_m_s2=abs(gained[second]),
+                clear=CLEAR,
+            )
         )
     front = np.zeros(3)
     front[first] = np.sign(gained[first])

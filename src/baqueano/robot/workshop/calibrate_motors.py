@@ -24,6 +24,7 @@ import numpy as np
 
 from baqueano.controllers.hand import Hand
 from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, placed
+from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import Settings, Way, Wiring
@@ -199,9 +200,11 @@ def _ramp(bench: "Bench", wheel: int, direction: float) -> tuple[float, float]:
     bench.hold(0.0, 0.0, PAUSE_S)
     if abs(turn) <= TURNS_RAD_S:
         raise AnswerNo(
-            f"motor {('left', 'right')[wheel]}, {'forwards' if direction > 0 else 'backwards'}: the vehicle did not "
-            "turn even at full duty. Is the battery on, are the motor's two wires and its enable pin (D9 left, D10 "
-            "right) plugged in?"
+            fault(
+                "calibrate.motor-does-not-turn",
+                side=("left", "right")[wheel],
+                direction="forwards" if direction > 0 else "backwards",
+            )
         )
     return reached[-1], float(np.sign(turn))
 
@@ -218,9 +221,9 @@ def _wiring(bench: "Bench", say: Say) -> Wiring:
     pushed = _push(bench, duties) - _push(bench, [-d for d in duties])
     if abs(pushed) < PUSHED_M_S:
         raise AnswerNo(
-            f"with both motors on the IMU felt a push of {0.5 * abs(pushed):.2f} m/s in {PUSH_S:g} s, too little to "
-            "tell ahead from back. Is the way free, and does [robot] imu_axes name the axis that points ahead? Type: "
-            "baqueano robot calibrate imu"
+            fault(
+                "calibrate.no-push", "baqueano robot calibrate imu", push_m_s=0.5 * abs(pushed), push_s=PUSH_S
+            )
         )
     found = Wiring(0)
     if pushed > 0.0:
@@ -272,18 +275,21 @@ def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> 
     runs = added > max(0.2 * added.max(), 0.1)
     if runs.sum() < 4:
         raise AnswerNo(
-            f"{name}: of {len(duties)} duties from {duties.min():.0%} to {duties.max():.0%} only {runs.sum()} moved "
-            "the wheel, expected 4 or more. Does it slip, is the battery low?"
+            fault(
+                "calibrate.few-duties",
+                name=name,
+                duties=len(duties),
+                low=duties.min(),
+                high=duties.max(),
+                moved=runs.sum(),
+            )
         )
     powers = np.stack([np.ones(runs.sum()), added[runs], added[runs] ** 2], axis=1)
     found, *_ = np.linalg.lstsq(powers, duties[runs], rcond=None)
     rms = float(np.sqrt(np.mean((powers @ found - duties[runs]) ** 2)))
     dead_zone = float(np.clip(found[0], 0.0, 1.0))
     if dead_zone > 0.7:
-        raise AnswerNo(
-            f"{name}: the wheel stands still below a duty of {dead_zone:.0%}, and the firmware makes up for 70 % at "
-            "most. Charge the battery, or look for what brakes the wheel."
-        )
+        raise AnswerNo(fault("calibrate.dead-zone", name=name, dead_zone=dead_zone))
     top = float(added.max())
     return Sweep(started, dead_zone, top / (float(duties[np.argmax(added)]) - dead_zone), rms)
 

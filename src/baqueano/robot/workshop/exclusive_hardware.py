@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from baqueano.diagnostics import fault
 from baqueano.door.remote_session import answer_of, attended
 from baqueano.door.ssh import ssh
 from baqueano.door.states import DoorState
@@ -36,8 +37,7 @@ def service_off(say: Say) -> Iterator[None]:
     done = _quiet([*sudo, "systemctl", "stop", SERVICE])
     if done.returncode:
         raise UsageError(
-            f"the service has the hardware, and may not be stopped by this user ({done.stderr.strip()}). Type: "
-            f"sudo systemctl stop {SERVICE}"
+            fault("hardware.service-has-it", f"sudo systemctl stop {SERVICE}", error=done.stderr.strip())
         )
     say(f"{SERVICE} stopped meanwhile")
     try:
@@ -75,10 +75,7 @@ def _not_driving() -> None:
     with suppress(RobotUnreachable), reached("here") as remote:
         state = remote.state["state"]
         if state in (DoorState.MANUAL, DoorState.MISSION):
-            raise AnswerNo(
-                f"the vehicle drives ({state}), and what you typed takes the hardware away from it. Wait until it is "
-                "done, or end it: baqueano robot stop"
-            )
+            raise AnswerNo(fault("hardware.drives", state=state))
 
 
 def there(host: str, *verb: str) -> list["TableRow"]:

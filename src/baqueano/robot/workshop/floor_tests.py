@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import Severity, StopReason, note, stop
+from baqueano.diagnostics import Severity, StopReason, fault, note, stop
 from baqueano.errors import AnswerNo, SafetyStop
 from baqueano.signals import STANDARD_GRAVITY
 
@@ -86,20 +86,14 @@ class Bench:
             if felt.still:
                 return felt
             scatter = float(felt.gyro.std(axis=0).max())
-        raise AnswerNo(
-            "the vehicle does not stand still with its motors off: the gyro scatters by "
-            f"{np.degrees(scatter):.1f} °/s. Put it on a level floor and leave it alone."
-        )
+        raise AnswerNo(fault("floor.not-still", scatter_deg_s=np.degrees(scatter)))
 
     def upright(self) -> None:
         """AnswerNo where the axis that is said to point up does not."""
         accel = self.rest(0.3).accel.mean(axis=0)
         if accel[2] < TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel
-            raise AnswerNo(
-                f"the IMU feels ({x:.1f}, {y:.1f}, {z:.1f}) m/s² ahead, left and up, expected (0, 0, 9.8): the vehicle "
-                "lies on its side, or [robot] imu_axes is wrong. Type: baqueano robot calibrate imu"
-            )
+            raise AnswerNo(fault("floor.gravity", "baqueano robot calibrate imu", x=x, y=y, z=z))
 
     def store(self, settings: "Settings") -> None:
         """Disarms, and writes what the firmware keeps."""

@@ -17,6 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
+
 CDR = b"\x00\x01\x00\x00"
 NANOSECONDS = 1_000_000_000
 LAST_NS = 2**31 * NANOSECONDS  # builtin_interfaces/Time counts seconds in 31 bits, until January 2038
@@ -139,11 +142,11 @@ class MessageLayout:
         """Field name → (N, count) of all messages, one behind the other in `data`, without a copy. ValueError if one is
         not of this layout."""
         if len(data) != len(sizes) * self._struct.size or any(size != self._struct.size for size in sizes):
-            raise ValueError(f"messages of {self._struct.size} bytes were expected")
+            raise Invalid(fault("damage.message-bytes", bytes=self._struct.size))
         rows = np.frombuffer(data, self._dtype)
         for name, count in self._counts.items():
             if (rows[name] != count).any():
-                raise ValueError(f"{count} numbers were expected in '{name.removesuffix('/count')}'")
+                raise Invalid(fault("damage.message-numbers", count=count, field=name.removesuffix("/count")))
         read = {name: rows[name] for name in rows.dtype.names or () if name not in self._counts}
         return read | {what: np.zeros((len(sizes), 0)) for what in self._empty}
 
@@ -235,9 +238,9 @@ def unpack_log(message: bytes) -> tuple[int, str, str, str]:
             at += -at % 4
             (size,) = struct.unpack_from("<I", body, at)
             if not 0 < size <= len(body) - at - 4:
-                raise ValueError("a text that reaches beyond its message")
+                raise Invalid(fault("damage.text-beyond"))
             words.append(body[at + 4 : at + 3 + size].decode())
             at += 4 + size
     except (struct.error, IndexError, UnicodeDecodeError) as error:
-        raise ValueError(f"no log message ({error})") from error
+        raise Invalid(fault("damage.log-message", error=error)) from error
     return level, words[0], words[1], words[2]

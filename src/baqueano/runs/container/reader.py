@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault, note
-from baqueano.errors import FileError
+from baqueano.errors import FileError, Invalid, cause_of
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
 from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unsealed
@@ -289,15 +289,15 @@ class _Assembly:
             fields = layout.unpack(found.data, found.sizes)
             t_ns, arrival_ns = np.array(found.t_ns), np.array(found.arrival_ns)
             if max(t_ns.max(initial=0), arrival_ns.max(initial=0)) >= 2**63:
-                raise ValueError("its times are beyond 64 bits")
+                raise Invalid(fault("damage.times"))
         except ValueError as error:
-            raise self.strange(topic, str(error)) from None
+            raise self.strange(topic, cause_of(error)) from None
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
     def number(self, topic: str, said: str) -> int:
         """Return the count of numbers in a message, as its channel declares it."""
         if not said.isascii() or not said.isdecimal() or len(said) > 4:
-            raise self.strange(topic, "its channel does not say how many numbers a message has")
+            raise self.strange(topic, note("damage.channel-size"))
         return int(said)
 
     def fill(self, topic: str, rows: int, numbers: int) -> None:
@@ -308,9 +308,9 @@ class _Assembly:
         """Counts memory beyond what the messages of a topic take. FileError where that is more than the file may."""
         self.taken += size
         if self.taken > memory_limit.allowed(self.contents.size) // 2:
-            raise self.strange(topic, f"it makes more than {memory_limit.shown(self.taken)} of memory")
+            raise self.strange(topic, note("damage.memory", size=memory_limit.shown(self.taken)))
 
-    def strange(self, topic: str, why: str) -> FileError:
+    def strange(self, topic: str, why: Diagnostic | str) -> FileError:
         return FileError(
             fault(
                 "runs.foreign-topic",

@@ -15,6 +15,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from baqueano.diagnostics import Diagnostic, fault
+from baqueano.errors import Invalid
+from baqueano.messages import text
 from baqueano.runs.container import memory_limit
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -75,11 +78,11 @@ class Contents:
     kept: int = 0  # bytes of memory that all this takes
 
 
-class TooLarge(ValueError):
+class TooLarge(Invalid):
     """A file that takes more memory than its size allows."""
 
 
-class Damage(ValueError):
+class Damage(Invalid):
     """Bytes that are not what they should be."""
 
 
@@ -92,7 +95,7 @@ class Cursor:
     def take(self, size: int) -> memoryview:
         """The next `size` bytes."""
         if size > len(self.data) - self.at:
-            raise Damage(f"a field of {size} bytes in a record with {len(self.data) - self.at} left")
+            raise Damage(fault("damage.field", size=size, left=len(self.data) - self.at))
         self.at += size
         return self.data[self.at - size : self.at]
 
@@ -105,7 +108,7 @@ class Cursor:
         try:
             return str(self.take(self.number(4)), "utf-8")
         except UnicodeDecodeError as error:
-            raise Damage("a text that is not UTF-8") from error
+            raise Damage(fault("damage.not-utf8")) from error
 
     def pairs(self) -> dict[str, str]:
         """A map from string to string."""
@@ -114,7 +117,7 @@ class Cursor:
             key = inside.text()
             pairs[key] = inside.text()
             if len(pairs) > PAIRS:
-                raise Damage(f"a map of more than {PAIRS} entries")
+                raise Damage(fault("damage.map-entries", most=PAIRS))
         return pairs
 
 
@@ -174,7 +177,7 @@ class _Walk:
         if kind == 0 and size == 0:  # the tail that a power cut leaves: all of it at once
             rest = _NOT_ZERO.search(self.data, at)
             end += ((rest.start() if rest else len(self.data)) - end) // 9 * 9
-            why = "zeros"
+            why: Diagnostic | str = "zeros"
         elif not 0 < kind <= LAST_KNOWN:
             why = f"a record of unknown kind {kind}"
         elif size < LEAST.get(kind, 0):
@@ -184,7 +187,7 @@ class _Walk:
                 self.content(kind, at + 9, end)
                 return end
             except Damage as damage:
-                why = str(damage)
+                why = damage.diagnostic
         self.lost(at, end, why)
         return self.behind(at, end)
 
@@ -196,12 +199,12 @@ class _Walk:
         self.again += end - at
         return chunk
 
-    def lost(self, at: int, to: int, why: str) -> None:
+    def lost(self, at: int, to: int, why: Diagnostic | str) -> None:
         """Names a damaged place, once for all that follows it without a gap."""
         if at < 0 or at != self.lost_to:
             self.found.places += 1
             if self.found.places <= TOLD:
-                self.found.problems.append(why if at < 0 else f"bytes {at} to {to}: {why}")
+                self.found.problems.append(text(why) if at < 0 else f"bytes {at} to {to}: {text(why)}")
         self.lost_to = to
 
     def next_chunk(self, at: int) -> int:
@@ -229,7 +232,7 @@ class _Walk:
             self.keep(NAMED * len(body))
         elif kind == DATA_END:
             if len(body) != 4 or self.ended:
-                raise Damage("an end of the data that is none")
+                raise Damage(fault("damage.end"))
             self.ended = True
             said = Cursor(body).number(4)
             if said and not self.found.places and said != zlib.crc32(self.view[: at - 9]):
@@ -238,21 +241,21 @@ class _Walk:
             self.footer(Cursor(body), at + 16)
             self.found.complete = self.data[end : end + 8] == MAGIC
         elif kind == MESSAGE:
-            raise Damage("a message without a checksum")
+            raise Damage(fault("damage.no-checksum"))
 
     def chunk(self, body: memoryview) -> None:
         records = self.opened(body)
         at, skipped, messages, drawn = 0, 0, self.found.messages, self.drawn
         while at < len(records):
             if len(records) - at < 9:
-                raise Damage("a chunk that ends inside a record")
+                raise Damage(fault("damage.chunk-ends"))
             kind, size = _RECORD_HEAD.unpack_from(records, at)
             at += 9
             if size > len(records) - at:
-                raise Damage("a record that reaches beyond its chunk")
+                raise Damage(fault("damage.record-beyond"))
             if kind == MESSAGE:
                 if size < 22:
-                    raise Damage("a message without times")
+                    raise Damage(fault("damage.no-times"))
                 channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, at)
                 if channel in drawn:
                     skipped += 9 + size
@@ -273,11 +276,11 @@ class _Walk:
 
     def footer(self, cursor: Cursor, crc_at: int) -> None:
         if self.closed:
-            raise Damage("a second end of the file")
+            raise Damage(fault("damage.second-end"))
         self.closed = True
         start, _, said = (cursor.number(size) for size in (8, 8, 4))
         if start and said and said != zlib.crc32(self.view[start:crc_at]):
-            raise Damage("the checksum of the summary does not hold")
+            raise Damage(fault("damage.summary-checksum"))
         self.found.channels = self.repeated | self.found.channels
 
     def named(self, kind: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
@@ -304,7 +307,7 @@ class _Walk:
         data = cursor.take(cursor.number(8))
         said = cursor.number(4)
         if said and said != zlib.crc32(body[: len(body) - 4]):
-            raise Damage(f"the checksum of the attachment '{name[:80]}' does not hold")
+            raise Damage(fault("damage.attachment-checksum", name=name[:80]))
         self.found.attachments[name] = bytes(data)
         self.keep(NAMED * len(name) + 4 * len(data))
 
@@ -317,8 +320,12 @@ class _Walk:
         """TooLarge where so many bytes of memory are more than the file may take."""
         if need > memory_limit.allowed(len(self.data)):
             raise TooLarge(
-                f"unpacks from {memory_limit.shown(len(self.data))} to {memory_limit.shown(need)} of memory or more; "
-                f"at most {memory_limit.shown(memory_limit.allowed(len(self.data)))} are taken for it"
+                fault(
+                    "damage.too-large",
+                    size=memory_limit.shown(len(self.data)),
+                    need=memory_limit.shown(need),
+                    most=memory_limit.shown(memory_limit.allowed(len(self.data))),
+                )
             )
 
     def opened(self, body: memoryview) -> bytes | memoryview:
@@ -329,9 +336,9 @@ class _Walk:
         compression = cursor.text()
         packed = cursor.take(cursor.number(8))
         if cursor.at != len(body):
-            raise Damage("a chunk longer than its contents")
+            raise Damage(fault("damage.chunk-longer"))
         if size > LARGEST_CHUNK:
-            raise Damage(f"a chunk that would unpack to {size / 2**20:.0f} MiB; at most 64 MiB are taken")
+            raise Damage(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
         _check_size(compression, packed, size)
         taken = len(self.data) + self.found.kept
         room = max(
@@ -341,9 +348,9 @@ class _Walk:
         self.unpacked += len(records)
         self.afford(max(self.unpacked, taken + 2 * (size if len(records) > room else len(records))))
         if len(records) != size:
-            raise Damage(f"a chunk of {len(records)} bytes that says it has {size}")
+            raise Damage(fault("damage.chunk-size", bytes=len(records), said_bytes=size))
         if checksum and checksum != zlib.crc32(records):
-            raise Damage("the checksum of a chunk does not hold")
+            raise Damage(fault("damage.chunk-checksum"))
         return records
 
 
@@ -355,9 +362,9 @@ def _check_size(compression: str, packed: memoryview, size: int) -> None:
         try:
             said = zstandard.frame_content_size(packed)
         except zstandard.ZstdError as error:
-            raise Damage(f"a chunk that does not unpack ({error})") from error
+            raise Damage(fault("damage.chunk-not-unpacked", error=error)) from error
         if said not in (-1, size):
-            raise Damage("a chunk whose compressed data say another size")
+            raise Damage(fault("damage.chunk-other-size"))
 
 
 def decompressed(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
@@ -371,12 +378,12 @@ def decompressed(compression: str, packed: memoryview, size: int) -> bytes | mem
             with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
                 return stream.read(size + 1)
         except zstandard.ZstdError as error:
-            raise Damage(f"a chunk that does not unpack ({error})") from error
+            raise Damage(fault("damage.chunk-not-unpacked", error=error)) from error
     if compression == "lz4":
         import lz4.frame
 
         try:
             return lz4.frame.LZ4FrameDecompressor().decompress(packed, size + 1)
         except (RuntimeError, EOFError) as error:
-            raise Damage(f"a chunk that does not unpack ({error})") from error
-    raise Damage(f"a chunk packed with '{compression[:20]}'")
+            raise Damage(fault("damage.chunk-not-unpacked", error=error)) from error
+    raise Damage(fault("damage.chunk-packed", packing=compression[:20]))

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import FileError, UsageError
+from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import text
 from baqueano.runs.container.messages import LAST_NS
 from baqueano.runs.container.packing import Packing
@@ -173,7 +173,7 @@ class RunWriter:
             return
         for time_ns in (arrival_ns, t_ns):
             if not 0 <= time_ns < LAST_NS:
-                raise ValueError(f"{time_ns} ns is not a time between 1970 and 2038")
+                raise Invalid(fault("run.time-range", time_ns=time_ns))
         if len(self._queue) >= QUEUE_LIMIT:
             if self._live and spare:
                 self.dropped += 1

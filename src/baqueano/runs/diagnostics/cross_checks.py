@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.by_motion import by_motion
 from baqueano.runs.diagnostics.doubt import Doubt
@@ -32,11 +33,7 @@ def judged(found: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
             f"{d.advice if d.cure not in cures[k + 1 :] else d.text}." for k, d in enumerate(left)
         )  # a cure of several stands after the last
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in left)}))
-        raise FileError(
-            f"{m.path.name} does not fit its recording: {lines} If it is right as it is, write at the top "
-            "of the map: "
-            f"accept = [{codes}]"
-        )
+        raise FileError(fault("import.does-not-fit", map=m.path.name, doubts=lines, accept=codes))
     return tuple(
         d._replace(level="warning", text=f"{d.text} (accepted by the map)") if d.level == "error" else d
         for d in found
@@ -75,4 +72,4 @@ def _alone(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Ite
             f"[{key}]: {share:.0%} of the rows repeat the one before: held, new about every {every:.1f} rows"
         )
         cure = 'for the new ones alone write new_when = "COLUMN" (one that changes with each) in [files.…]'
-        yield Doubt("held samples", "warning", int(t_ns[0]), f"{text}; {cure}", cure)
+        yield Doubt("held samples", "warning", int(t_ns[0]), text, cure)

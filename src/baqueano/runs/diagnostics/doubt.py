@@ -16,4 +16,4 @@ class Doubt(NamedTuple):
     @property
     def advice(self) -> str:
         """Return the text, and the line to write."""
-        return f"{self.text}; {self.cure}" if self.cure and self.cure not in self.text else self.text
+        return f"{self.text}; {self.cure}" if self.cure else self.text

@@ -26,11 +26,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-from baqueano.diagnostics import Diagnostic, fault, nearest
-from baqueano.errors import FileError
+from baqueano.diagnostics import Diagnostic, fault, nearest, note
+from baqueano.errors import FileError, cause_of
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
 from baqueano.runs.maps.mount import KEYS, mount_of
-from baqueano.runs.maps.units import canonical, closest, unit, units_of
+from baqueano.runs.maps.units import canonical, near_units, unit, units_of
 from baqueano.vehicle_file.text.toml_text import parsed
 
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
@@ -101,15 +101,13 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
     return fault("map.recording-or-wrong", fix, path=path, line=int(where[1]), column=int(where[2]))
 
 
-def _beside(found: str, measures: str, derivative: bool) -> str:
-    """Return the line to add beside the unit so that an entry that measures `found` fits `measures`, for a message."""
-    rate, rolls = "" if derivative else RATES.get(found, ""), "radius_m = …, that of the wheel"
-    ways = {
-        ROLLED.get(found): rolls,
-        rate: "derivative = true",
-        ROLLED.get(rate): f"derivative = true, and {rolls}",
-    }
-    return f", or beside it {ways[measures]}" if measures in ways else ""
+def _expected(found: str, measures: str, derivative: bool) -> Diagnostic:
+    """Return what to write for an entry that measures `found` and has to measure `measures`: another unit, or a key
+    beside its unit."""
+    rate = "" if derivative else RATES.get(found, "")
+    ways = {ROLLED.get(found): "rolls", rate: "rate", ROLLED.get(rate): "rate-of-rolling"}
+    way = f"-or-{ways[measures]}" if measures in ways else ""
+    return note(f"expect.measures{way}", measures=measures, known=units_of(measures))
 
 
 class _Parser:
@@ -125,14 +123,16 @@ class _Parser:
             "ticks": dict, "command": dict, "sensors": dict, "truth": dict,
         })  # fmt: skip
         if top.get("format") != 1:
-            raise self.wrong("format", top.get("format"), "format = 1")
-        tables = self.needed(top, "files", "a table [files.NAME] per file")
+            raise self.wrong("format", top.get("format"), note("expect.format"))
+        tables = self.needed(top, "files", note("expect.files"))
         files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
         self.file_names = list(files)
-        signal, names, in_force, wheels = self.command(self.needed(top, "command", "a table [command]"))
+        signal, names, in_force, wheels = self.command(
+            self.needed(top, "command", note("expect.table", key="command"))
+        )
         sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
         ticks = top.get("ticks", {}) if len(files) == 1 else self.needed(
-            top, "ticks", 'a table [ticks] with file = "NAME": its times are the ticks of the run'
+            top, "ticks", note("expect.ticks")
         )  # fmt: skip
         self.keys("ticks", ticks, {"file": str})
         return ColumnMap(
@@ -148,23 +148,20 @@ class _Parser:
         if in_force not in ("from", "until"):
             raise self.wrong(
                 "[command] in_force", in_force,
-                'in_force = "from" if the command of a row holds from its time on, in_force = "until" if it held '
-                "up to then: the difference is one tick of delay",
+                note("expect.in-force"),
             )  # fmt: skip
         wheels = "wheels" in spec
         if wheels == ("u" in spec):
             raise self.wrong(
-                "[command] u", spec.get("u"), "either u = [ … ], an entry per command, or for a left and a "
-                "right wheel wheels = [left, right], which become u_x = (l + r)/2, u_y = 0, u_psi = (r - l)/2",
+                "[command] u", spec.get("u"), note("expect.u-or-wheels"),
             )  # fmt: skip
         measures = (None,) * (2 if wheels else len(spec["u"]))
         signal = self.signal("command", spec, "wheels" if wheels else "u", measures, None)
         names = tuple(map(str, spec.get("names", ["u_x", "u_y", "u_psi"] if wheels else [])))
         if len(names) != (3 if wheels else len(signal.entries)):
-            raise self.wrong(
-                "[command] names", list(names),
-                "three names, as u_x, u_y, u_psi" if wheels else f"{len(signal.entries)} names, one per entry of u",
-            )  # fmt: skip
+            count = len(signal.entries)
+            expected = note("expect.three-names") if wheels else note("expect.names", count=count)
+            raise self.wrong("[command] names", list(names), expected)
         return signal, names, in_force, wheels
 
     def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
@@ -183,12 +180,12 @@ class _Parser:
         ):
             if what in spec and spec[what] not in allowed:
                 raise self.wrong(
-                    f"[{key}] {what}", spec[what], " or ".join(f'{what} = "{a}"' for a in allowed)
+                    f"[{key}] {what}",
+                    spec[what],
+                    note("expect.one-of", key=what, allowed=[f'"{a}"' for a in allowed]),
                 )
         if len(spec.get("delimiter", ",")) != 1:
-            raise self.wrong(
-                f"[{key}] delimiter", spec["delimiter"], 'one character, as delimiter = ";" or "\\t"'
-            )
+            raise self.wrong(f"[{key}] delimiter", spec["delimiter"], note("expect.delimiter"))
         options = {what: spec[what] for what in CSV_KEYS if what in spec}
         return FileSpec(
             name, spec.get("path"), spec.get("topic"), time, time_unit, self.rest(key, spec),
@@ -201,20 +198,15 @@ class _Parser:
         in_bag, time = "topic" in spec, spec.get("time")
         if "rate_hz" in spec and time is None and not in_bag:
             if not spec["rate_hz"] > 0.0:
-                raise self.wrong(f"[{key}] rate_hz", spec["rate_hz"], "the rows of a second, above 0")
+                raise self.wrong(f"[{key}] rate_hz", spec["rate_hz"], note("expect.rate"))
             return "", "s"
         if not time or "rate_hz" in spec:
-            found = (
-                'time = "bag" (when it was recorded) or time = "header.stamp"'
-                if in_bag
-                else 'time = "COLUMN", or rate_hz = … of a file that has no column of time'
-            )
-            raise self.wrong(f"[{key}] time", time, found)
+            raise self.wrong(f"[{key}] time", time, note("expect.time-of-bag" if in_bag else "expect.time"))
         time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
         known = unit(time_unit) if time_unit else None
         if time_unit != "iso8601" and (known is None or known.measures != "time"):
             raise self.wrong(
-                f"[{key}] time_unit", time_unit, f'time_unit = "s", one of {units_of("time")}, iso8601'
+                f"[{key}] time_unit", time_unit, note("expect.time-unit", known=units_of("time"))
             )
         return time, str(time_unit)
 
@@ -225,9 +217,7 @@ class _Parser:
             return None
         known = unit(str(rest.get("unit")))
         if set(rest) != {"column", "unit"} or known is None or known.measures != "time" or "time" not in spec:
-            raise self.wrong(
-                f"[{key}] time_rest", rest, 'beside time: time_rest = { column = "nanosec", unit = "ns" }'
-            )
+            raise self.wrong(f"[{key}] time_rest", rest, note("expect.time-rest"))
         return str(rest["column"]), str(rest["unit"])
 
     def sensor(self, name: str, spec: Any) -> ColumnSignal:
@@ -237,7 +227,7 @@ class _Parser:
             "file": str, "kind": str, "z": list, "sample": str, "shift_s": float,
         })  # fmt: skip
         if not name.isidentifier() or name.startswith("_"):
-            raise self.wrong(f"[{key}]", name, "a name of letters, digits and _, as in [sensors.imu]")
+            raise self.wrong(f"[{key}]", name, note("expect.sensor-name"))
         kind = spec.get("kind", name if name in KINDS else None)
         measures = (
             KINDS.get(kind, (None,) * len(spec.get("z", []))) if kind else (None,) * len(spec.get("z", []))
@@ -258,12 +248,14 @@ class _Parser:
     ) -> ColumnSignal:
         """The entries under `what`, one for each of `measures`; None there takes any unit."""
         entries = spec.get(what)
-        said = ", ".join(m or "a number" for m in measures)
         if not entries or len(entries) != len(measures):
-            raise self.wrong(f"[{key}] {what}", entries, f"{len(measures) or 'some'} entries ({said})")
+            expected = note("expect.entries", count=len(measures), measures=[m or "1" for m in measures])
+            raise self.wrong(
+                f"[{key}] {what}", entries, expected if measures else note("expect.some-entries")
+            )
         sample = spec.get("sample", "measured")
         if sample not in ("measured", "hold", "linear"):
-            raise self.wrong(f"[{key}] sample", sample, 'sample = "measured", "hold" or "linear"')
+            raise self.wrong(f"[{key}] sample", sample, note("expect.sample"))
         made = tuple(
             self.entry(f"{key}.{what}[{i}]", entry, m)
             for i, (entry, m) in enumerate(zip(entries, measures, strict=True))
@@ -273,12 +265,12 @@ class _Parser:
                 key, self.file_of(key, spec), kind, sample, made, mount_of(spec, not made[-1].absent)
             )
         except ValueError as error:
-            raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), str(error)) from error
+            raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
 
     def entry(self, key: str, spec: object, measures: str | None) -> Entry:
         """Read an entry of a signal."""
         if not isinstance(spec, dict):
-            raise self.wrong(key, spec, 'an entry like { column = "NAME", unit = "m/s" }')
+            raise self.wrong(key, spec, note("expect.entry"))
         self.keys(key, spec, {
             "column": str, "quaternion": list, "unit": str, "scale": float, "offset": float, "times": str,
             "backward": dict, "wraps": float, "derivative": bool, "constant": float, "radius_m": float,
@@ -287,11 +279,9 @@ class _Parser:
         quaternion = spec.get("quaternion")
         told = [what for what in ("column", "quaternion", "constant") if what in spec]
         if len(told) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
-            raise self.wrong(
-                key, spec, 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …'
-            )
+            raise self.wrong(key, spec, note("expect.one-source"))
         if quaternion is not None and spec.get("unit", "rad") != "rad":
-            raise self.wrong(f"{key} unit", spec["unit"], "none: the heading of a quaternion is in rad")
+            raise self.wrong(f"{key} unit", spec["unit"], note("expect.no-unit"))
         made = Entry(
             key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, "",
             float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"),
@@ -302,7 +292,7 @@ class _Parser:
             raise self.wrong(
                 f"{key} wraps",
                 made.wraps,
-                "the counts of a turn, above 0, beside derivative = true: of a counter of 16 bits 65536",
+                note("expect.wraps"),
             )
         if made.absent or (made.constant == 0.0 and "unit" not in spec):
             return made._replace(unit="1")
@@ -312,31 +302,29 @@ class _Parser:
         """The unit of an entry, that measures what it should."""
         name = "rad" if made.quaternion is not None else spec.get("unit")
         if name is None:
-            wanted = f'unit = "…" ({units_of(measures)})' if measures else 'unit = "…", with "1" for no unit'
+            wanted = note("expect.unit-of", known=units_of(measures)) if measures else note("expect.unit")
             raise self.wrong(f"{key} unit", None, wanted)
         known = unit(name)
         if known is None:
-            those = f"; of {measures} {units_of(measures)}" if measures else ""
-            raise self.wrong(f"{key} unit", name, f"a unit that is known, perhaps {closest(name)}{those}")
+            expected = note("expect.known-unit", near=near_units(name))
+            if measures:
+                known = units_of(measures)
+                expected = note("expect.known-unit-of", near=near_units(name), measures=measures, known=known)
+            raise self.wrong(f"{key} unit", name, expected)
         if known.measures == "raw" and "scale" not in spec:
-            raise self.wrong(
-                f"{key} scale", None, 'scale = …: unit = "raw" needs what one count is in SI units'
-            )
+            raise self.wrong(f"{key} scale", None, note("expect.scale"))
         self.counts(key, known.measures, made)
         measured = "angle" if known.measures == "counts" else known.measures
         found = RATES.get(measured) if made.derivative else measured
         if "radius_m" in spec and measured != "raw":
             found = ROLLED.get(found or "")
             if found is None:
-                raise self.wrong(
-                    f"{key} radius_m", spec["radius_m"], "it with a wheel's angle or angular rate"
-                )
+                raise self.wrong(f"{key} radius_m", spec["radius_m"], note("expect.radius"))
         if measures and measured != "raw" and found != measures:
             raise self.wrong(
                 f"{key} unit",
                 name,
-                f"a unit of {measures}: {units_of(measures)}, or raw with a scale"
-                f"{_beside(found or '', measures, made.derivative)}",
+                _expected(found or "", measures, made.derivative),
             )
         return canonical(name)
 
@@ -345,29 +333,28 @@ class _Parser:
         per_turn = made.counts_per_turn
         if measures == "counts" and not (per_turn is not None and per_turn > 0.0):
             raise self.wrong(
-                f"{key} counts_per_turn", per_turn, "counts_per_turn = …, how far an encoder counts in one turn of the "
-                'wheel; counts of anything else are unit = "raw" with a scale',
+                f"{key} counts_per_turn", per_turn, note("expect.counts"),
             )  # fmt: skip
         if measures != "counts" and per_turn is not None:
-            raise self.wrong(f"{key} counts_per_turn", per_turn, 'it beside unit = "counts"')
+            raise self.wrong(f"{key} counts_per_turn", per_turn, note("expect.no-counts"))
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
         """The file that a table names; the only one where it names none."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
             raise self.wrong(
-                f"[{key}] file", name, f'file = "{self.file_names[0]}", one of {self.file_names}'
+                f"[{key}] file", name, note("expect.file", first=self.file_names[0], known=self.file_names)
             )
         return name
 
     def table(self, key: str, spec: object) -> dict[str, Any]:
         """`spec`, that has to be a table."""
         if not isinstance(spec, dict):
-            raise self.wrong(f"[{key}]", spec, f"a table [{key}]")
+            raise self.wrong(f"[{key}]", spec, note("expect.table", key=key))
         return spec
 
-    def needed(self, spec: dict[str, Any], key: str, what: str) -> Any:
-        """Return the required value under `key`."""
+    def needed(self, spec: dict[str, Any], key: str, what: Diagnostic) -> Any:
+        """What stands under `key`, and must not be left out."""
         if not spec.get(key):
             raise self.wrong(key, spec.get(key), what)
         return spec[key]
@@ -381,15 +368,13 @@ class _Parser:
                 raise FileError(fault("map.unknown-key", map=self.path.name, place=place, near=near))
             kind = (int, float) if allowed[key] is float else allowed[key]
             if not isinstance(value, kind) or (isinstance(value, bool) and allowed[key] is not bool):
-                raise self.wrong(
-                    place, value, f"{allowed[key].__name__}, as in the maps that come with baqueano"
-                )
+                raise self.wrong(place, value, note("expect.type", kind=allowed[key].__name__))
             if isinstance(value, float) and key != "constant" and not math.isfinite(value):
-                raise self.wrong(place, value, "a number that is finite")
+                raise self.wrong(place, value, note("expect.finite"))
         return spec
 
-    def wrong(self, place: str, found: object, wanted: str) -> FileError:
-        """Return the error to raise: the place, the found value, and the line to write."""
+    def wrong(self, place: str, found: object, wanted: Diagnostic | str) -> FileError:
+        """Return what to raise: where, what was found, and what to write."""
         code = "map.missing" if found is None else "map.wrong"
         shown = repr(found)[:200]
         return FileError(fault(code, map=self.path.name, place=place, found=shown, expected=wanted))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import fault
-from baqueano.errors import FileError, UsageError
+from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
 
 if TYPE_CHECKING:
@@ -57,14 +57,11 @@ def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
     lever = spec.get("lever_arm_m", [0.0, 0.0])
     numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in lever)
     if len(lever) != 2 or not numbers or not np.isfinite(lever).all():
-        raise ValueError("lever_arm_m = [ahead, left], in m")
+        raise Invalid(fault("expect.lever-arm"))
     shift_s, heading_rad = (float(spec.get(key, 0.0)) for key in ("shift_s", "heading_rad"))
     mount = Mount(shift_s, (float(lever[0]), float(lever[1])), heading_rad)
     if not heading_is_known and mount != Mount(shift_s):
-        raise ValueError(
-            "neither lever_arm_m nor heading_rad where the heading is not known; a fit can ask for the place of the "
-            "mark: --use truth --free +sensors.truth.lever_arm_m"
-        )
+        raise Invalid(fault("expect.no-mount"))
     return mount
 
 

@@ -91,8 +91,8 @@ def canonical(name: str) -> str:
     return known if known in UNITS or len(name) < 3 else _BY_LOWER.get(name.lower(), name)  # MV is not mV
 
 
-def closest(name: str) -> str:
-    """The units that look most like `name`, for a message."""
+def near_units(name: str) -> str:
+    """Return the units that look most like `name`, for a message."""
     near = difflib.get_close_matches(name, UNITS, n=3, cutoff=0.4)
     return ", ".join(near or UNITS)
 

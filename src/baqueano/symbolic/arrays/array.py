@@ -13,12 +13,7 @@ from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays import linalg
 from baqueano.symbolic.arrays.elementwise import UFUNCS, WHERE, elementwise
 from baqueano.symbolic.arrays.scalar import Scalar, apply
-from baqueano.symbolic.errors import TraceError, here
-
-ARGUMENT_CHANGED = (
-    "an argument of the function is changed in place: make a new array, x = x + …, or a copy to work on, "
-    "np.array(x)"
-)
+from baqueano.symbolic.errors import TraceError, untraceable
 
 
 class Traced(np.ndarray):
@@ -39,7 +34,7 @@ class Traced(np.ndarray):
 
     def __setitem__(self, key: Value, value: Value) -> None:
         if not self.flags.writeable:
-            raise TraceError(f"{here()}\n    {ARGUMENT_CHANGED}")
+            raise untraceable("trace.argument-changed")
         if isinstance(key, Traced) and has_scalars(key):  # x[x < 0] = 0
             key, value = ..., np.where(key, value, self)
         super().__setitem__(_key(key), value)
@@ -68,7 +63,7 @@ class Traced(np.ndarray):
         if np.dtype(dtype).kind in "fO":
             return self.copy()
         if has_scalars(self):
-            raise TraceError(f"{here()}\n    values known only at run time cannot become {np.dtype(dtype)}")
+            raise untraceable("trace.not-convertible", dtype=np.dtype(dtype))
         return plain(self).astype(dtype, *args, **kwargs)
 
 
@@ -129,7 +124,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
         result = linalg.matmul(*inputs)
     elif ufunc.__name__ not in UFUNCS:
         known = ", ".join(sorted(UFUNCS))
-        raise TraceError(f"{here()}\n    np.{ufunc.__name__} is not known to the tracer: it knows {known}")
+        raise untraceable("trace.unknown-ufunc", function=ufunc.__name__, known=known)
     else:
         options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:
@@ -140,7 +135,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
     if out is None:
         return result
     if not out.flags.writeable:
-        raise TraceError(f"{here()}\n    {ARGUMENT_CHANGED}")
+        raise untraceable("trace.argument-changed")
     out[...] = result
     return out
 
@@ -158,10 +153,7 @@ def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: d
     except TraceError:
         raise
     except (TypeError, AttributeError, NotImplementedError) as error:
-        raise TraceError(
-            f"{here()}\n    np.{function.__name__} does not work on values known only at run time "
-            f"({error}): write it with operators, np.where and sums"
-        ) from error
+        raise untraceable("trace.unsupported", function=function.__name__, error=error) from error
 
 
 def _original(function: Callable[..., Value]) -> Callable[..., Value]:
@@ -182,7 +174,7 @@ def interp(x: Value, xp: Value, fp: Value) -> Value:
 
 def _where(condition: Value, *arms: Value) -> Value:
     if len(arms) != 2:
-        raise TraceError(f"{here()}\n    np.where needs both arms: np.where(condition, a, b)")
+        raise untraceable("trace.where-arms")
     return where(condition, *arms)
 
 
@@ -202,7 +194,7 @@ def _interp(
     x: Value, xp: Value, fp: Value, left: Value = None, right: Value = None, period: None = None
 ) -> Value:
     if period is not None:
-        raise TraceError(f"{here()}\n    np.interp with a period: bring x into one period first, x % period")
+        raise untraceable("trace.interp-period")
     table = None if has_scalars([xp, fp]) else tuple(np.asarray(plain(t), dtype=float) for t in (xp, fp))
 
     def read(x: Value) -> Value:
@@ -216,7 +208,7 @@ def _interp(
 def _hats(x: Value, xp: Value, fp: Value) -> Value:
     """A table whose values are known only at run time, as a sum of ramps: for a few points."""
     if len(xp) > 100:
-        raise TraceError(f"{here()}\n    np.interp in {len(xp)} points known only at run time: at most 100")
+        raise untraceable("trace.interp-points", points=len(xp))
     y = fp[0]
     for j in range(len(xp) - 1):
         part = apply("div", x - xp[j], xp[j + 1] - xp[j])

@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.scalar import Scalar, apply
-from baqueano.symbolic.errors import TraceError, here
+from baqueano.symbolic.errors import untraceable
 
 
 class Origin(NamedTuple):
@@ -37,7 +37,7 @@ def matmul(a: Value, b: Value) -> Value:
     if x.ndim > 2 or y.ndim > 2:
         return traced(np.matmul(x, y))
     if x.shape[-1] != y.shape[0]:
-        raise TraceError(f"{here()}\n    shapes {x.shape} and {y.shape} do not fit in a product")
+        raise untraceable("trace.product-shapes", left=str(x.shape), right=str(y.shape))
     rows, columns = np.atleast_2d(x), y if y.ndim == 2 else y[:, None]
     product = _product(rows, columns, origin_of(a), origin_of(b))
     result = traced(product.reshape(x.shape[:-1] + y.shape[1:]))
@@ -117,7 +117,7 @@ def solve(a: Value, b: Value) -> Value:
 
     A, x = as_array(a).copy(), as_array(b).copy()
     if A.ndim != 2 or A.shape[0] != A.shape[1] or x.ndim not in (1, 2) or len(x) != len(A):
-        raise TraceError(f"{here()}\n    np.linalg.solve with shapes {A.shape} and {x.shape}")
+        raise untraceable("trace.solve-shapes", left=str(A.shape), right=str(x.shape))
     return traced(_solved(A, x if x.ndim == 2 else x[:, None]).reshape(x.shape))
 
 
@@ -141,7 +141,7 @@ def det(a: Value) -> Value:
 def norm(x: Value, ord: Value = None, axis: Value = None, keepdims: bool = False) -> Value:
     """Square root of the sum of squares."""
     if ord not in (None, 2, "fro") or (ord == 2 and np.ndim(x) == 2 and axis is None):
-        raise TraceError(f"{here()}\n    np.linalg.norm knows only square roots of sums of squares here")
+        raise untraceable("trace.norm")
     return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
 
 
@@ -169,7 +169,7 @@ def _pivot(A: np.ndarray, k: int) -> int:
         range(len(column)), key=lambda i: np.inf if isinstance(column[i], Scalar) else abs(column[i])
     )
     if _is_zero(A[swap, k]):
-        raise TraceError(f"{here()}\n    a singular matrix: column {k} has no pivot")
+        raise untraceable("trace.singular", column=k)
     A[[k, swap]] = A[[swap, k]]
     return swap
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
-from baqueano.symbolic.errors import TraceError, here
+from baqueano.symbolic.errors import untraceable
 
-ADVICE = "write np.where(condition, a, b), np.clip, np.maximum or np.abs"
 NUMBERS = (float, int, np.number, np.bool_)
 
 
@@ -116,25 +115,15 @@ class Scalar:
         return self
 
     def __bool__(self) -> bool:
-        raise TraceError(
-            f"{here()}\n    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that "
-            f"is known only at run time: {ADVICE}; join conditions with &, | and ~"
-        )
+        raise untraceable("trace.decides")
 
     def _no_float(self) -> Value:
-        raise TraceError(
-            f"{here()}\n    a float is needed here, but the value is known only at run time: write np.sin, "
-            f"np.sqrt, … instead of math.sin, math.sqrt, …; make arrays that are filled later inside the "
-            f"function, with np.zeros or np.array; for a choice {ADVICE}"
-        )
+        raise untraceable("trace.needs-float")
 
     __float__ = __int__ = __complex__ = _no_float
 
     def __index__(self) -> int:
-        raise TraceError(
-            f"{here()}\n    an index or a length must be known before run time: read tables with "
-            f"np.interp(x, xp, fp), choose between values with np.where"
-        )
+        raise untraceable("trace.needs-index")
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
         from baqueano.symbolic.arrays.array import ufunc_on
@@ -178,8 +167,7 @@ class Scalar:
     def astype(self, dtype: Value) -> "Scalar":
         """Floats and truths stay what they are; a whole number would need a rounding."""
         if np.dtype(dtype).kind in "iu":
-            raise TraceError(f"{here()}\n    a whole number is wanted of a value known only at run time: "
-                             f"write np.floor")  # fmt: skip
+            raise untraceable("trace.needs-int")  # fmt: skip
         return self
 
 

@@ -25,6 +25,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from baqueano.diagnostics import Diagnostic, fault, joined
+from baqueano.errors import Coded
+
 if TYPE_CHECKING:
     import ctypes
 
@@ -39,7 +42,7 @@ double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
 """
 
 
-class CompileError(RuntimeError):
+class CompileError(Coded, RuntimeError):
     """The compiler refused a text, or there is none."""
 
 
@@ -55,7 +58,7 @@ class FoundCompiler(NamedTuple):
     """The compiler in use, and the obstacles to the others."""
 
     compiler: Compiler | None
-    note: str  # "" when the first one worked
+    why: Diagnostic | None  # None when the first one worked
 
 
 def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: bool = False) -> "ctypes.CDLL":
@@ -64,7 +67,7 @@ def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: boo
     be quick than thorough."""
     found = find()
     if found.compiler is None:
-        raise CompileError(found.note)
+        raise CompileError(found.why or "")
     return _load(source, _flag_sets(found.compiler, operations, find_vectors, hasty), found.compiler)
 
 
@@ -75,19 +78,17 @@ def find() -> FoundCompiler:
 
 @cache
 def _find(asked: str, path: str) -> FoundCompiler:
-    notes = []
+    whys: list[Diagnostic] = []
     for compiler in _candidates(asked, path):
         try:
             _load(PROBE, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
-            notes.append(str(error))
+            whys.append(error.diagnostic)
         else:
-            return FoundCompiler(compiler, "\n".join(notes))
-    if asked and not notes:
-        notes.append(f"BAQUEANO_CC = {asked!r}: there is no such command")
-    return FoundCompiler(
-        None, "\n".join(notes) or "no C compiler: install gcc or clang, or `pip install ziglang`"
-    )
+            return FoundCompiler(compiler, joined(whys))
+    if asked and not whys:
+        whys.append(fault("compiler.no-command", found=asked))
+    return FoundCompiler(None, joined(whys) or fault("compiler.absent", "pip install ziglang"))
 
 
 def _candidates(asked: str, path: str) -> Iterator[Compiler]:
@@ -165,7 +166,7 @@ def _opened(key: str, source: str, flag_sets: list[tuple[str, ...]], compiler: C
             return ctypes.CDLL(str(_kept(folder) or _build(folder, source, flag_sets, compiler)))
         except OSError as error:
             trouble = error
-    raise CompileError(f"{' '.join(compiler.command)}: {trouble}")
+    raise CompileError(fault("compiler.trouble", command=" ".join(compiler.command), error=trouble))
 
 
 def _kept(folder: Path) -> Path | None:
@@ -190,7 +191,7 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
             if not said:
                 break
         if said:
-            raise CompileError(f"{' '.join(compiler.command)} does not compile: {said}")
+            raise CompileError(fault("compiler.refuses", command=" ".join(compiler.command), error=said))
         path = folder / (hashlib.sha256(built.read_bytes()).hexdigest() + SUFFIX)
         os.replace(built, path)
     return path

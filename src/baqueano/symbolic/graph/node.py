@@ -12,7 +12,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
 from baqueano.symbolic.arrays.scalar import Scalar
-from baqueano.symbolic.errors import TraceError, here
+from baqueano.symbolic.errors import untraceable
 from baqueano.symbolic.graph.simplify import RULES
 
 
@@ -53,10 +53,7 @@ class Graph:
         if not isinstance(value, Node):
             return self.const(value)
         if value.graph is not self:
-            raise TraceError(
-                f"{here()}\n    a value of another trace is used: the function has kept one, in a cache, a "
-                f"global or a field. A step may depend on its arguments only"
-            )
+            raise untraceable("trace.another-trace")
         return value
 
     def const(self, value: float) -> Node:

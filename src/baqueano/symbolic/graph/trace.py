@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
 from baqueano.symbolic.arrays.array import Traced, as_array
 from baqueano.symbolic.arrays.linalg import is_symmetric
 from baqueano.symbolic.arrays.tracing import tracing
@@ -82,9 +84,7 @@ def _traced_step(
         x, entering = _symbols(graph, inputs, kinds)
         result = step(*given, state, x)
         if type(result) is not tuple or len(result) != 2:
-            raise TraceError(
-                f"{_name(step)} must return (carry, output); it returned {type(result).__name__}"
-            )
+            raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
     next_carry = _matching(graph, result[0], carry_shape, "the step")
     kept = _kept_kinds(carry_shape, symbols, next_carry, kinds)
     shape, outputs = _flat(graph, result[1], "output", kinds)
@@ -153,15 +153,26 @@ def _matching(graph: Graph, tree: Tree, shape: Shape, whose: str) -> list[Node]:
     """The numbers of a tree that has to have this shape."""
     try:
         found = values(shape, tree)
-    except ValueError as error:
-        raise TraceError(f"{whose} returned another carry than it is given: {error}") from None
+    except Invalid as error:
+        why = fault("trace.another-carry", whose=whose, cause=error.diagnostic)
+        raise TraceError(why) from None
     nodes = []
     for leaf, value in zip(leaves(shape), found, strict=True):
         if not isinstance(value, np.ndarray) and shape_of(value, leaf.path).__class__ is not Leaf:
-            raise TraceError(f"{whose} returned {value!r} for {leaf.path}, expected shape {leaf.shape}")
+            raise TraceError(
+                fault("trace.value", whose=whose, found=repr(value), path=leaf.path, shape=str(leaf.shape))
+            )
         array = as_array(value)
         if array.shape != leaf.shape:
-            raise TraceError(f"{whose} returned {leaf.path} with shape {array.shape}, expected {leaf.shape}")
+            raise TraceError(
+                fault(
+                    "trace.leaf-shape",
+                    whose=whose,
+                    path=leaf.path,
+                    found=str(array.shape),
+                    expected=str(leaf.shape),
+                )
+            )
         nodes += [graph.node(x) for x in array.ravel().tolist()]
     return nodes
 

@@ -12,6 +12,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid, Misused
 from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
 from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.ieee import LOGICAL
@@ -103,13 +105,13 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
         return [tree]
     if isinstance(shape, Fixed):
         if tree is not shape.value and not _equal(tree, shape.value):
-            raise ValueError(
-                f"{shape.path} is {_short(tree)}, expected {_short(shape.value)} as in the example"
+            raise Invalid(
+                fault("tree.value", path=shape.path, found=_short(tree), expected=_short(shape.value))
             )
         return []
     items = _items(tree)
     if items is None or type(tree) is not shape.kind or tuple(key for key, _ in items) != shape.keys:
-        raise ValueError(f"{shape.path} is {_short(tree)}, expected {_described(shape)} as in the example")
+        raise Invalid(fault("tree.branch", path=shape.path, found=_short(tree), expected=_described(shape)))
     return [v for child, (_, x) in zip(shape.children, items, strict=True) for v in values(child, x)]
 
 
@@ -140,8 +142,14 @@ def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray
     """Return the value at a leaf, as floats with `lead` axes in front; ValueError if it has another shape."""
     array = np.asarray(value)
     if array.shape != lead + leaf.shape or array.dtype.kind not in "fiub":
-        raise ValueError(
-            f"{leaf.path} has shape {array.shape} of {array.dtype}, expected numbers, {lead + leaf.shape}"
+        raise Invalid(
+            fault(
+                "tree.numbers",
+                path=leaf.path,
+                found=str(array.shape),
+                dtype=array.dtype,
+                expected=str(lead + leaf.shape),
+            )
         )
     return array.astype(float, copy=False)
 
@@ -191,7 +199,7 @@ def _array_leaf(array: np.ndarray, path: str, kind_of: Callable[[Tree], str]) ->
         }
         return Leaf(path, array.shape, kinds.pop() if len(kinds) == 1 else "f", True)
     if array.dtype.kind not in "fiub":
-        raise TypeError(f"{path} is an array of {array.dtype}: expected numbers")
+        raise Misused(fault("tree.dtype", path=path, dtype=str(array.dtype)))
     return Leaf(path, array.shape, array.dtype.kind.replace("u", "i"), True)
 
 

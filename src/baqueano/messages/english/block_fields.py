@@ -1,0 +1,93 @@
+"""English sentences about the fields of blocks: vehicles, sensors, estimators, guides, controllers."""
+
+TEMPLATES: dict[str, str] = {
+    "field.limit": (
+        "{block}.limit has shape {found}: expected ({commands},), one number per command of the vehicle."
+    ),
+    "pd.limit": (
+        "Pd.limit has shape {found}: expected (3,) for (u_x, u_y, u_psi), or (2,) for (throttle, servo): one "
+        "number per command of the vehicle."
+    ),
+    "cov.shape": "{name} has shape {found}, expected ({size}, {size}).",
+    "cov.not-finite": "{name}[{i}][{j}] = {found}: expected a finite number.",
+    "cov.not-symmetric": "{name} is not symmetric: [{i}][{j}] = {one:g} but [{j}][{i}] = {other:g}. {offer}",
+    "cov.eigenvalue": (
+        "{name} has the eigenvalue {smallest:.3g}; a covariance has none below 0. [{i}][{j}] = {entry:g} is too "
+        "large for the diagonal entries {first:g} and {second:g}. {offer}"
+    ),
+    "ekf.mode": 'mode = "{found}": expected one of {known}.',
+    "ekf.positive": (
+        "rate_hz = {rate_hz}, gate_sigma = {gate_sigma}, disturbance_time_s = {disturbance_time_s}: each must be "
+        "greater than 0. To take every measurement, set gate_sigma = inf."
+    ),
+    "ekf.initial-std": "initial_std = {found}: expected 9 numbers greater than 0, for (η, ν, ν̇).",
+    "field.use": 'use = "{found}": the vehicle has no such sensor; it has {known}.',
+    "unscented.no-acceleration": "{vehicle} lacks nu_dot, its acceleration, which is a state: take ekf.",
+    "route.shapes": (
+        "the route has t_s {t_s}, eta {eta}, nu {nu}: expected (m,), (m, 3), (m, 3) with the same m "
+        "of at least 2."
+    ),
+    "route.not-finite": "the route has a number that is not finite: teach it again, or cut that part out.",
+    "guide.times": "the route's times must start at 0 and increase; they start {found} s.",
+    "route.laps": "laps = {found}: expected 0 (for ever) or more.",
+    "route.laps-kept": (
+        "{kind}.laps = {before} cannot become {laps}: {cause}. Write self.laps = laps in __init__, or leave laps "
+        "out."
+    ),
+    "shape.corners": (
+        "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m: the radius "
+        "must be above 0 and below {most_m:g} m."
+    ),
+    "shape.amplitude": (
+        "SinuousCircle.amplitude_m = {amplitude_m} m: expected less than radius_m = {radius_m} m."
+    ),
+    "imu.model": "Imu.measurement_model = {found}: expected one of {known}.",
+    "tags.points": (
+        "Tags.points_m has shape {found}: expected (n, 2), a row (x, y) for each tag, such as [[0.0, 0.0], [1.2, "
+        "0.8]]."
+    ),
+    "field.one-number": "{where} = {found}: expected one number [{in_unit}], {meaning}.",
+    "field.not-array": "{where} = {found}: expected a NumPy array, {meaning}; write np.array([...]).",
+    "field.shape": "{where} has shape {found}: expected {expected} [{in_unit}], {meaning}.",
+    "field.not-finite": "{where} = {found}: expected finite numbers [{in_unit}], {meaning}.",
+    "field.range": "{where} = {found}: expected values from {low:g} to {high:g} [{in_unit}], {meaning}.",
+    "car.commands": (
+        "Car has {commands} commands (throttle, servo), its drivetrain {of_drivetrain}: give "
+        "Drivetrain(commands=2)."
+    ),
+    "delay.slots": "{name}.delay_slots = {found}: expected a whole number, 0 or more.",
+    "delay.no-slots": (
+        "{name}.delay_s = {delay_s:g} s but delay_slots = 0, so no past is kept to read it from: give "
+        "delay_slots = delay_s · rate_hz rounded up, {slots} at 100 Hz."
+    ),
+    "drivetrain.mixing": "Drivetrain.mixing = {found}: expected one of {known}.",
+    "drivetrain.battery": "Drivetrain.battery = {found}: expected one of {known}.",
+    "drivetrain.commands": "Drivetrain.commands = {commands}: two_wheels mixes three, (u_x, u_y, u_psi).",
+    "drivetrain.lag": "Drivetrain.lag_s = 0 with has_lag = True: expected a time constant above 0 s.",
+    "drivetrain.shape": (
+        "Drivetrain.{name} has shape {found}: expected ({channels},), one value per channel of mixing = {mixing} "
+        "with {commands} commands, or (1,) for all."
+    ),
+    "friction.track": (
+        "Friction.track_m = 0 with dry friction of a wheel: expected the distance from the left wheel to the "
+        "right one [m], which says how the wheels turn the vehicle."
+    ),
+    "vehicle.commands-of-kinematic": (
+        "Kinematic has {commands} commands (u_x, u_y, u_psi), its drivetrain {of_drivetrain}: give "
+        "Drivetrain(commands=3)."
+    ),
+    "vehicle.commands-of-planar": (
+        "Planar has {commands} commands (u_x, u_y, u_psi), its drivetrain {of_drivetrain}: give "
+        "Drivetrain(commands=3)."
+    ),
+    "replay.empty": "{run}: no tick to replay, the run is empty.",
+    "robot.mixing": (
+        '[model.drivetrain] mixing = "{mixing}": the firmware drives a left and a right wheel. Write: mixing = '
+        '"two_wheels"'
+    ),
+    "room.too-small": (
+        "the vehicle cannot be kept in a room of {width_m:g} × {height_m:g} m: its corridor passes the wall by "
+        "{beyond_m:.2f} m even where no command is given. Give a larger room, or start further from the wall."
+    ),
+    "field.role": "role = {found}: expected one of {known}.",
+}

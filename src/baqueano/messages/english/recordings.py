@@ -1,0 +1,99 @@
+"""English sentences about recordings: damage to a file, and what the map of a recording has to hold."""
+
+TEMPLATES: dict[str, str] = {
+    "damage.message-bytes": "messages of {bytes} bytes were expected",
+    "damage.message-numbers": "{count} numbers were expected in '{field}'",
+    "damage.text-beyond": "a text that reaches beyond its message",
+    "damage.log-message": "no log message ({error})",
+    "damage.times": "its times are beyond 64 bits",
+    "damage.channel-size": "its channel does not say how many numbers a message has",
+    "damage.memory": "it makes more than {size} of memory",
+    "damage.field": "a field of {size} bytes in a record with {left} left",
+    "damage.not-utf8": "a text that is not UTF-8",
+    "damage.map-entries": "a map of more than {most} entries",
+    "damage.end": "an end of the data that is none",
+    "damage.no-checksum": "a message without a checksum",
+    "damage.chunk-ends": "a chunk that ends inside a record",
+    "damage.record-beyond": "a record that reaches beyond its chunk",
+    "damage.no-times": "a message without times",
+    "damage.second-end": "a second end of the file",
+    "damage.summary-checksum": "the checksum of the summary does not hold",
+    "damage.attachment-checksum": "the checksum of the attachment '{name}' does not hold",
+    "damage.too-large": "unpacks from {size} to {need} of memory or more; at most {most} are taken for it",
+    "damage.chunk-longer": "a chunk longer than its contents",
+    "damage.chunk-unpacks": "a chunk that would unpack to {unpacked_mib:.0f} MiB; at most 64 MiB are taken",
+    "damage.chunk-size": "a chunk of {bytes} bytes that says it has {said_bytes}",
+    "damage.chunk-checksum": "the checksum of a chunk does not hold",
+    "damage.chunk-not-unpacked": "a chunk that does not unpack ({error})",
+    "damage.chunk-other-size": "a chunk whose compressed data say another size",
+    "damage.chunk-packed": "a chunk packed with '{packing}'",
+    "run.time-range": "{time_ns} ns is not a time between 1970 and 2038",
+    "import.does-not-fit": (
+        "{map} does not fit its recording: {doubts} If it is right as it is, write at the top of the map: accept "
+        "= [{accept}]"
+    ),
+    "expect.format": "format = 1",
+    "expect.in-force": (
+        'in_force = "from" if the command of a row holds from its time on, in_force = "until" if it held up to '
+        "then: the difference is one tick of delay"
+    ),
+    "expect.u-or-wheels": (
+        "either u = [ … ], an entry per command, or for a left and a right wheel wheels = [left, right], which "
+        "become u_x = (l + r)/2, u_y = 0, u_psi = (r - l)/2"
+    ),
+    "expect.delimiter": 'one character, as delimiter = ";" or "\\t"',
+    "expect.rate": "the rows of a second, above 0",
+    "expect.time-unit": 'time_unit = "s", one of {known}, iso8601',
+    "expect.time-rest": 'beside time: time_rest = {{ column = "nanosec", unit = "ns" }}',
+    "expect.sensor-name": "a name of letters, digits and _, as in [sensors.imu]",
+    "expect.sample": 'sample = "measured", "hold" or "linear"',
+    "expect.entry": 'an entry like {{ column = "NAME", unit = "m/s" }}',
+    "expect.one-source": 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …',
+    "expect.no-unit": "none: the heading of a quaternion is in rad",
+    "expect.wraps": "the counts of a turn, above 0, beside derivative = true: of a counter of 16 bits 65536",
+    "expect.scale": 'scale = …: unit = "raw" needs what one count is in SI units',
+    "expect.radius": "it with a wheel's angle or angular rate",
+    "expect.counts": (
+        "counts_per_turn = …, how far an encoder counts in one turn of the wheel; counts of anything else are "
+        'unit = "raw" with a scale'
+    ),
+    "expect.no-counts": 'it beside unit = "counts"',
+    "expect.file": 'file = "{first}", one of {known}',
+    "expect.type": "{kind}, as in the maps that come with baqueano",
+    "expect.finite": "a number that is finite",
+    "expect.lever-arm": "lever_arm_m = [ahead, left], in m",
+    "expect.no-mount": (
+        "neither lever_arm_m nor heading_rad where the heading is not known; a fit can ask for the place of the "
+        "mark: --use truth --free +sensors.truth.lever_arm_m"
+    ),
+    "run.times": "{name} of a run is a list of integer nanoseconds, got {dtype} of shape {found}.",
+    "run.order": (
+        "{name} of a run must {order}: entry {entry} is {t_ns} ns, the next one {next_ns} ns. Repeated or "
+        "backward times have to be removed first."
+    ),
+    "run.shape": "{name} of a run has shape {found}, expected {expected}: one row per time.",
+    "run.arrivals": "{where} has {times} measurement times and {arrivals} arrival times.",
+    "expect.three-names": "three names, as u_x, u_y, u_psi",
+    "expect.names": "{count} names, one per entry of u",
+    "expect.one-of": "{key} = one of {allowed}",
+    "expect.time-of-bag": 'time = "bag" (when it was recorded) or time = "header.stamp"',
+    "expect.time": 'time = "COLUMN", or rate_hz = … of a file that has no column of time',
+    "expect.entries": "{count} entries ({measures})",
+    "expect.some-entries": "some entries",
+    "expect.unit-of": 'unit = "…" ({known})',
+    "expect.unit": 'unit = "…", with "1" for no unit',
+    "expect.known-unit": "a unit that is known, perhaps {near}",
+    "expect.known-unit-of": "a unit that is known, perhaps {near}; of {measures} {known}",
+    "expect.files": "a table [files.NAME] per file",
+    "expect.table": "a table [{key}]",
+    "expect.ticks": 'a table [ticks] with file = "NAME": its times are the ticks of the run',
+    "expect.measures": "a unit of {measures}: {known}, or raw with a scale",
+    "expect.measures-or-rolls": (
+        "a unit of {measures}: {known}, or raw with a scale, or beside it radius_m = …, that of the wheel"
+    ),
+    "expect.measures-or-rate": "a unit of {measures}: {known}, or raw with a scale, or beside it derivative = true",
+    "expect.measures-or-rate-of-rolling": (
+        "a unit of {measures}: {known}, or raw with a scale, or beside it derivative = true, and radius_m = …, that of "
+        "the wheel"
+    ),
+}

@@ -1,0 +1,29 @@
+"""English sentences of simulations."""
+
+TEMPLATES: dict[str, str] = {
+    "simulate.never-done": "this guide never says that it is done: say how long, with duration_s.",
+    "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
+    "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, another value for {expected}.',
+    "simulate.vary-not-finite": 'vary["{path}"] holds a number that is not finite.',
+    "simulate.no-vehicles": (
+        "no vehicles: give vary = {{path: values}}, a row per vehicle, or vehicles = how many."
+    ),
+    "simulate.no-covariance": (
+        "{name}: no parameter has a covariance yet, so there is nothing to draw from. Run `baqueano identify`, "
+        "or say what varies: vary = {{path: values}}."
+    ),
+    "simulate.vehicles": "vehicles = {vehicles}: say how many to draw, 1 or more.",
+    "simulate.signal-shape": (
+        "the command signal has shape {found}: expected (N, {commands}), one row a tick with {names}."
+    ),
+    "simulate.not-finite": "{name} = {value} at tick {tick}: expected a finite number.",
+    "simulate.beyond-limit": (
+        "{name} = {value:g} at tick {tick}: the vehicle file allows up to {limit:g} ([command] limit). Scale the "
+        "signal, or write np.clip(u, -limit, limit)."
+    ),
+    "simulate.pose": "{name} = {found}: expected three finite numbers.",
+    "simulate.no-number": (
+        'there is no number at "{path}" of this vehicle: {cause}. Name it as in the vehicle file, for example '
+        '"model.friction.linear".'
+    ),
+}

@@ -1,0 +1,82 @@
+"""English sentences of the engine: what cannot be traced or compiled, and shapes that do not fit."""
+
+TEMPLATES: dict[str, str] = {
+    "trace.not-convertible": "{place}\n    values known only at run time cannot become {dtype}",
+    "trace.unknown-ufunc": "{place}\n    np.{function} is not known to the tracer: it knows {known}",
+    "trace.unsupported": (
+        "{place}\n    np.{function} does not work on values known only at run time ({error}): write it with "
+        "operators, np.where and sums"
+    ),
+    "trace.where-arms": "{place}\n    np.where needs both arms: np.where(condition, a, b)",
+    "trace.interp-period": "{place}\n    np.interp with a period: bring x into one period first, x % period",
+    "trace.interp-points": "{place}\n    np.interp in {points} points known only at run time: at most 100",
+    "trace.product-shapes": "{place}\n    shapes {left} and {right} do not fit in a product",
+    "trace.solve-shapes": "{place}\n    np.linalg.solve with shapes {left} and {right}",
+    "trace.norm": "{place}\n    np.linalg.norm knows only square roots of sums of squares here",
+    "trace.singular": "{place}\n    a singular matrix: column {column} has no pivot",
+    "trace.decides": (
+        "{place}\n    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that is known "
+        "only at run time: write np.where(condition, a, b), np.clip, np.maximum or np.abs; join conditions with "
+        "&, | and ~"
+    ),
+    "trace.needs-float": (
+        "{place}\n    a float is needed here, but the value is known only at run time: write np.sin, np.sqrt, … "
+        "instead of math.sin, math.sqrt, …; make arrays that are filled later inside the function, with np.zeros "
+        "or np.array; for a choice write np.where(condition, a, b), np.clip, np.maximum or np.abs"
+    ),
+    "trace.needs-index": (
+        "{place}\n    an index or a length must be known before run time: read tables with np.interp(x, xp, fp), "
+        "choose between values with np.where"
+    ),
+    "trace.needs-int": (
+        "{place}\n    a whole number is wanted of a value known only at run time: write np.floor"
+    ),
+    "engine.backend": 'backend = "{found}": expected one of {known}',
+    "compiler.trouble": "{command}: {error}",
+    "compiler.refuses": "{command} does not compile: {error}",
+    "engine.arguments": "{found} arguments, expected {expected}: {names}",
+    "engine.not-compiled": "nothing is compiled yet",
+    "trace.another-trace": (
+        "{place}\n    a value of another trace is used: the function has kept one, in a cache, a global or a "
+        "field. A step may depend on its arguments only"
+    ),
+    "trace.pair": "{function} must return (carry, output); it returned {kind}",
+    "trace.value": "{whose} returned {found} for {path}, expected shape {shape}",
+    "trace.leaf-shape": "{whose} returned {path} with shape {found}, expected {expected}",
+    "tree.value": "{path} is {found}, expected {expected} as in the example",
+    "tree.branch": "{path} is {found}, expected {expected} as in the example",
+    "tree.numbers": "{path} has shape {found} of {dtype}, expected numbers, {expected}",
+    "engine.lanes": (
+        "theta, carry and inputs name {lanes} lanes, inputs {ticks} ticks: one of each is expected"
+    ),
+    "tree.another": "another tree than in the example at {path}",
+    "path.not-a-path": '"{path}" is no path: write names with dots and indices in brackets, "a.b[0,2]"',
+    "path.index": '"{path}": an index is one or more whole numbers, not [{found}]',
+    "path.shape": '"{path}" has shape {expected}, not {found}',
+    "engine.no-ticks": "no ticks: without one the back end numpy does not know the outputs",
+    "engine.cost": "a cost is one number a tick; this step puts out {numbers}",
+    "engine.theta-vector": "theta has shape {found}, expected (p,)",
+    "engine.no-theta": "this scan has no theta: give scan(..., theta=) an example of it",
+    "engine.theta-missing": "theta is missing: expected {parameters} parameters, {expected}",
+    "engine.theta-shape": "theta has shape {found}, expected {expected} with p = {parameters}",
+    "engine.no-parameters": "no derivatives without parameters: give scan(..., theta=) an example of them",
+    "engine.ticks": "{path} has shape {found}, expected (N, …) with {expected} after N",
+    "engine.no-number": (
+        "the inputs hold no number, so nothing tells how many ticks there are: add one, as t_ns"
+    ),
+    "trace.argument-changed": (
+        "{place}\n    an argument of the function is changed in place: make a new array, x = x + …, or a copy to work "
+        "on, np.array(x)"
+    ),
+    "trace.index": (
+        "{place}\n    {kind}: {error}: an index must be known before run time; write np.where(condition, a, b) to "
+        "choose, np.interp(x, xp, fp) to read a table"
+    ),
+    "trace.numpy": "{place}\n    {kind}: {error}",
+    "trace.another-carry": "{whose} returned another carry than it is given: {cause}",
+    "tree.dtype": "{path} is an array of {dtype}: expected numbers",
+    "path.no-such-name": '"{path}": {kind} has no {found}. {near}',
+    "compiler.absent": "no C compiler: install gcc or clang, or type: {fix}",
+    "compiler.no-command": "BAQUEANO_CC = '{found}': there is no such command",
+    "compiler.given-up": "Python is used instead of C, which is slower: {cause}",
+}
