@@ -19,7 +19,7 @@ from baqueano.symbolic.c_code import compile
 HERE = Path(__file__).parent
 SLOW = {  # folders and files
     "cli", "door", "drive", "emulated", "identify", "report", "robot", "study", "tune", "test_any_laptop.py",
-    "test_benchmarks.py", "test_docs.py", "test_examples.py", "test_house.py", "test_wheel.py",
+    "test_benchmarks.py", "test_docs.py", "test_examples.py", "test_house.py", "test_notebooks.py", "test_wheel.py",
 }  # fmt: skip
 
 SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW

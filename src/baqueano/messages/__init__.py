@@ -16,7 +16,7 @@ from baqueano import language
 from baqueano.diagnostics import Diagnostic, Verdict
 
 ROOMS = (
-    "blocks", "cli", "data", "door", "fit", "fit_errors", "names", "noise", "robot", "runs",
+    "blocks", "cli", "data", "door", "fit", "fit_errors", "front", "names", "noise", "robot", "runs",
     "tune", "vehicle_file",
 )  # fmt: skip
 NAMED = 5  # subjects that are named after the first, of messages that are alike
