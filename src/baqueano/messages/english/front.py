@@ -22,7 +22,7 @@ TEMPLATES: dict[str, str] = {
     "front.card-forecast": "Forecast",
     "front.plot-unknown": "A {result} does not have the drawing {found}. {near}.",
     "front.nothing-to-draw": "This {result} does not hold the data for a drawing{kind}.",
-    "front.no-page": "A report takes a run or a fit, and {found} is neither.",
+    "front.no-page": "A report takes a run or a fit. {found} was given.",
     "front.format-unknown": "Figures cannot be written as {found}. {near}.",
     "front.missing": "{package} is not installed, and {what} needs it. Type: {fix}",
     "front.several-panels": "This drawing has {panels} panels, but an axes holds one. Give figure= instead of ax=.",
