@@ -5,10 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.cli import VERBS, command_of
+import baqueano as bq
+from baqueano.cli import VERBS, baqueano, command_of
 from baqueano.vehicle_file.reference import reference_table
 
 ROOT = Path(__file__).parents[1]
+DRAWINGS = ("path", "errors", "speed", "commands", "sensors", "estimates", "data", "residuals", "correlation", "runs",
+            "search", "corridor")  # fmt: skip
 
 
 def test_reference_of_the_vehicle_file_is_the_one_the_code_gives():
@@ -27,7 +30,25 @@ def test_the_ten_lines_of_the_readme_run_and_say_what_they_found(tmp_path, monke
     exec(compile(lines, "README.md", "exec"), {})
     said = capsys.readouterr().out
     assert "friction.linear[0]" in said
-    assert "across its reference" in said
+    assert "across the path" in said
+
+
+def test_the_page_on_python_runs_from_its_first_line_to_its_last(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    exec(compile("\n".join(blocks), "python.md", "exec"), {"__name__": "page"})
+    said = capsys.readouterr().out
+    assert "USABLE" in said
+    assert "dead reckoning, " in said
+    assert {"errors.pdf", "fit.html", "figures"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_the_page_on_python_names_every_name_and_every_drawing():
+    page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    assert {name for name in bq.__all__ if f"`{name}`" not in page} == set()
+    assert {name for name in DRAWINGS if f"`{name}`" not in page} == set()
 
 
 def options_of(command):
@@ -50,6 +71,7 @@ PAGES = (
             "identification",
             "importing",
             "own-vehicle",
+            "python",
             "robot",
         )
     ),
@@ -59,7 +81,7 @@ PAGES = (
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_names_only_verbs_and_options_that_exist(page):
     verbs = {name: command_of(name) for name in VERBS}
-    known = set().union(*map(options_of, verbs.values()))
+    known = options_of(baqueano).union(*map(options_of, verbs.values()))
     text = (ROOT / page).read_text(encoding="utf-8")
     assert {said for said in re.findall(r"(?<![\w-])--[a-z][a-z-]+", text) if said not in known} == set()
     lines = re.findall(r"(?:`|^)baqueano ([a-z][^`\n]*)", text, re.MULTILINE)

@@ -41,6 +41,9 @@ HAVE_ONE = """
     robot.uno.link: Uno
     door.remote: reached
     robot.uno.serial_port: connected
+    project.folder: new
+    report.of_any: report
+    vehicle_file.checked: check
     runs.importing.recordings: import_run
     runs.container.reader: read_run
     runs.container.writer: RunWriter write_run

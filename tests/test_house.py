@@ -19,8 +19,9 @@ SEEN_AT_ONCE = ("door", "robot", "robot/uno", "robot/imu", "robot/service", "rob
 BLOCK_ROOMS = ("vehicles", "sensors", "estimators", "guides", "controllers")
 FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 MODULES, NAMES = 12, 20  # of a folder
+FRONT_DOOR = 25  # names of `import baqueano as bq`
 AROUND_BLOCKS = {  # the supervisor, and what wraps or watches the block of any room
-    "Supervisor", "Guarded", "Off", "Budgeted", "Watchdog", "Agreement", "MyEstimator", "MyController",
+    "Supervisor", "Guarded", "Off", "Budgeted", "Watchdog", "Agreement", "MyEstimator", "MyGuide", "MyController",
 }  # fmt: skip
 DOORS = {"time", "os", "random", "datetime", "pathlib", "io", "sys", "socket", "threading"}
 
@@ -63,7 +64,8 @@ def test_a_folder_can_be_seen_at_once():
     full = {
         str(folder.relative_to(SOURCE.parent).as_posix())
         for folder in {path.parent for path in SOURCE.rglob("*.py")}
-        if len(modules_in(folder)) > MODULES or len(public_names(folder / "__init__.py")) > NAMES
+        if len(modules_in(folder)) > MODULES
+        or len(public_names(folder / "__init__.py")) > (FRONT_DOOR if folder == SOURCE else NAMES)
     }
     assert not full, f"more than {MODULES} modules or {NAMES} names, so two ideas: {full}"
 

@@ -1,40 +1,55 @@
 """Packages whose names are imported when they are asked for: what a type checker reads is what Python gets."""
 
 import ast
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import baqueano
+from baqueano.cli import VERBS as COMMANDS
 from baqueano.on_demand import on_demand
 
 ROOT = Path(baqueano.__file__).parent
-PACKAGES = sorted(p for p in ROOT.rglob("__init__.py") if "on_demand(" in p.read_text(encoding="utf-8"))
+PACKAGES = sorted(
+    path
+    for path in ROOT.rglob("__init__.py")
+    if any(made in path.read_text(encoding="utf-8") for made in ("on_demand(", "front_door("))
+)  # that of the front door is the first
 
 
-def read_by_a_type_checker(path: Path) -> dict[str, str]:
-    """Name → module, of the imports under `if TYPE_CHECKING`."""
+def read_by_a_type_checker(path: Path) -> dict[str, tuple[str, str]]:
+    """Name → (module, its name there), of the imports under `if TYPE_CHECKING`."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     branches = [
         one for one in tree.body if isinstance(one, ast.If) and ast.unparse(one.test) == "TYPE_CHECKING"
     ]
     imports = [one for branch in branches for one in branch.body if isinstance(one, ast.ImportFrom)]
-    return {alias.name: str(one.module) for one in imports for alias in one.names}
+    return {
+        alias.asname or alias.name: (str(one.module), alias.name) for one in imports for alias in one.names
+    }
+
+
+def package_of(path: Path):
+    """The package of an `__init__.py`."""
+    return import_module(".".join(["baqueano", *path.parent.relative_to(ROOT).parts]))
 
 
 @pytest.mark.parametrize("path", PACKAGES, ids=lambda path: path.parent.name)
 def test_a_name_on_demand_is_that_of_its_module(path):
-    package = import_module(f"baqueano.{path.parent.relative_to(ROOT).as_posix().replace('/', '.')}")
+    package = package_of(path)
     modules = read_by_a_type_checker(path)
     assert modules
-    for name, module in modules.items():
-        assert getattr(package, name) is getattr(import_module(module), name)
+    for name, (module, there) in modules.items():
+        room = import_module(f"baqueano.{name}") if module == "baqueano" else None
+        assert getattr(package, name) is (room or getattr(import_module(module), there))
     assert all(hasattr(package, name) for name in package.__all__)
     assert modules.keys() <= set(package.__all__)
 
 
-@pytest.mark.parametrize("path", PACKAGES, ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("path", PACKAGES[1:], ids=lambda path: path.parent.name)
 def test_no_name_on_demand_is_hidden_by_a_submodule(path):
     assert not {one.stem for one in path.parent.iterdir()} & read_by_a_type_checker(path).keys()
 
@@ -43,3 +58,32 @@ def test_a_name_that_no_module_holds_is_no_attribute():
     get = on_demand("baqueano.runs", {"folder": ("find",)})
     with pytest.raises(AttributeError, match=r"module 'baqueano\.runs' does not have attribute 'fnid'"):
         get("fnid")
+
+
+def fresh(code: str) -> str:
+    """What a new Python prints."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+VERBS = ["compare", "identify", "report", "simulate", "tune"]  # called as the rooms in which they stand
+
+
+def test_a_verb_of_the_front_door_stays_one_after_its_room_was_imported():
+    rooms = "; ".join(f"import baqueano.{verb}" for verb in VERBS)
+    said = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
+    assert said == str(VERBS)
+    assert fresh("from baqueano.tune import Tuned; import baqueano as bq; print(callable(bq.tune))") == "True"
+
+
+def test_the_front_door_imports_nothing_before_it_is_used():
+    new = "set(sys.modules) - before"
+    said = fresh(f"import sys; before = set(sys.modules); import baqueano; print(*sorted({new}))")
+    assert said == "baqueano baqueano.on_demand"
+
+
+def test_the_front_door_offers_the_verbs_of_the_command_line():
+    both = {"simulate", "experiment", "identify", "tune", "teach", "repeat", "replay", "compare", "report", "forecast",
+            "new"}  # fmt: skip
+    assert both <= set(COMMANDS)
+    assert both <= set(baqueano.__all__) == set(dir(baqueano)) - {"__version__"}

@@ -1,3 +1,81 @@
-"""baqueano: identify, estimate, control and guide a small autonomous vehicle from its commands and IMU."""
+"""baqueano: identify, estimate, control and guide a small autonomous vehicle from its commands and IMU.
+
+    import baqueano as bq
+
+    robot = bq.load("small")                    # a vehicle file: yours, or one of the garage
+    run = bq.experiment(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))
+    fit = bq.identify(run, robot)
+    fit.plot()
+
+The verbs are those of the command line; each is imported when it is first used. The six rooms of blocks are `vehicles`,
+`sensors`, `estimators`, `guides`, `controllers` and `worlds`.
+"""
+
+from baqueano.on_demand import front_door
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from baqueano import controllers, estimators, guides, sensors, vehicles, worlds
+    from baqueano.compare import compare
+    from baqueano.compare.corridor_ahead import corridor_ahead as forecast
+    from baqueano.drive import experiment, repeat, replay, teach
+    from baqueano.identify import FitOptions, excitation, identify, measure_noise
+    from baqueano.project import new
+    from baqueano.report import report
+    from baqueano.runs import import_run, read_run
+    from baqueano.simulate import simulate
+    from baqueano.tune import tune
+    from baqueano.vehicle_file import load
+    from baqueano.vehicle_file.checked import check
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "FitOptions",
+    "check",
+    "compare",
+    "controllers",
+    "estimators",
+    "excitation",
+    "experiment",
+    "forecast",
+    "guides",
+    "identify",
+    "import_run",
+    "load",
+    "measure_noise",
+    "new",
+    "read_run",
+    "repeat",
+    "replay",
+    "report",
+    "sensors",
+    "simulate",
+    "teach",
+    "tune",
+    "vehicles",
+    "worlds",
+]
+
+__getattr__ = front_door(
+    __name__,
+    {
+        "compare": ("compare",),
+        "compare.corridor_ahead": ("corridor_ahead as forecast",),
+        "drive": ("experiment", "repeat", "replay", "teach"),
+        "identify": ("FitOptions", "excitation", "identify", "measure_noise"),
+        "project": ("new",),
+        "report": ("report",),
+        "runs": ("import_run", "read_run"),
+        "simulate": ("simulate",),
+        "tune": ("tune",),
+        "vehicle_file": ("load",),
+        "vehicle_file.checked": ("check",),
+    },
+    ("controllers", "estimators", "guides", "sensors", "vehicles", "worlds"),
+)
+
+
+def __dir__() -> list[str]:
+    """Return what is offered here, for whoever types `bq.` and a tab."""
+    return [*__all__, "__version__"]

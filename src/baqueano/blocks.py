@@ -33,6 +33,7 @@ __all__ = [
     "check_controller",
     "check_estimator",
     "check_guide",
+    "check_room",
     "check_sensor",
     "check_supervisor",
     "check_vehicle",
@@ -86,6 +87,7 @@ ROOMS: dict[str, dict[str, str]] = {
     "supervisor": {"supervisor": "baqueano.supervisor:Supervisor"},
 }
 
+LOOP = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
 _loaded: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
 
 
@@ -129,6 +131,21 @@ def room_of(kind: type) -> str:
     if tuple(names) in rooms:
         return rooms[tuple(names)]
     raise FileError(fault("block.no-room", place=place_of(kind), block=kind.__name__, names=names))
+
+
+def check_room(room: str, block: object) -> None:
+    """Raise UsageError where a class or block of the user's cannot stand in `room`: one without init and step, or with
+    those of another room."""
+    kind = block if isinstance(block, type) else type(block)
+    if not all(callable(getattr(kind, verb, None)) for verb in ("init", "step")):
+        raise UsageError(fault("block.not-a-block", room=room, found=kind.__name__))
+    try:
+        other = room_of(kind)
+    except FileError:  # its own names for the inputs of step
+        return
+    if other != room and other in LOOP:
+        fix = f"{other}={kind.__name__}"
+        raise UsageError(fault("block.of-other-room", fix, room=room, block=kind.__name__, other=other))
 
 
 def _find(file: str, folder: Path | str | None) -> Path:

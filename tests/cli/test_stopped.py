@@ -1,5 +1,6 @@
 """Ctrl-C in the middle of long work: what was found by then is told, nothing is written, the code is 130."""
 
+from importlib import import_module
 from types import SimpleNamespace
 
 import pytest
@@ -18,7 +19,7 @@ def test_id0_a_fit_that_is_stopped_is_told_and_not_written(baqueano, lab, tmp_pa
         say.stopped = True
         return found
 
-    monkeypatch.setattr("baqueano.identify.identify", stopped)
+    monkeypatch.setattr(import_module("baqueano.identify"), "identify", stopped)
     path = str(lab / "runs" / "0001-experiment.mcap")
     end = baqueano("identify", path, "--vehicle", "small", "--update")
     assert end.code == 130
@@ -35,9 +36,8 @@ def test_who_wants_no_more_is_not_told_what_is_not_in_the_model(lab, monkeypatch
         asked.append(text)
         return text.startswith("asking")
 
-    monkeypatch.setattr(
-        "baqueano.identify.result.assemble.afterwards", lambda *of: pytest.fail("it was asked")
-    )
+    assemble = import_module("baqueano.identify.result.assemble")
+    monkeypatch.setattr(assemble, "afterwards", lambda *of: pytest.fail("it was asked"))
     fit = identify(run, load("small"), ["model.actuator_matrix[0,0]"], say=say)
     assert fit.converged
     assert asked[-1] == "asking what is not in the model"

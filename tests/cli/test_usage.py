@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
@@ -165,7 +166,7 @@ def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, mo
     def refused(*args, **kwargs):
         raise CompileError(fault("compiler.absent", "pip install ziglang"))
 
-    monkeypatch.setattr("baqueano.simulate.simulate", refused)
+    monkeypatch.setattr(import_module("baqueano.simulate"), "simulate", refused)
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--backend", "c")
     assert end.code == 2
     assert (end.why.code, end.fix) == ("cli.not-compiled", "--backend python")

@@ -21,12 +21,15 @@ def project(baqueano, lab, tmp_path):
 def test_a_new_project_holds_blocks_that_keep_every_promise(baqueano, tmp_path, monkeypatch):
     made = baqueano("new", "mi lab")
     assert made.code == 0
-    assert made.out.strip() == "mi lab: vehicle.toml, my_estimator.py, my_controller.py"
+    assert (
+        made.out.strip()
+        == "mi lab: vehicle.toml, my_estimator.py, my_guide.py, my_controller.py, first_evening.ipynb"
+    )
     again = baqueano("new", "mi lab")
     assert again.code == 2
     assert again.why.code == "cli.folder-not-empty"
     monkeypatch.chdir(tmp_path / "mi lab")
-    for block in ("my_estimator.py:MyEstimator", "my_controller.py:MyController"):
+    for block in ("my_estimator.py:MyEstimator", "my_guide.py:MyGuide", "my_controller.py:MyController"):
         checked = baqueano("blocks", "check", block, "--vehicle", "vehicle.toml", "--json")
         assert checked.code == 0, checked.out
         assert checked.reply == {"rows": [], "verdict": "USABLE"}

@@ -142,7 +142,7 @@ def test_an_estimator_that_takes_no_start_pose_drives_and_the_run_says_where_it_
 
 def test_the_estimator_of_a_new_project_takes_a_recording_whose_clock_began_in_1970():
     run = experiment(FILE, np.tile([0.6, 0.0, 0.1], (200, 1))).cut(1.0)  # it begins in motion
-    mine = FILE.estimator(kind=f"{files('baqueano.cli.project').joinpath('my_estimator.py')}:MyEstimator")
+    mine = FILE.estimator(kind=f"{files('baqueano.project').joinpath('my_estimator.py')}:MyEstimator")
     now, since_1970 = (
         replay(r, FILE, blocks_of(r, FILE)._replace(estimator=mine)).estimate
         for r in (run, later(run, 1_700_000_000_000_000_000))

@@ -13,7 +13,7 @@ from baqueano.language import translated as _
 
 VERBS = {
     "demo": "The whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.",
-    "new": "Make a project folder: vehicle file, an estimator and a controller of your own, ready to run.",
+    "new": "Make a project folder: vehicle file, blocks of your own and a notebook, ready to run.",
     "simulate": "Drive one simulated vehicle, or thousands, with a signal; write a run.",
     "experiment": "Drive the vehicle with a signal that excites its dynamics; write a run.",
     "identify": "Fit the model, and the noise, to one or more runs.",

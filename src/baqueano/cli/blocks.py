@@ -1,14 +1,13 @@
 """baqueano blocks."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
-from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest, note
-from baqueano.messages import text
+from baqueano.diagnostics import Diagnostic, fault, note
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -67,56 +66,14 @@ def which_estimator(file: "VehicleFile") -> Diagnostic:
 def check(
     block: str, room: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool
 ) -> None:
-    from baqueano.block_checks import CHECKS, check
-    from baqueano.blocks import resolve, room_of
-    from baqueano.errors import AnswerNo, UsageError
+    from baqueano.errors import AnswerNo
+    from baqueano.vehicle_file.checked import check
 
-    file = options.load_vehicle(vehicle or "small", settings)
-    if room is None:
-        room = room_of(resolve("estimator", block)) if ".py:" in block else room_with(block)
-    if room not in CHECKS:
-        raise UsageError(fault("cli.block-room", found=room, near=nearest(room, CHECKS)))
-    found = check(room, built(room, block, file), file.sensors, file.vehicle.commands)
-    rows = [{"block": block, "code": one.code, "finding": text(one)} for one in found]
-    answer(Listed(rows, Verdict.of(found)), as_json)
-    if found:
-        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(found)))
+    found = check(block, options.load_vehicle(vehicle or "small", settings), room)
+    answer(found, as_json)
+    if found.findings:
+        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(found.findings)))
     talk(note("cli.block-sound", block=block))
-
-
-def room_with(kind: str) -> str:
-    """The room of a kind of ours."""
-    from baqueano.blocks import ROOMS, classes_in, kinds
-    from baqueano.errors import UsageError
-
-    for room in ROOMS:
-        if kind in kinds(room):
-            return room
-    if kind.endswith(".py"):
-        raise UsageError(fault("cli.block-without-class", holds=classes_in(kind)))
-    every = [k for room in ROOMS for k in kinds(room)]
-    raise UsageError(fault("cli.block-unknown", "baqueano blocks ls", found=kind, near=nearest(kind, every)))
-
-
-def built(room: str, kind: str, file: "VehicleFile") -> Any:
-    """The block, with what the vehicle file has for it; a vehicle or a sensor with its own defaults."""
-    from baqueano.blocks import resolve
-    from baqueano.errors import FileError
-    from baqueano.guides.shapes import circle
-
-    if room == "guide":
-        return file.guide(circle(1.0, 0.2), kind=kind)
-    if room in ("estimator", "controller", "supervisor"):
-        return getattr(file, room)(kind=kind)
-    in_force = {"vehicle": (file.vehicle,), "sensor": tuple(file.sensors)}[room]
-    cls = resolve(room, kind)
-    for block in in_force:
-        if type(block) is cls:
-            return block
-    try:
-        return cls()
-    except (TypeError, ValueError) as error:
-        raise FileError(fault("cli.block-not-made", kind=kind, error=error)) from error
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,10 @@ import numpy as np
 from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
 from baqueano.compare.filter_consistency import JOINT, STATES, FilterConsistency, filter_consistency
+from baqueano.contracts.result import Result, shortened
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
-from baqueano.messages import verdict_line
+from baqueano.messages import text, verdict_line
 from baqueano.monitor import Refusals, refusals_of
 from baqueano.runs.interpolated import at_times, poses_at
 
@@ -89,6 +90,18 @@ class JudgedPath:
         row |= {"verdict": self.verdict, "sentence": self.consistency.sentence}
         return row | corridor_row(self.corridor)
 
+    def lines(self) -> list[str]:
+        """Return the run in short: its errors that are known [cm rms], and its sentences."""
+        errors = (
+            ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
+            ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
+        )  # fmt: skip
+        known = [text(note(code, cm=100.0 * m)) for code, m in errors if np.isfinite(m)]
+        return [
+            f"{self.name}, {self.duration_s:.1f} s: {', '.join(known)}",
+            *(f"  {one}" for one in self.sentences),
+        ]
+
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return the corridor at the end and the consistency of the filter, a sentence each."""
@@ -104,13 +117,17 @@ ADVICE = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Comparison(Result):
     """The comparison of one or more runs by the same measures."""
 
     runs: tuple[JudgedPath, ...]
     alignment: str  # of the estimate to the truth
     over_s: float  # of the relative error
+
+    def __repr__(self) -> str:
+        rows = [line for judged in self.runs for line in judged.lines()]
+        return shortened([], rows, [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row per run."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare.corridor import Corridor, corridor_of
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
 from baqueano.simulate import simulate_loop
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CorridorAhead:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CorridorAhead(Result):
     """The corridor at the end of each lap, or of an open route."""
 
     corridor: Corridor

@@ -28,6 +28,9 @@ class Block(Protocol):
         ...
 
 
+OwnBlock: TypeAlias = str | type | Block  # a kind or "file.py:Class", a class, or the block itself
+
+
 class Sensor(Protocol):
     """A sensor, as the world, the estimators and the fit use it. m = `size`."""
 

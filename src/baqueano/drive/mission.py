@@ -16,12 +16,9 @@ from baqueano.blocks import read
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.drive.first_drive import careful_drive
-from baqueano.drive.session import drive
-from baqueano.drive.verbs import experiment, lesson
+from baqueano.drive.verbs import experiment, lesson, repeat
 from baqueano.errors import FileError, UsageError
-from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
-from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import VehicleFile
@@ -138,14 +135,7 @@ def perform(
                 raise UsageError(fault("mission.no-driver"))
             return lesson(vehicle_file, driver, mission.hold, **options)
     assert mission.route is not None
-    kinds = mission.blocks
-    blocks = Blocks(
-        vehicle_file.estimator(kind=kinds.get("estimator")),
-        with_laps(vehicle_file.guide(mission.route, kind=kinds.get("guide")), mission.laps),
-        vehicle_file.controller(kind=kinds.get("controller")),
-        vehicle_file.supervisor(),
-    )
-    return drive(blocks, vehicle_file, "repeat", **({"eta": mission.route.eta[0]} | options))
+    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **options)
 
 
 def unpacked(mission: Mission, folder: Path) -> VehicleFile:

@@ -2,13 +2,14 @@
 
 import inspect
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from baqueano import clock, loop
+from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
 from baqueano.contracts.values import Tree
@@ -74,6 +75,29 @@ class Conditions:
         return {"kind": kind, "seed": str(self.seed), "start": start, "backend": backend}
 
 
+def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
+    """Return what a run says of the blocks that are not ours, "controller" and its text as "controller.text"; and a
+    message for each whose text Python does not know."""
+    rooms = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
+    own = {room: block for room, block in rooms.items() if not is_ours(type(block))}
+    texts = {room: source_text(type(block)) for room, block in own.items()}
+    unknown = [
+        note("drive.text-unknown", room=room, block=type(own[room]).__name__)
+        for room in own
+        if not texts[room]
+    ]
+    names = {room: numbers_of(block) for room, block in own.items()}
+    return names | {f"{room}.text": text for room, text in texts.items() if text}, unknown
+
+
+def numbers_of(block: object) -> str:
+    """Return "MyController(k_x=3.0)": the class of a block, and those of its parameters that are numbers."""
+    names = [f.name for f in fields(block)] if is_dataclass(block) else []
+    values = {name: getattr(block, name) for name in names}
+    shown = ", ".join(f"{name}={value!r}" for name, value in values.items() if isinstance(value, int | float))
+    return f"{type(block).__name__}({shown})"
+
+
 def drive(
     blocks: Blocks,
     vehicle_file: VehicleFile,
@@ -96,22 +120,23 @@ def drive(
     """
     given = Conditions(**conditions)
     world = given.world_of(vehicle_file)
+    own, unknown = texts_of_own(blocks, vehicle_file)
     blocks, sensors, notes = _prepared(blocks, vehicle_file, given, live)
     blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, observers)) if observers else blocks
-    metadata = given.metadata(kind, blocks)
+    metadata = given.metadata(kind, blocks) | own
     health = Health(vehicle_file.envelope, sensors)
     ticking = given.clock_of(vehicle_file)
 
     def driven(sink: RunSink) -> None:
         recording = Recording(sink, world, health, observers, _first_ns(ticking))
         start, elsewhere = initial_pose_for(blocks.estimator, given.start)
-        recording.begin([*world.notes, *notes, *([] if elsewhere is None else [elsewhere])])
+        recording.begin([*world.notes, *unknown, *notes, *([] if elsewhere is None else [elsewhere])])
         _run(blocks, ticking, start, recording)
 
     if path is None:
         memory = RunInMemory(vehicle_file.text, metadata)
         driven(memory)
-        return memory.run(vehicle_file.name)
+        return memory.run(kind.replace(" ", "-"))
     try:
         with RunWriter(path, vehicle_file.text, metadata, live=live) as writer:
             driven(writer)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from baqueano.contracts.blocks import Guide
+from baqueano.contracts.blocks import Guide, OwnBlock
 from baqueano.controllers import Hand, Schedule
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import holding
@@ -18,7 +18,7 @@ from baqueano.loop import Blocks
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import seconds
-from baqueano.vehicle_file.file import VehicleFile
+from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.worlds import Replayed
 
 ROUTE_RATE_HZ = 20.0  # a taught route keeps this many poses a second
@@ -26,10 +26,12 @@ STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower than this at both ends of a drive 
 CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start came back to it
 
 
-def experiment(vehicle_file: VehicleFile, u: np.ndarray, **options: Any) -> Run:
+def experiment(
+    vehicle_file: VehicleFile, u: np.ndarray, *, estimator: OwnBlock | None = None, **options: Any
+) -> Run:
     """Plays the commands `u` (N, n), in the unit of the file's [command], one per tick, open loop: the supervisor and
-    the recording are those of any drive. The run has N + 1 ticks, the first under no command. Options as in
-    `session.drive`.
+    the recording are those of any drive. The run has N + 1 ticks, the first under no command. `estimator` as in
+    `repeat`, options as in `session.drive`.
 
     UsageError where `u` has another shape, or a number that is not finite.
 
@@ -43,7 +45,7 @@ def experiment(vehicle_file: VehicleFile, u: np.ndarray, **options: Any) -> Run:
         commands, names = vehicle_file.vehicle.commands, vehicle_file.command.names
         raise UsageError(fault("drive.signal-shape", found=str(u.shape), commands=commands, names=names))
     blocks = Blocks(
-        vehicle_file.estimator(),
+        vehicle_file.estimator(estimator),
         Idle(len(u) / vehicle_file.rate_hz),
         Schedule.at_rate(u, vehicle_file.rate_hz),
         vehicle_file.supervisor(),
@@ -60,14 +62,18 @@ class Taught(NamedTuple):
     run: Run
     route: Route  # of the estimate, at ROUTE_RATE_HZ
 
+    def __repr__(self) -> str:
+        return f"{self.route!r}\n{self.run!r}"
+
 
 def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> Taught:
     """Drives as `driver` says and keeps the estimated path as a route.
 
     `driver`: a Route or a guide to follow with the vehicle's own controller; a list of (seconds,
     command (n,)); or a function without arguments that returns the command (n,) wanted now (`cockpit.Cockpit` is
-    one). `closed` says that the drive comes back to where it began. `hold`, an option besides those of
-    `session.drive`: where a function asks for straight on, the gyro holds the heading (controllers/heading_hold.py).
+    one). `closed` says that the drive comes back to where it began. `estimator` and `controller`, as in `repeat`, are
+    options besides those of `session.drive`, and so is `hold`: where a function asks for straight on, the gyro holds
+    the heading (controllers/heading_hold.py).
 
     UsageError for another driver; AnswerNo where the vehicle did not move, or `closed` did not come back within
     CLOSE_M and CLOSE_RAD.
@@ -81,32 +87,40 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     return Taught(run, route_of(run, closed))
 
 
-def lesson(vehicle_file: VehicleFile, driver: Driver, hold: bool = False, **options: Any) -> Run:
+def lesson(
+    vehicle_file: VehicleFile, driver: Driver, hold: bool = False, *, estimator: OwnBlock | None = None,
+    controller: OwnBlock | None = None, **options: Any,
+) -> Run:  # fmt: skip
     """The run of a drive as `driver` says, see `teach`."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
     if isinstance(driver, Route):
         driver = Repeat.along(driver)
-    controller = None
+    hand = None
     if callable(driver):
-        guide, controller = Idle(float("inf")), Hand(driver)
-        controller = holding(controller, vehicle_file) if hold else controller
+        guide, hand = Idle(float("inf")), Hand(driver)
+        hand = holding(hand, vehicle_file) if hold else hand
     elif isinstance(driver, list | tuple):
         u = commands_of(driver, n, rate_hz)
-        guide, controller = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)
+        guide, hand = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)
     elif isinstance(driver, Guide):
         guide = driver
     else:
         raise UsageError(fault("drive.driver-type", kind=type(driver).__name__))
-    if controller is None:
-        controller = vehicle_file.controller()
-    blocks = Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
+    follower = vehicle_file.controller(controller) if hand is None else hand
+    blocks = Blocks(vehicle_file.estimator(estimator), guide, follower, vehicle_file.supervisor())
     return drive(blocks, vehicle_file, "teach", **options)
 
 
-def repeat(vehicle_file: VehicleFile, route: Route, laps: int = 1, **options: Any) -> Run:
+def repeat(
+    vehicle_file: VehicleFile, route: Route, laps: int = 1, *, estimator: OwnBlock | None = None,
+    guide: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
+) -> Run:  # fmt: skip
     """Repeats `route` for `laps` laps, 0 for ever, from the pose at which it begins, with the blocks of the file.
-    Options as in `session.drive` and its `Conditions`. FileError where the file lacks gains or noise: `tune`,
-    `identify` find them.
+
+    `estimator`, `guide` and `controller` take the place of the file's: a kind of ours, "file.py:Class", a class, which
+    is made with what the file says, or a block as it is. The run records the text of those that are not ours. Options
+    as in `session.drive` and its `Conditions`. FileError where the file lacks gains or noise: `tune`, `identify` find
+    them. UsageError for what cannot stand in its room.
 
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
@@ -115,18 +129,26 @@ def repeat(vehicle_file: VehicleFile, route: Route, laps: int = 1, **options: An
     9.4 s, 0.6 m wide
     """
     blocks = Blocks(
-        vehicle_file.estimator(),
-        with_laps(vehicle_file.guide(route), laps),
-        vehicle_file.controller(),
+        vehicle_file.estimator(estimator),
+        with_laps(vehicle_file.guide(route, guide), laps),
+        vehicle_file.controller(controller),
         vehicle_file.supervisor(),
     )
     return drive(blocks, vehicle_file, "repeat", **({"eta": route.eta[0]} | options))
 
 
-def replay(run: Run, vehicle_file: VehicleFile, blocks: Blocks | None = None, **options: Any) -> Run:
+def replay(
+    run: Run, vehicle_file: VehicleFile | None = None, blocks: Blocks | None = None, *,
+    estimator: OwnBlock | None = None, guide: OwnBlock | None = None, controller: OwnBlock | None = None,
+    **options: Any,
+) -> Run:  # fmt: skip
     """The run's own ticks through blocks, by default those of `vehicle_file` with the references and, of
     a drive that no controller made, the commands of the run, from where the run began. The same blocks and
-    back end give the same numbers, bit for bit. ValueError for a run without ticks.
+    back end give the same numbers, bit for bit.
+
+    Without `vehicle_file` the one that the run holds. `estimator`, `guide` and `controller` as in `repeat`; the
+    commands of a controller are recorded as asked for, and move nothing. ValueError for a run without ticks, UsageError
+    for one without a vehicle file.
 
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
@@ -134,21 +156,37 @@ def replay(run: Run, vehicle_file: VehicleFile, blocks: Blocks | None = None, **
     >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
     True
     """
-    world = Replayed(run, vehicle_file.sensors)
+    file = vehicle_of(run) if vehicle_file is None else vehicle_file
+    world = Replayed(run, file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
-    chosen = blocks_of(run, vehicle_file) if blocks is None else blocks
-    return drive(chosen, vehicle_file, "replay", world=world, ticking=world.times, **options)
+    chosen = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
+    return drive(chosen, file, "replay", world=world, ticking=world.times, **options)
 
 
-def blocks_of(run: Run, vehicle_file: VehicleFile) -> Blocks:
-    """The blocks of `vehicle_file` around the references and commands that the run recorded."""
-    by_controller = run.metadata.get("kind") == "repeat"
-    guide = Idle(float("inf")) if run.reference is None else Playback(*run.reference)
-    controller = vehicle_file.controller()
+def vehicle_of(run: Run) -> VehicleFile:
+    """The vehicle file that a run holds. UsageError for a run without one."""
+    if not run.vehicle_text:
+        raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
+    return parse(run.vehicle_text, f"the vehicle file of {run.name}")
+
+
+def blocks_of(
+    run: Run, vehicle_file: VehicleFile, estimator: OwnBlock | None = None, guide: OwnBlock | None = None,
+    controller: OwnBlock | None = None,
+) -> Blocks:  # fmt: skip
+    """The blocks of `vehicle_file`, or those given, around the references and commands that the run recorded. A guide
+    that takes a route gets the recorded references as one."""
+    by_controller = run.metadata.get("kind") == "repeat" or controller is not None
+    ref = run.reference
+    leader = Idle(float("inf")) if ref is None else Playback(*ref)
+    if guide is not None:
+        route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, False)
+        leader = vehicle_file.guide(route, guide)
+    follower = vehicle_file.controller(controller)
     if not by_controller:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
-        controller = Schedule(run.t_ns - run.t_ns[0], u)
-    return Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
+        follower = Schedule(run.t_ns - run.t_ns[0], u)
+    return Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
 
 
 def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:

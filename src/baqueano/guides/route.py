@@ -21,6 +21,11 @@ class Route(NamedTuple):
     nu: np.ndarray  # (m, 3) velocities in the body frame
     closed: bool  # the last pose is the first one again
 
+    def __repr__(self) -> str:
+        length_m = float(np.sum(np.hypot(*np.diff(self.eta[:, :2], axis=0).T)))
+        kind = "closed" if self.closed else "open"
+        return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {kind})"
+
 
 def route_of_curve(
     p: np.ndarray, p1: np.ndarray, p2: np.ndarray, theta: np.ndarray, speed_m_s: float

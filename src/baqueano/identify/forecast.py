@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
@@ -65,8 +66,8 @@ class Ahead(NamedTuple):
         return note(code, **told, position=_length(self.position_m), heading_deg=heading)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Forecast:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Forecast(Result):
     """Errors of open loop that follow from those of a fit, drive by drive."""
 
     ahead: tuple[Ahead, ...]

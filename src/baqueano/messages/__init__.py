@@ -17,8 +17,8 @@ from baqueano.diagnostics import Diagnostic, Verdict
 
 ROOMS = (
     "block_checks", "block_fields", "blocks", "cli", "compare", "data", "door", "drive", "fit", "fit_errors",
-    "hardware", "monitor", "names", "noise", "recordings", "robot", "runs", "simulate", "study", "symbolic", "tune",
-    "vehicle_file",
+    "front", "hardware", "monitor", "names", "noise", "recordings", "robot", "runs", "simulate", "study",
+    "symbolic", "tune", "vehicle_file",
 )  # fmt: skip
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 

@@ -1,5 +1,13 @@
 """runs and fits → one self-contained HTML page with figures."""
 
+from typing import TYPE_CHECKING
+
+from baqueano.on_demand import on_demand
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 
-__all__ = ["Drawing", "Headline", "Page", "Section", "Table", "draw"]
+if TYPE_CHECKING:
+    from baqueano.report.of_any import report
+
+__all__ = ["Drawing", "Headline", "Page", "Section", "Table", "draw", "report"]
+
+__getattr__ = on_demand(__name__, {"of_any": ("report",)})

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.report.lab import pyplot
+from baqueano.report.lab import panel, panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,15 +61,13 @@ def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
     return slice(int(first[most]), int(last[most]))
 
 
+@styled
 def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Sequence[str]) -> "Figure":
     """Draw the measurements of the sensors and the model's predictions, a panel per channel.
 
     t_s (N,), measured (N, m) and model (N, m); names like "a_x [m/s²]".
     """
-    plt = pyplot()
-    figure, axes = plt.subplots(
-        len(names), 1, figsize=(9.2, 1.75 * len(names) + 0.5), sharex=True, squeeze=False
-    )
+    figure, axes = panels(len(names), 1, (9.2, 1.75 * len(names) + 0.5), sharex=True)
     for k, axis in enumerate(axes[:, 0]):
         axis.plot(*thinned(t_s, measured[:, k]), color=MEASURED, lw=0.8, alpha=0.75, label="measured")
         axis.plot(*thinned(t_s, model[:, k]), color=MODEL, lw=1.4, label="model")
@@ -79,13 +77,13 @@ def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Se
     return figure
 
 
+@styled
 def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Figure":
     """Standardised residuals against the normal density, and their autocorrelation with its 95 % band.
 
     residual (N, m), in standard deviations; NaN is left out; a channel without numbers stays empty.
     """
-    plt = pyplot()
-    figure, axes = plt.subplots(len(names), 2, figsize=(9.2, 1.9 * len(names) + 0.3), squeeze=False)
+    figure, axes = panels(len(names), 2, (9.2, 1.9 * len(names) + 0.3))
     grid = np.linspace(-4.5, 4.5, 200)
     for k, (left, right) in enumerate(axes):
         r = residual[np.isfinite(residual[:, k]), k]
@@ -111,17 +109,17 @@ def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
     return np.array([float(r[k:] @ r[:-k]) / power for k in range(1, min(lags, len(r) - 1) + 1)])
 
 
+@styled
 def estimates(
     names: Sequence[str], value: np.ndarray, sd: np.ndarray, truth: np.ndarray | None = None
 ) -> "Figure":
     """Draw each estimate with its 95 % interval, relative to the truth, or to itself without one [%]."""
-    plt = pyplot()
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
     centre, half = 100 * (value - base) / scale, 100 * 1.96 * sd / scale
     known = np.isfinite(centre) & np.isfinite(half)
     labels = [name for name, k in zip(names, known, strict=True) if k]
-    figure, axis = plt.subplots(figsize=(9.2, 0.32 * len(labels) + 1.1))
+    figure, axis = panel((9.2, 0.32 * len(labels) + 1.1))
     rows = np.arange(len(labels))[::-1]
     axis.errorbar(centre[known], rows, xerr=half[known], fmt="o", ms=4, color=MODEL, capsize=3)
     axis.axvline(0, color=TRUTH, lw=1)
@@ -138,11 +136,11 @@ def estimates(
     return figure
 
 
+@styled
 def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
     """Correlation matrix (n, n) of the estimates."""
-    plt = pyplot()
     n = len(names)
-    figure, axis = plt.subplots(figsize=(min(9.2, 0.42 * n + 2.6), min(8.2, 0.38 * n + 1.8)))
+    figure, axis = panel((min(9.2, 0.42 * n + 2.6), min(8.2, 0.38 * n + 1.8)))
     image = axis.imshow(matrix, vmin=-1, vmax=1, cmap="RdBu_r")
     axis.set_xticks(range(n), names, rotation=60, ha="right")
     axis.set_yticks(range(n), names)
@@ -151,18 +149,18 @@ def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
     return figure
 
 
+@styled
 def paths(
     lines: dict[str, np.ndarray], band: np.ndarray | None = None, end: np.ndarray | None = None
 ) -> "Figure":
     """Paths in the map. lines: "reference", "estimate", "truth" → (N, 2) [m]; `band` (M, 2, 2), its left and its right
     edge along the path, and `end` (K, 2), a closed curve, are shaded."""
-    plt = pyplot()
     style = {
         "reference": {"color": REFERENCE, "lw": 4.5, "solid_capstyle": "round"},
         "estimate": {"color": MODEL, "lw": 1.3},
         "truth": {"color": TRUTH, "lw": 1.3},
     }
-    figure, axis = plt.subplots(figsize=(7.2, 6.2))
+    figure, axis = panel((7.2, 6.2))
     if band is not None and len(band) > 1:
         axis.add_patch(_shaded(band))
         axis.update_datalim(band.reshape(-1, 2))
@@ -202,22 +200,21 @@ def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return centre + (axes @ (np.sqrt(CHI_SQUARE_95 * np.clip(size, 0, None))[:, None] * circle)).T
 
 
+@styled
 def over_time(
-    panels: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]], height_in: float = 1.75
+    curves: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]], height_in: float = 1.75
 ) -> "Figure":
     """Curves over time, a panel of `height_in` each: (label of the axis, {name of the curve: (t_s, y)}).
 
     A curve that is named "±2σ" is drawn as a band around zero, "limit" as dashed lines at ± its value, and
     "at its limit" as points.
     """
-    figure, axes = pyplot().subplots(
-        len(panels), 1, figsize=(9.2, height_in * len(panels) + 0.5), sharex=True, squeeze=False
-    )
-    for axis, (label, curves) in zip(axes[:, 0], panels, strict=True):
-        for name, (t, y) in curves.items():
+    figure, axes = panels(len(curves), 1, (9.2, height_in * len(curves) + 0.5), sharex=True)
+    for axis, (label, lines) in zip(axes[:, 0], curves, strict=True):
+        for name, (t, y) in lines.items():
             _curve(axis, name, t, y)
         axis.set_ylabel(label)
-        if len(curves) > 1 and axis is axes[0, 0]:
+        if len(lines) > 1 and axis is axes[0, 0]:
             axis.legend(**ABOVE)
     axes[-1, 0].set_xlabel("time [s]")
     return figure

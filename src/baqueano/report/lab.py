@@ -1,11 +1,24 @@
 """The two libraries of the laptop that a report needs, loaded when one is written."""
 
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import wraps
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
+
+import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
-LAB = 'pip install "baqueano[lab]"'
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+    Target: TypeAlias = Axes | Figure | SubFigure | None
+
+INSTALL = 'pip install "baqueano[lab]"'
 
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -32,23 +45,73 @@ STYLE: dict[Any, Any] = {
 }
 
 
-def pyplot() -> Any:
-    """matplotlib.pyplot without a window, in the style of our figures.  Raises UsageError where it is missing."""
+_TARGET: "ContextVar[Target]" = ContextVar("target", default=None)  # an axes or a figure of the user's
+P = ParamSpec("P")
+Drawn = TypeVar("Drawn")
+
+
+@contextmanager
+def onto(target: "Target") -> Iterator[None]:
+    """Draw on the user's axes, figure or part of a figure, in their style; None: on a figure of ours."""
+    token = _TARGET.set(target)
+    try:
+        yield
+    finally:
+        _TARGET.reset(token)
+
+
+def styled(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
+    """Give what a function draws the style of our figures, unless it draws onto the user's."""
+
+    @wraps(draw)
+    def drawn(*args: P.args, **options: P.kwargs) -> Drawn:
+        if _TARGET.get() is not None:
+            return draw(*args, **options)
+        with matplotlib().rc_context(STYLE):
+            return draw(*args, **options)
+
+    return drawn
+
+
+def panels(
+    rows: int, columns: int, size_in: tuple[float, float], sharex: bool = False
+) -> tuple["Figure", np.ndarray]:
+    """Return a figure of `size_in` and its axes (rows, columns), or those of `onto`. UsageError where matplotlib is
+    missing, or axes are given to a drawing of several panels."""
+    matplotlib()
+    from matplotlib.axes import Axes
+
+    from baqueano.report.canvas import Canvas
+
+    target = _TARGET.get()
+    if isinstance(target, Axes):
+        if rows * columns > 1:
+            raise UsageError(fault("front.several-panels", panels=rows * columns))
+        return target.figure, np.array([[target]])  # pyright: ignore[reportReturnType]
+    figure = Canvas(figsize=size_in) if target is None else target
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex)
+    return figure, axes  # pyright: ignore[reportReturnType]
+
+
+def panel(size_in: tuple[float, float]) -> tuple["Figure", "Axes"]:
+    """Return a figure with one axes, as `panels`."""
+    figure, axes = panels(1, 1, size_in)
+    return figure, axes[0, 0]
+
+
+def matplotlib() -> ModuleType:
+    """The library that draws.  Raises UsageError, with what to install, where it is missing."""
     try:
         import matplotlib
     except ImportError as error:
-        raise UsageError(fault("lab.missing", LAB, name="matplotlib")) from error
-    matplotlib.use("svg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update(STYLE)
-    return plt
+        raise UsageError(fault("front.missing", INSTALL, package="matplotlib", what="a figure")) from error
+    return matplotlib
 
 
-def jinja2() -> Any:
+def jinja2() -> ModuleType:
     """The template engine.  Raises UsageError, with what to install, where it is missing."""
     try:
         import jinja2
     except ImportError as error:
-        raise UsageError(fault("lab.missing", LAB, name="jinja2")) from error
+        raise UsageError(fault("front.missing", INSTALL, package="jinja2", what="a report")) from error
     return jinja2

@@ -58,7 +58,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     again what the verdict rests on."""
     said = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
     said = "\n".join(f"• {one}" for one in texts(said))
-    rows = [_row(row) for row in fit.rows()]
+    rows = [row_of(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
     known = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
@@ -80,7 +80,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     return sections
 
 
-def _row(row: "TableRow") -> "JsonObject":
+def row_of(row: "TableRow") -> "JsonObject":
     """A parameter as a reader needs it: no digits below its error, and what it should not be read without."""
     sd = row["sd"]
     value = None if row["estimate"] is None else rounded(row["estimate"], sd)
@@ -124,7 +124,7 @@ def _of_unseen(held_out: "Judged | None") -> list[Section]:
     caption = "Sensors and model of a run that the fit has not seen; the model knows its commands alone."
     drawings = []
     for run in _drawn(held_out.channels):
-        drawing, shown = _where_most_moves(_explained(held_out.channels, run))
+        drawing, shown = where_most_moves(_explained(held_out.channels, run))
         drawings.append(draw(drawing, f"{run}, {shown}. {caption}"))
     return [Section("Held-out runs", held_out.sentence, [Table(held_out.rows()), *drawings])]
 
@@ -185,7 +185,7 @@ def _named(runs: Any) -> str:
 
 def _of_run(fit: Fit, run: str) -> Section:
     channels = _explained(fit.channels, run)
-    few, shown = _where_most_moves(channels)
+    few, shown = where_most_moves(channels)
     residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
     left_over = figures.residuals(residual, [label(c) for c in channels])
     caption = f"Sensors and model, {shown}. The model has seen only the commands."
@@ -196,7 +196,7 @@ def _of_run(fit: Fit, run: str) -> Section:
     )
 
 
-def _where_most_moves(channels: list[Any]) -> tuple[Any, str]:
+def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
     """Data and model of one run over the SHOWN_S in which most moves, and which they are: "20 s from 14 s"."""
     t_s = channels[0].t_s
     measured, predicted = (

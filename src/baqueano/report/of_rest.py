@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.messages import texts
-from baqueano.report.lab import pyplot
+from baqueano.report.lab import panel, styled
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
@@ -34,8 +34,9 @@ def page_of_rest(found: Any) -> Page:
     )
 
 
+@styled
 def _curves(channels: list[Any]) -> Any:
-    figure, axis = pyplot().subplots(figsize=(9.2, 4.2))
+    figure, axis = panel((9.2, 4.2))
     for c, colour in zip(channels, COLOURS * len(channels), strict=False):
         tau = c.curve.tau_s
         axis.fill_between(tau, c.curve.low, c.curve.high, color=colour, alpha=0.15, lw=0)

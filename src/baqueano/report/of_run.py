@@ -41,7 +41,7 @@ def page_of_run(run: Run, alignment: str = "none") -> Page:
     sections += errors(run, alignment)
     sections += knows(one.consistency)
     sections += refused(one.refusals)
-    sections += [Section("Measurements", "", [_sensors(run)])] if run.sensors else []
+    sections += [Section("Measurements", "", [sensors_of(run)])] if run.sensors else []
     held = show(run)
     sections.append(Section("What the run holds", "", [Table(held.rows()), *_events(run)]))
     kind = run.metadata.get("kind", "run")
@@ -160,7 +160,8 @@ def refused(counts: tuple[Refusals, ...]) -> list[Section]:
     return [Section("Refused readings", said, [Table(rows)])] if rows else []
 
 
-def _sensors(run: Run) -> Drawing:
+def sensors_of(run: Run) -> Drawing:
+    """What the sensors said, a panel per number."""
     panels = []
     for name, channel in run.sensors.items():
         t = seconds(channel.t_ns, run.t_ns[0])
@@ -172,17 +173,20 @@ def _sensors(run: Run) -> Drawing:
 
 def driving(run: Run, judged: dict) -> list[Section]:
     """The forward speed against its reference, and the commands with their limits."""
+    drawing = speed(run)
+    paced = [] if drawing is None else [Section("Speed", "", [drawing, *_paces(judged)])]
+    return [*paced, commands(run)]
+
+
+def speed(run: Run) -> Drawing | None:
+    """The forward speed against its reference; None of a run that holds none."""
     curves = {}
     for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.asked)):
         if log is not None and np.isfinite(log.nu[:, 0]).any():
             curves[name] = seconds(log.t_ns, run.t_ns[0]), log.nu[:, 0]
-    sections = []
-    if curves:
-        drawing = draw(
-            figures.over_time([("forward speed [m/s]", curves)], height_in=2.6), "How fast it drove."
-        )
-        sections.append(Section("Speed", "", [drawing, *_paces(judged)]))
-    return [*sections, _commands(run)]
+    if not curves:
+        return None
+    return draw(figures.over_time([("forward speed [m/s]", curves)], height_in=2.6), "How fast it drove.")
 
 
 def _paces(judged: dict) -> list[Table | Drawing]:
@@ -211,7 +215,7 @@ class _Channel(NamedTuple):
     limit: float  # inf: none, or not known
 
 
-def _commands(run: Run) -> Section:
+def commands(run: Run) -> Section:
     """Draw each command, and each wheel behind the mix, with its limit."""
     t = seconds(run.t_ns, run.t_ns[0])
     panels, rows = [], []

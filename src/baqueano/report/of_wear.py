@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.messages import text
-from baqueano.report.lab import pyplot
+from baqueano.report.lab import panels, styled
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 
@@ -32,11 +32,11 @@ def page_of_wear(found: Any) -> Page:
     )
 
 
+@styled
 def _curves(found: Any, shown: list[int]) -> Any:
-    plt = pyplot()
     columns = 2 if len(shown) > 1 else 1
     rows = -(-len(shown) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(9.2, 2.0 * rows + 0.5), squeeze=False, sharex=True)
+    figure, axes = panels(rows, columns, (9.2, 2.0 * rows + 0.5), sharex=True)
     moved = {one.name for one in found.moved}
     at = np.arange(len(found.runs))
     for axis, i in zip(axes.ravel(), shown, strict=False):

@@ -1,12 +1,16 @@
 """Write one self-contained HTML page: headline figures, tables, drawings; without script or network, ready to print."""
 
 import html
+import io
 import os
+import re
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from baqueano.diagnostics import Verdict
+from baqueano.diagnostics import Verdict, fault, nearest
+from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,8 +19,10 @@ if TYPE_CHECKING:
 
 TONES = {
     Verdict.USABLE: "good", "OK": "good", Verdict.WARN: "warn", Verdict.REFUSED: "bad", Verdict.STOPPED: "bad",
+    Verdict.CONSISTENT: "good", Verdict.INCONSISTENT: "warn", "KNOWN": "good", "LOST": "bad",
 }  # fmt: skip
 WIDE_IN = 8.0
+FORMATS, DPI = ("svg", "pdf", "png"), 300  # of figures as files; dots per inch of a png
 
 
 @dataclass(frozen=True)
@@ -46,8 +52,19 @@ class Table:
 class Drawing:
     """A figure with the sentence that says what to see in it."""
 
-    svg: str
+    figure: "Figure"
     caption: str
+
+    @cached_property
+    def svg(self) -> str:
+        """The figure as SVG text that stands inside the page."""
+        buffer = io.StringIO()
+        self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        svg = buffer.getvalue()
+        svg = svg[svg.index("<svg") :]
+        wide = self.figure.get_figwidth() > WIDE_IN  # on a phone it is read by moving it sideways
+        marks = f'class="{"wide" if wide else "square"}" role="img" aria-label="{html.escape(self.caption)}"'
+        return svg.replace("<svg", f"<svg {marks}", 1)
 
 
 @dataclass(frozen=True)
@@ -59,7 +76,7 @@ class Section:
     parts: list[Table | Drawing] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Page:
     """A complete report. `verdict` is the word in the coloured badge, "" for none."""
 
@@ -80,6 +97,48 @@ class Page:
         environment.filters["cell"] = cell
         template = files("baqueano.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
         return environment.from_string(template).render(page=self, tone=TONES.get(self.verdict, "plain"))
+
+    def __repr__(self) -> str:
+        return f"Page({self.title!r}, {len(self.sections)} sections, {len(self.drawings())} figures)"
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame, for a notebook."""
+        whole = html.escape(self.html(), quote=True)
+        return (
+            f'<iframe srcdoc="{whole}" style="width: 100%; height: 640px; border: 1px solid #8884"></iframe>'
+        )
+
+    def drawings(self) -> dict[str, Drawing]:
+        """Return the figures by names that a file can have, "01-path", in their order."""
+        found = [
+            (section.title, part)
+            for section in self.sections
+            for part in section.parts
+            if isinstance(part, Drawing)
+        ]
+        names = [re.sub(r"\W+", "-", title.lower()).strip("-") for title, _ in found]
+        return {
+            f"{k + 1:02d}-{name}": one for k, (name, (_, one)) in enumerate(zip(names, found, strict=True))
+        }
+
+    def save_figures(
+        self, folder: str | Path, file_format: str = "svg", width: str | float | None = None
+    ) -> list[Path]:
+        """Write each figure as "01-path.svg" into `folder`, and return the files. `file_format` is svg, pdf or png,
+        `width` "column", "page" or millimetres. UsageError for another of both."""
+        if file_format not in FORMATS:
+            raise UsageError(
+                fault("front.format-unknown", found=file_format, near=nearest(file_format, FORMATS))
+            )
+        from baqueano.report.canvas import at_width
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = []
+        for name, drawing in self.drawings().items():
+            paths.append(folder / f"{name}.{file_format}")
+            at_width(drawing.figure, width).savefig(paths[-1], dpi=DPI)
+        return paths
 
     def save(self, path: str | Path) -> Path:
         """Write the page; a reader never sees half of it."""
@@ -103,16 +162,5 @@ def cell(value: object) -> str:
 
 
 def draw(figure: "Figure", caption: str) -> Drawing:
-    """The figure as SVG text that stands inside the page."""
-    import io
-
-    from baqueano.report.lab import pyplot
-
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    pyplot().close(figure)
-    svg = buffer.getvalue()
-    svg = svg[svg.index("<svg") :]
-    wide = figure.get_figwidth() > WIDE_IN  # on a phone it is read by moving it sideways
-    marks = f'class="{"wide" if wide else "square"}" role="img" aria-label="{html.escape(caption)}"'
-    return Drawing(svg.replace("<svg", f"<svg {marks}", 1), caption)
+    """The figure as a part of a page."""
+    return Drawing(figure, caption)

@@ -13,15 +13,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result, pandas, shortened
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
     from baqueano.diagnostics import Diagnostic
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
+AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 OLDEST_S = 0.25  # a measurement that is older by its stamp has a stamp of another clock
 
 
@@ -72,8 +75,8 @@ class Event(NamedTuple):
     diagnostic: "Diagnostic | None" = None  # what it says, as data; None in runs of before there were any
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Run:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Run(Result):
     """A recorded run. Arrays are made int64 or float64 and their shapes are checked."""
 
     name: str
@@ -118,6 +121,42 @@ class Run:
         return all(
             _same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name not in told
         ) and list(self.sensors) == list(other.sensors)
+
+    def __repr__(self) -> str:
+        lines = self.table().splitlines()
+        topics = len(self.rows()) + 2  # the name, the head of the columns
+        return shortened(lines[:topics], lines[topics:], [])
+
+    def rows(self) -> list["TableRow"]:
+        """One flat dict per topic; not known is None."""
+        from baqueano.runs.show import show
+
+        return show(self).rows()
+
+    def table(self) -> str:
+        """What the run holds: topics, rates, gaps, events."""
+        from baqueano.runs.show import show
+
+        return show(self).table()
+
+    def to_pandas(self) -> Any:
+        """Return a pandas DataFrame with a row per tick, by time in seconds: commands in force, estimate, reference,
+        truth, and each number of each sensor, NaN where none had arrived since the tick before."""
+        from baqueano.runs.interpolated import at_times, poses_at
+
+        columns = {f"applied_{k}": u for k, u in enumerate(self.applied.T)}
+        for name in ("estimate", "reference", "truth"):
+            log = getattr(self, name)
+            if log is not None and len(log.t_ns):
+                eta, nu = poses_at(self.t_ns, log.t_ns, log.eta), at_times(self.t_ns, log.t_ns, log.nu)
+                columns |= {f"{name}_{axis}": x for axis, x in zip(AXES, (*eta.T, *nu.T), strict=True)}
+        for name, channel in self.sensors.items():
+            z = np.array(
+                [slot.z if slot.has else np.full(len(slot.z), np.nan) for slot in _slots(channel, self.t_ns)]
+            )
+            columns |= {f"{name}_{k}": column for k, column in enumerate(z.T)}
+        frame = pandas()
+        return frame.DataFrame(columns, index=frame.Index(self.t_s, name="t_s"))
 
     @property
     def duration_s(self) -> float:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
@@ -35,8 +36,8 @@ CHUNK = 2**15  # vehicles
 NOISE_BYTES = 2**26  # of unit normals held at a time
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Many:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Many(Result):
     """L vehicles at K times."""
 
     names: tuple[str, ...]  # of θ, p of them

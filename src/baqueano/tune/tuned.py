@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import verdict_line
 from baqueano.tune.cost import Weights
@@ -43,8 +44,8 @@ class TunedDrive(NamedTuple):
     saturated: float  # share of the ticks at a limit of the command
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tuned:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Tuned(Result):
     """Gains, their cost, and the ways that led to them."""
 
     vehicle_file: "VehicleFile" = field(repr=False)

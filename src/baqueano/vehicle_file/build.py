@@ -112,7 +112,7 @@ def room(
     given: "JsonObject",
     fallback: "JsonObject",
     around: Surroundings,
-    kind: str | None = None,
+    kind: str | type | None = None,
 ) -> BlockRoom | None:
     """Return the content of a room's table. With another `kind` than the table's own, its keys are used as far as
     the other block has them: they were written for another block."""
@@ -183,6 +183,8 @@ def _kind(
         code = "vehicle.kind-mistyped" if near else "vehicle.no-kind"
         sheet.wrong_table(path, code, known=kinds(room), found=near[:1])
         return None
+    if isinstance(name, type):
+        return name
     if not isinstance(name, str):
         sheet.wrong((*path, "kind"), "vehicle.kind-not-text", found=repr(name), known=kinds(room))
         return None

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import resolve
+from baqueano.blocks import check_room, resolve
+from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, UsageError
@@ -39,7 +40,7 @@ class CommandSpec(NamedTuple):
     limit: np.ndarray  # (n,)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VehicleFile:
     """A vehicle as its file describes it. It never changes: `with_values` and `override` give another one.
 
@@ -64,8 +65,16 @@ class VehicleFile:
     robot: Hardware
     on_disk: str | None = field(default=None, repr=False)  # what the file at `path` held when it was read
 
-    def estimator(self, kind: str | None = None, **changes: Any) -> Any:
-        """The block of [estimator]; `changes` are fields that win over the file."""
+    def __repr__(self) -> str:
+        commands = f"{', '.join(self.command.names)} [{self.command.unit}]"
+        return (
+            f"{self.name} ({', '.join(self.layers)}): {type(self.vehicle).__name__} at {self.rate_hz:g} Hz, commands "
+            f"{commands}, sensors {', '.join(self.sensors._fields) or '-'}"
+        )
+
+    def estimator(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
+        """The block of [estimator]; `changes` are fields that win over the file. `kind` takes its place: a kind of
+        ours, "file.py:Class", a class, which is made with what the file says, or a block, which is taken as it is."""
         return self._block("estimator", kind, changes)
 
     def kind(self, room: str) -> type:
@@ -73,15 +82,15 @@ class VehicleFile:
         own = self.data.get(room, {}).get("kind", build.DEFAULT_KIND[room])
         return resolve(room, own, self.folder)
 
-    def controller(self, kind: str | None = None, **changes: Any) -> Any:
+    def controller(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """The block of [controller]."""
         return self._block("controller", kind, changes)
 
-    def supervisor(self, kind: str | None = None, **changes: Any) -> Any:
+    def supervisor(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """The block of [supervisor]."""
         return self._block("supervisor", kind, changes)
 
-    def guide(self, route: "Route | None" = None, kind: str | None = None, **changes: Any) -> Any:
+    def guide(self, route: "Route | None" = None, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """The block of [guide], along `route` if it takes one."""
         given = {"route": route, **route._asdict()} if route is not None else {}
         return self._block("guide", kind, changes, given)
@@ -139,8 +148,12 @@ class VehicleFile:
         return Surroundings(self.folder, self.rate_hz, self.geometry)
 
     def _block(
-        self, room: str, kind: str | None, changes: "JsonObject", given: "JsonObject | None" = None
+        self, room: str, kind: OwnBlock | None, changes: "JsonObject", given: "JsonObject | None" = None
     ) -> Any:
+        if kind is not None and not isinstance(kind, str):
+            check_room(room, kind)
+            if not isinstance(kind, type):
+                return kind
         sheet = Sheet(self.label, self.text)
         given = {"vehicle": self.vehicle, "sensors": self.sensors, **(given or {})}
         fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}

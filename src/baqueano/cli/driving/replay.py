@@ -36,25 +36,29 @@ def command(
     from baqueano.compare import compare
     from baqueano.drive import replay, smoothed, stop_of
     from baqueano.drive.observers import Progress
-    from baqueano.drive.verbs import blocks_of
+    from baqueano.drive.verbs import vehicle_of
     from baqueano.runs import write_run
     from baqueano.runs.initial_pose import initial_pose
-    from baqueano.vehicle_file import override, parse
+    from baqueano.vehicle_file import override
 
     recorded = options.find_runs((run,), folder)[0]
     if vehicle is None and recorded.vehicle_text:
         talk(note("cli.vehicle-of-run"))
-        file = parse(recorded.vehicle_text, f"the vehicle file of {recorded.name}")
+        file = vehicle_of(recorded)
         file = override(file, settings) if settings else file
     else:
         file = options.load_vehicle(vehicle, settings)
-    given = {} if backend == "auto" else {"backend": backend}
-    own = file.estimator(kind=options.own_block(file, "estimator", estimator))
-    blocks = blocks_of(recorded, file)._replace(estimator=own)
+    by = recorded.metadata.get("backend", "auto") if backend == "auto" else backend
+    own = file.estimator(options.own_block(file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded.name}")
     with clocked(note("cli.replay"), recorded.duration_s) as seen:
         again = replay(
-            recorded, file, blocks, path=None if smooth else path, observers=(Progress(seen),), **given
+            recorded,
+            file,
+            estimator=own,
+            path=None if smooth else path,
+            observers=(Progress(seen),),
+            backend=by,
         )
     if smooth:
         again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)

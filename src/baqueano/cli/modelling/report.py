@@ -15,10 +15,41 @@ from baqueano.diagnostics import note
               help="How the estimated path is laid on the true one.")  # fmt: skip
 @options.runs_folder
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="Default: NAME.html.")
-def command(run: str, align: str, folder: str, out: Path | None) -> None:
-    from baqueano.report.of_run import page_of_run
+@click.option(
+    "--figures",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="A folder: also write each figure as a file of its own.",
+)
+@click.option(
+    "--format", "file_format", type=click.Choice(["svg", "pdf", "png"]), default="svg", show_default=True,
+    help="Of these figures.",
+)  # fmt: skip
+@click.option(
+    "--width", metavar="column|page|MM", help="Of these figures: of a column, of a page, or in millimetres."
+)
+def command(
+    run: str,
+    align: str,
+    folder: str,
+    out: Path | None,
+    figures: Path | None,
+    file_format: str,
+    width: str | None,
+) -> None:
+    from baqueano.report import report
 
     found = options.find_runs((run,), folder)[0]
     with busy(note("cli.drawing")):
-        page = page_of_run(found, align).save(out if out is not None else Path(f"{found.name}.html"))
-    tell(str(page))
+        path = out if out is not None else Path(f"{found.name}.html")
+        page = report(found, path, alignment=align)
+        files = [] if figures is None else page.save_figures(figures, file_format, _width(width))
+    for written in (path, *files):
+        tell(str(written))
+
+
+def _width(said: str | None) -> str | float | None:
+    """A name, or a number of millimetres."""
+    try:
+        return None if said is None else float(said)
+    except ValueError:
+        return said

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
@@ -55,8 +56,8 @@ STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
 STATE_UNITS = ("m/s", "m/s", "rad/s", "m/s²", "m/s²", "rad/s²")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Noise:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Noise(Result):
     """Covariances of sensors and model."""
 
     in_motion: dict[str, np.ndarray]  # sensor → Q (m, m)

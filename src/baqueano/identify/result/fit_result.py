@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result, shortened
 from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
@@ -39,8 +40,8 @@ class ChannelFit(NamedTuple):
     colour: float  # sum of the autocorrelation of what is left, 0 for white
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Fit(Result):
     """Parameters in the order in which they were asked for; NaN where the data show nothing."""
 
     names: tuple[str, ...]  # (p,) dotted paths of the vehicle file, with entries
@@ -135,6 +136,17 @@ class Fit:
                 }
             )
         return out
+
+    def __repr__(self) -> str:
+        known, every = int(np.isfinite(self.estimate).sum()), self.rows()
+        runs = self.runs[0] if len(self.runs) == 1 else f"{len(self.runs)} runs"
+        head = text(note("front.fit", vehicle=self.file.name, runs=runs, known=known, parameters=len(every)))
+        wide = max(len(short(row["name"])) for row in every)
+        rows = []
+        for row in (one for one in every if one["estimate"] is not None):
+            value, sd = rounded(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
+            rows.append(f"{short(row['name']):{wide}}  {value:>10.5g} ± {sd:<8.2g} {row['unit']}")
+        return shortened([head], rows, verdict_lines(self)[:3])
 
     def table(self, reported: bool = False) -> str:
         """For people; what is said below it is a part of the whole. `reported`: the whole is in a report,

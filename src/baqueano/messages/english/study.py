@@ -6,5 +6,4 @@ TEMPLATES: dict[str, str] = {
         "set BAQUEANO_DATA to the folder that holds {first}"
     ),
     "demo.refused": "the fit of the demo was refused: {cause}",
-    "lab.missing": "{name} is not installed, and the report needs it. Type: {fix}",
 }

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import shortened
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
@@ -47,6 +48,11 @@ class Imported(NamedTuple):
     def noticed(self) -> "Imported":
         """Return the diagnostics without those of every such import."""
         return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
+
+    def __repr__(self) -> str:
+        return shortened(
+            [self.run.table().partition("\n")[0]], self.noticed.table().splitlines(), [self.verdict]
+        )
 
     def rows(self) -> list["TableRow"]:
         """The doubts as flat dicts."""

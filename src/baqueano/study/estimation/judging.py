@@ -8,7 +8,6 @@ import numpy as np
 from baqueano.compare.consistency import Band, band
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.drive import replay, stop_of
-from baqueano.drive.verbs import blocks_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise import measure_noise
 from baqueano.messages import text
@@ -76,5 +75,4 @@ def fitted(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, 
 
 
 def _replayed(run: Run, file: VehicleFile, kind: str, backend: str) -> Run:
-    blocks = blocks_of(run, file)._replace(estimator=file.estimator(kind))
-    return replay(run, file, blocks, backend=backend)
+    return replay(run, file, estimator=kind, backend=backend)

@@ -6,7 +6,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
-from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH, pyplot
+from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
+from baqueano.report.lab import panel, styled
 from baqueano.study.identification.result import LIMITS, POOL, Identification
 
 if TYPE_CHECKING:
@@ -65,9 +66,10 @@ def _columns(rows: list["TableRow"], names: tuple[str, ...]) -> list["TableRow"]
     return [{name: row[name] for name in names} for row in rows]
 
 
+@styled
 def histogram(z: np.ndarray) -> "Figure":
     """Draw z (K,), all together."""
-    figure, axis = pyplot().subplots(figsize=(9.2, 2.8))
+    figure, axis = panel((9.2, 2.8))
     grid = np.linspace(-4.5, 4.5, 200)
     axis.hist(np.clip(z, -4.5, 4.5), bins=60, range=(-4.5, 4.5), density=True, color=MEASURED, alpha=0.6)
     axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color=TRUTH, lw=1)
@@ -75,11 +77,12 @@ def histogram(z: np.ndarray) -> "Figure":
     return figure
 
 
+@styled
 def coverage(rows: list[dict[str, float]]) -> "Figure":
     """Draw which part of the intervals holds, by parameter."""
     part = np.array([row["holds"] for row in rows])
     count = np.array([max(row["intervals"], 1) for row in rows])
-    figure, axis = pyplot().subplots(figsize=(9.2, 3.4))
+    figure, axis = panel((9.2, 3.4))
     axis.axhspan(100 * LIMITS["clean"].each, 100.0, color=REFERENCE, alpha=0.25)
     scatter = 200 * np.sqrt(0.05 * 0.95 / count)
     axis.errorbar(range(len(rows)), 100 * part, yerr=scatter, fmt="o", color=MODEL, capsize=3)
@@ -89,9 +92,10 @@ def coverage(rows: list[dict[str, float]]) -> "Figure":
     return figure
 
 
+@styled
 def efficiency(rows: list[dict[str, float]]) -> "Figure":
     """Draw errors and standard errors in bounds, by parameter."""
-    figure, axis = pyplot().subplots(figsize=(9.2, 3.4))
+    figure, axis = panel((9.2, 3.4))
     at = np.arange(len(rows))
     axis.bar(at - 0.2, [row["rmse"] or 0.0 for row in rows], width=0.38, color=MODEL, label="error")
     axis.bar(at + 0.2, [row["sd"] or 0.0 for row in rows], width=0.38, color=MEASURED, label="standard error")

@@ -1,0 +1,36 @@
+"""English sentences of the front door: own blocks, results that are shown, notebooks."""
+
+TEMPLATES: dict[str, str] = {
+    "block.not-a-block": (
+        '{room}={found} is not a block. Expected a kind of ours, "file.py:Class", a class or an object with init() '
+        "and step()."
+    ),
+    "block.of-other-room": "{block} was given as the {room}, but its step() is that of a {other}. Type: {fix}",
+    "front.more": "{lines} more lines: .table()",
+    "front.fit": "Fit of {vehicle} to {runs}: {known} of {parameters} parameters are known",
+    "front.across-true": "{cm:.2g} cm rms across the path",
+    "front.across-estimate": "{cm:.2g} cm by its estimate",
+    "front.position-off": "error of the estimated position {cm:.2g} cm rms",
+    "front.across-first": "{cm:.2g} cm across the path of the first run",
+    "front.whole": "the whole table",
+    "front.rows-more": "{rows} more rows are in the whole table",
+    "front.card-fit": "Fit of {vehicle} to {runs}",
+    "front.card-run": "{run}: {kind}, {duration_s:.1f} s",
+    "front.card-comparison": "Comparison of runs: {runs:.0f}",
+    "front.card-tuned": "Gains of {vehicle}",
+    "front.card-check": "{block}, as {room}",
+    "front.card-forecast": "Forecast",
+    "front.plot-unknown": "A {result} does not have the drawing {found}. {near}.",
+    "front.nothing-to-draw": "This {result} does not hold the data for a drawing{kind}.",
+    "front.no-page": "A report takes a run or a fit. {found} was given.",
+    "front.format-unknown": "Figures cannot be written as {found}. {near}.",
+    "front.missing": "{package} is not installed, and {what} needs it. Type: {fix}",
+    "front.several-panels": "This drawing has {panels} panels, but an axes holds one. Give figure= instead of ax=.",
+    "front.width-unknown": "The width {found} is unknown. Expected millimetres, or a name. {near}.",
+    "front.width-mm": "The width {found:g} mm is out of range. Expected 20 to 2000 mm.",
+    "drive.text-unknown": (
+        "This run does not hold the source of {room} {block}, because Python does not know it. Write the class in a "
+        "file or in a cell."
+    ),
+    "drive.no-vehicle-in-run": '{run} does not hold a vehicle file. Give one: replay(run, load("vehicle.toml")).',
+}

@@ -1,0 +1,87 @@
+"""The notebook of a new project: nbformat 4.5, as the Jupyter developers define it."""
+
+import json
+from itertools import count
+
+CELLS = (  # a text begins with #
+    """# {name}: from a drive to a controller of your own
+Everything here happens in a simulation. Run the cells one by one, with Shift and Enter; then change them.""",
+    """import baqueano as bq
+
+robot = bq.load("vehicle.toml")  # what we believe of the vehicle
+truth = bq.load("{truth}")  # the vehicle that is simulated; leave truth= out below once yours drives
+robot""",
+    """## 1. Drive it, and find out what it is
+Random commands excite all of its dynamics. The fit gives each parameter with its error bar, and a verdict.""",
+    """u = bq.excitation("random_steps", robot.command.limit, 30.0, robot.rate_hz)
+run = bq.experiment(robot, u, truth=truth)
+fit = bq.identify(run, robot)
+fit""",
+    """fit.plot("data")""",
+    """## 2. Noise and gains
+`robot.save()` would write all of it into vehicle.toml, with its origin.""",
+    """path = bq.guides.shapes.sinuous_circle(0.6, 0.08, 5, 0.2)  # radius, amplitude [m], waves, speed [m/s]
+robot = bq.measure_noise(fit, run).updated(fit.vehicle_file)
+tuned = bq.tune(robot, path, starts=2)
+robot = tuned.applied()
+tuned""",
+    """## 3. Teach a path, and repeat it""",
+    """route = bq.teach(robot, path, closed=True, truth=truth).route
+ours = bq.repeat(robot, route, truth=truth)
+ours.plot()""",
+    """## 4. A controller of your own
+A block is a class with `init()` and a pure `step(...)`. This one turns towards the path and back onto it. The run keeps
+its text.""",
+    """from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.geometry import pose_error
+from baqueano.signals import Command
+
+
+@dataclass(frozen=True, eq=False)
+class Mine:
+    k_x: float = 3.0
+    k_y: float = 40.0
+    k_psi: float = 8.0
+
+    def init(self):
+        return None
+
+    def step(self, state, reference, estimate):
+        e = pose_error(reference.eta, estimate.eta)
+        v, w = reference.nu[0], reference.nu[2]
+        u_x = v * np.cos(e[2]) / 0.5 + self.k_x * e[0]
+        u_psi = (w + v * (self.k_y * e[1] + self.k_psi * np.sin(e[2]))) / 8.0
+        return state, Command(estimate.t_ns, np.clip(np.array([u_x, 0.0, u_psi]), -1.0, 1.0))
+
+
+bq.check(Mine, robot)""",
+    """mine = bq.repeat(robot, route, controller=Mine(k_y=20.0), truth=truth)
+both = bq.compare([ours, mine], names=["ours", "mine"])
+both""",
+    """both.plot()""",
+    """## 5. Another estimator on the same data, and a figure for a paper""",
+    """again = bq.replay(ours, estimator="dead_reckoning")
+bq.compare([ours, again], names=["as driven", "dead reckoning"])""",
+    '''mine.plot("errors", width="column").savefig("errors.pdf")
+mine  # mine.to_pandas() is a data frame; it needs: pip install "baqueano[pandas]"''',
+)
+
+
+def notebook(name: str, truth: str) -> str:
+    """Return the text of the notebook of a project, whose simulated vehicle is `truth`."""
+    numbers = count(1)
+    cells = []
+    for text in CELLS:
+        filled = text.replace("{name}", name).replace("{truth}", truth)
+        cell = {"id": f"cell-{next(numbers)}", "metadata": {}, "source": filled.splitlines(keepends=True)}
+        if text.startswith("#"):
+            cells.append({"cell_type": "markdown"} | cell)
+        else:
+            cells.append({"cell_type": "code", "execution_count": None, "outputs": []} | cell)
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
+    whole = {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
+    return json.dumps(whole, ensure_ascii=False, indent=1) + "\n"

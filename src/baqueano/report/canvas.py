@@ -1,0 +1,80 @@
+"""Figures of ours: each shows itself in a notebook and is written as SVG, PDF or PNG, at the width of a page of print.
+
+Imported where a figure is drawn, for it loads matplotlib.
+"""
+
+import io
+from textwrap import fill
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+
+from baqueano.diagnostics import fault, nearest
+from baqueano.errors import UsageError
+
+WIDTHS_MM = {"column": 88.0, "page": 181.0}  # of a journal of two columns
+MM = 1.0 / 25.4
+NARROW = 0.7  # of the width that a figure was drawn for: below it letters and lines are smaller
+SMALLER = 0.8
+LOW = 0.5  # a narrow figure over time keeps more of its height than of its width
+LONGEST = 28  # letters of a title or a label of a narrow figure
+
+
+class Canvas(Figure):
+    """A figure that needs no window: the last line of a notebook's cell shows it."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """Write it as its ending or `format` says; letters stay letters."""
+        with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "baqueano"}):
+            super().savefig(fname, **options)
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture for a notebook."""
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png", dpi=110, facecolor="white")
+        return buffer.getvalue()
+
+
+def at_width(figure: Figure, width: str | float | None) -> Figure:
+    """Resize a figure to `width`, "column", "page" or millimetres, with letters that can be read there, and return it.
+    UsageError for another width."""
+    if width is None:
+        return figure
+    width_in, height_in = figure.get_size_inches()
+    part = _width_mm(width) * MM / width_in
+    square = any(axes.get_aspect() != "auto" for axes in figure.axes)
+    figure.set_size_inches(part * width_in, height_in * (part if square else part**LOW))
+    if part < NARROW:
+        _smaller(figure)
+    return figure
+
+
+def _width_mm(width: str | float) -> float:
+    if isinstance(width, str):
+        if width not in WIDTHS_MM:
+            raise UsageError(fault("front.width-unknown", found=width, near=nearest(width, WIDTHS_MM)))
+        return WIDTHS_MM[width]
+    if not 20.0 <= width <= 2000.0:
+        raise UsageError(fault("front.width-mm", found=float(width)))
+    return float(width)
+
+
+def _smaller(figure: Figure) -> None:
+    """Make letters and lines smaller, and break long labels."""
+    specs = [axes.get_subplotspec() for axes in figure.axes]
+    columns = max((spec.get_gridspec().ncols for spec in specs if spec is not None), default=1)
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        text.set_fontsize(SMALLER * float(text.get_fontsize()))
+        if text.get_rotation() == 0.0:
+            text.set_text(fill(text.get_text(), LONGEST // columns + 4))
+    for line in figure.findobj(Line2D):
+        assert isinstance(line, Line2D)
+        line.set_linewidth(SMALLER * line.get_linewidth())
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            size = min((float(one.get_fontsize()) for one in axis.get_ticklabels()), default=8.0)
+            axis.set_tick_params(labelsize=size)

@@ -1,0 +1,153 @@
+"""The card of a result in a notebook: its name and verdict, the rows that matter, and the whole table to unfold."""
+
+import html
+from dataclasses import dataclass, field
+from functools import singledispatch
+from typing import TYPE_CHECKING
+
+from baqueano.compare import Comparison
+from baqueano.compare.corridor_ahead import CorridorAhead
+from baqueano.contracts.result import Result
+from baqueano.diagnostics import note
+from baqueano.identify import Fit, Forecast
+from baqueano.identify.result.fit_result import verdict_lines
+from baqueano.messages import text, texts
+from baqueano.report.of_fit import row_of
+from baqueano.report.page import TONES, cell
+from baqueano.runs import Run
+from baqueano.tune import Tuned
+from baqueano.vehicle_file.checked import CheckedBlock
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from baqueano.contracts.values import TableRow
+
+SHOWN, SENTENCES, COLUMNS = 12, 5, 8  # rows, sentences and columns; the rest is unfolded
+WHOLE = note("front.whole")
+COLOURS = {"good": "#1f7a3a", "warn": "#a86400", "bad": "#b3261e", "plain": "#33567f"}
+STYLE = """
+.baqueano { font: 13.5px/1.5 system-ui, "Segoe UI", Roboto, Arial, sans-serif; max-width: 54rem; }
+.baqueano .name { font-size: 15px; font-weight: 650; }
+.baqueano .verdict { color: #fff; border-radius: 1em; padding: .1em .7em; margin-left: .6em; font-size: 11.5px;
+  font-weight: 600; letter-spacing: .03em; }
+.baqueano table { border-collapse: collapse; margin: .5em 0; font-variant-numeric: tabular-nums; }
+.baqueano th, .baqueano td { text-align: left; padding: .16em 1.4em .16em 0; border: 0;
+  border-bottom: 1px solid rgba(127, 127, 127, .25); background: none; }
+.baqueano th { font-weight: 600; opacity: .7; }
+.baqueano .number { text-align: right; }
+.baqueano p { margin: .25em 0; }
+.baqueano summary { cursor: pointer; opacity: .75; }
+.baqueano pre { font-size: 12px; line-height: 1.35; overflow-x: auto; background: none; margin: .3em 0; }
+"""
+
+
+@dataclass(frozen=True)
+class Card:
+    """What stands on a card."""
+
+    title: str
+    verdict: str = ""
+    rows: "Sequence[TableRow]" = ()
+    lines: "Sequence[str]" = field(default=())
+
+
+def html_of(result: Result) -> str:
+    """Return the card of a result as HTML without a script."""
+    card, folded = card_of(result), html.escape(result.table())
+    colour = COLOURS[TONES.get(card.verdict, "plain")]
+    badge = f'<span class="verdict" style="background: {colour}">{html.escape(card.verdict)}</span>'
+    said = "".join(f"<p>{html.escape(line)}</p>" for line in card.lines)
+    unfolded = "" if card.rows or card.lines else " open"
+    whole = f"<details{unfolded}><summary>{text(WHOLE)}</summary><pre>{folded}</pre></details>"
+    head = f'<span class="name">{html.escape(card.title)}</span>{badge if card.verdict else ""}'
+    return f'<div class="baqueano"><style>{STYLE}</style>{head}{_table(card.rows)}{said}{whole}</div>'
+
+
+def _table(rows: "Sequence[TableRow]") -> str:
+    if not rows:
+        return ""
+    shown = [{key: cell(value) for key, value in row.items()} for row in rows[:SHOWN]]
+    numbers = {key for key in rows[0] if any(isinstance(row[key], int | float) for row in rows)}
+
+    def line(tag: str, values: dict[str, str]) -> str:
+        marks = {key: ' class="number"' if key in numbers else "" for key in values}
+        cells = "".join(f"<{tag}{marks[key]}>{html.escape(value)}</{tag}>" for key, value in values.items())
+        return f"<tr>{cells}</tr>"
+
+    more = len(rows) - SHOWN
+    rest = f"<p>{html.escape(text(note('front.rows-more', rows=more)))}</p>" if more > 0 else ""
+    heads = {key: key.replace("_", " ") for key in rows[0]}
+    return f"<table>{line('th', heads)}{''.join(line('td', row) for row in shown)}</table>{rest}"
+
+
+@singledispatch
+def card_of(result: Result) -> Card:
+    """Return what stands on the card of a result; of one that has none of its own, its rows."""
+    rows = result.rows()
+    shown = rows if rows and len(rows[0]) <= COLUMNS else []
+    return Card(type(result).__name__, str(getattr(result, "verdict", "")), shown)
+
+
+@card_of.register(Fit)
+def _(result: Fit) -> Card:
+    title = text(note("front.card-fit", vehicle=result.file.name, runs=result.runs))
+    return Card(
+        title, result.verdict, [row_of(row) for row in result.rows()], verdict_lines(result)[:SENTENCES]
+    )
+
+
+@card_of.register(Run)
+def _(result: Run) -> Card:
+    kind = result.metadata.get("kind", "run")
+    title = text(note("front.card-run", run=result.name, kind=kind, duration_s=result.duration_s))
+    names = {"topic": "topic", "count": "count", "rate_hz": "rate [Hz]", "gaps": "gaps"}
+    rows = [{shown: row[name] for name, shown in names.items()} for row in result.rows()]
+    events = [event.text for event in result.events if event.level != "info"]
+    return Card(title, "", rows, events[:SENTENCES])
+
+
+@card_of.register(Comparison)
+def _(result: Comparison) -> Card:
+    rows = [
+        {
+            "run": one.name, "time [s]": one.duration_s, "across its path [cm rms]": 100.0 * one.across_true.rms_m,
+            "position off [cm rms]": 100.0 * one.ate_m, "NEES of velocity": one.consistency.nees_velocity.mean,
+            "NIS": one.consistency.nis.mean, "covariance": one.verdict,
+        }
+        for one in result.runs
+    ]  # fmt: skip
+    said = [f"{one.name}: {sentence}" for one in result.runs for sentence in one.sentences]
+    return Card(text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, said[:SENTENCES])
+
+
+@card_of.register(Tuned)
+def _(result: Tuned) -> Card:
+    rows = [
+        {"gain": one.name, "value": one.value, "unit": one.unit, "in the file": one.before,
+         "cost at × 0.8 [%]": 100.0 * (one.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (one.cost_more - 1.0)}
+        for one in result.gains
+    ]  # fmt: skip
+    title = text(note("front.card-tuned", vehicle=result.vehicle_file.name))
+    return Card(title, result.verdict, rows, texts(result.reasons))
+
+
+@card_of.register(CheckedBlock)
+def _(result: CheckedBlock) -> Card:
+    title = text(note("front.card-check", block=result.block, room=result.room))
+    return Card(
+        title,
+        result.verdict,
+        (),
+        texts(result.findings) or [text(note("cli.block-sound", block=result.block))],
+    )
+
+
+@card_of.register(Forecast)
+def _(result: Forecast) -> Card:
+    return Card(text(note("front.card-forecast")), "", (), result.sentences)
+
+
+@card_of.register(CorridorAhead)
+def _(result: CorridorAhead) -> Card:
+    return Card(text(note("front.card-forecast")), result.verdict, (), result.table().splitlines())

@@ -1,0 +1,205 @@
+"""`result.plot(kind)`: the figures of the reports, one by one, to be styled."""
+
+from collections.abc import Callable, Sequence
+from functools import partial, singledispatch
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.compare import Comparison
+from baqueano.compare.corridor_ahead import CorridorAhead
+from baqueano.contracts.result import Result
+from baqueano.diagnostics import fault, nearest
+from baqueano.errors import UsageError
+from baqueano.identify import Fit, Forecast
+from baqueano.report import figures
+from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
+from baqueano.report.lab import onto, panel, panels, styled
+from baqueano.report.of_fit import label, short, where_most_moves
+from baqueano.report.of_run import commands, errors, paths, sensors_of, speed
+from baqueano.report.page import Drawing, Table
+from baqueano.runs import Run
+from baqueano.simulate import Many
+from baqueano.tune import Tuned
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from baqueano.report.lab import Target
+
+Draw = Callable[[], "Figure | None"]  # None: the result does not hold it
+
+
+def plot(
+    result: Result, kind: str = "", target: "Target" = None, width: str | float | None = None
+) -> "Figure":
+    """Draw `kind` of a result, else the first that it holds, onto `target` or a figure of `width`."""
+    drawings = drawings_of(result)
+    name = type(result).__name__.lower()
+    if kind and kind not in drawings:
+        raise UsageError(fault("front.plot-unknown", found=kind, result=name, near=nearest(kind, drawings)))
+    with onto(target):
+        for draw in [drawings[kind]] if kind else drawings.values():
+            figure = draw()
+            if figure is not None:
+                from baqueano.report.canvas import at_width
+
+                return at_width(figure, width)
+    raise UsageError(fault("front.nothing-to-draw", result=name, kind=f": {kind}" if kind else ""))
+
+
+@singledispatch
+def drawings_of(result: Result) -> dict[str, Draw]:
+    """Return the drawings of a result by their names, the most telling first."""
+    return {}
+
+
+@drawings_of.register(Run)
+def _(result: Run) -> dict[str, Draw]:
+    found: dict[str, Callable[[], Sequence[Table | Drawing | None]]] = {
+        "path": lambda: paths(result),
+        "errors": lambda: [part for section in errors(result) for part in section.parts],
+        "speed": lambda: [speed(result)],
+        "commands": lambda: commands(result).parts,
+        "sensors": lambda: [sensors_of(result)] if result.sensors else [],
+    }
+    return {name: partial(_first, draw) for name, draw in found.items()}
+
+
+def _first(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figure | None":
+    return next((part.figure for part in draw() if isinstance(part, Drawing)), None)
+
+
+@drawings_of.register(Fit)
+def _(result: Fit) -> dict[str, Draw]:
+    known = np.isfinite(result.sd) & np.isfinite(result.estimate)
+    names = [short(name) for name, one in zip(result.names, known, strict=True) if one]
+    seen = [one for one in result.channels if one.run == result.runs[0] and np.isfinite(one.explained)]
+    if not seen:
+        return {}
+    return {
+        "estimates": lambda: figures.estimates(names, result.estimate[known], result.sd[known]),
+        "data": lambda: where_most_moves(seen)[0],
+        "residuals": lambda: figures.residuals(
+            np.stack([(one.measured - one.predicted) / one.sigma for one in seen], axis=1),
+            [label(one) for one in seen],
+        ),
+        "correlation": lambda: figures.correlation(names, result.correlation[np.ix_(known, known)]),
+    }
+
+
+@drawings_of.register(Comparison)
+def _(result: Comparison) -> dict[str, Draw]:
+    return {"runs": lambda: comparison(result)}
+
+
+@drawings_of.register(Tuned)
+def _(result: Tuned) -> dict[str, Draw]:
+    return {"search": lambda: search(result)}
+
+
+@drawings_of.register(CorridorAhead)
+def _(result: CorridorAhead) -> dict[str, Draw]:
+    return {"path": partial(_first, lambda: paths(result.run)), "corridor": lambda: corridor(result)}
+
+
+@drawings_of.register(Forecast)
+def _(result: Forecast) -> dict[str, Draw]:
+    return {"drives": lambda: drives(result)}
+
+
+@drawings_of.register(Many)
+def _(result: Many) -> dict[str, Draw]:
+    return {"path": lambda: cloud(result)}
+
+
+@styled
+def comparison(result: Comparison) -> "Figure":
+    """Draw the errors of each run, and how sure its estimator was: 1 is right, the bar is where a right one lies."""
+    runs = result.runs
+    figure, axes = panels(2, 1, (7.2, 0.7 * len(runs) + 2.6))
+    upper, lower = axes[:, 0]
+    rows = np.arange(len(runs))[::-1]
+    marks = (
+        ("across its path", [one.across_true.rms_m for one in runs], TRUTH, "s"),
+        ("as it believed", [one.across_estimate.rms_m for one in runs], MODEL, "o"),
+        ("position off", [one.ate_m for one in runs], MEASURED, "D"),
+    )
+    for name, metres, colour, marker in marks:
+        if np.isfinite(metres).any():
+            upper.plot(100.0 * np.array(metres), rows, marker, ms=5, color=colour, label=name)
+    upper.set_xlim(left=0.0)
+    upper.set_xlabel("error [cm rms]")
+    for k, (name, shown, colour) in enumerate(
+        (("nees_velocity", "NEES of the velocity", MODEL), ("nis", "NIS", MEASURED))
+    ):
+        at, bands = rows + 0.15 - 0.3 * k, [getattr(one.consistency, name) for one in runs]
+        lower.hlines(at, [b.low for b in bands], [b.high for b in bands], color=REFERENCE, lw=5, zorder=1)
+        lower.plot([b.mean for b in bands], at, "o", ms=5, color=colour, label=shown)
+    lower.axvline(1.0, color=TRUTH, lw=1)
+    lower.set_xscale("log")
+    lower.set_xlabel("error² / claimed variance")
+    for one in (upper, lower):
+        one.set_yticks(rows, [judged.name for judged in runs])
+        one.set_ylim(-0.6, len(runs) - 0.4)
+        one.legend(**(figures.ABOVE | {"ncols": 2}))
+    return figure
+
+
+@styled
+def search(result: Tuned) -> "Figure":
+    """Draw the least cost so far along each descent."""
+    figure, axes = panel((7.2, 3.6))
+    for k, descent in enumerate(result.descents):
+        costs = np.minimum.accumulate(descent.costs)
+        best = {"color": MODEL, "lw": 2.0, "zorder": 3} if k == 0 else {"color": REFERENCE, "lw": 1.0}
+        axes.plot(np.arange(1, len(costs) + 1), costs, label="best start" if k == 0 else "", **best)
+    if np.isfinite(result.cost_before):
+        axes.axhline(result.cost_before, color=MEASURED, lw=1, ls="--", label="gains of the file")
+    axes.set_yscale("log")
+    axes.set_xlabel("evaluations")
+    axes.set_ylabel("cost [m²]")
+    axes.legend()
+    return figure
+
+
+@styled
+def corridor(result: CorridorAhead) -> "Figure":
+    """Draw how far beside its path the vehicle may be, over time."""
+    figure, axes = panel((7.2, 3.0))
+    found = result.corridor
+    axes.fill_between(found.t_s, 0.0, 100.0 * found.across_m, color=MODEL, alpha=0.25, lw=0)
+    for lap in range(1, result.laps):
+        axes.axvline(lap * result.lap_s, color=REFERENCE, lw=1)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("across, 95 % [± cm]")
+    return figure
+
+
+@styled
+def drives(result: Forecast) -> "Figure":
+    """Draw how far off the end of each drive would be (standard deviation)."""
+    figure, axes = panel((7.2, 0.5 * len(result.ahead) + 0.9))
+    rows = np.arange(len(result.ahead))[::-1]
+    axes.barh(rows, [100.0 * one.position_m for one in result.ahead], height=0.5, color=MODEL, alpha=0.6)
+    axes.set_yticks(rows, [f"{one.duration_s:.0f} s, {one.way_m:.1f} m" for one in result.ahead])
+    axes.set_xlabel("position at the end, open loop [± cm]")
+    return figure
+
+
+@styled
+def cloud(result: Many) -> "Figure":
+    """Draw the ways of all vehicles."""
+    figure, axes = panel((7.2, 6.2))
+    shown = result.eta[:: max(1, len(result.eta) // MOST)]
+    axes.plot(shown[:, :, 0].T, shown[:, :, 1].T, color=MODEL, lw=0.8, alpha=0.25)
+    axes.plot(result.eta[:, -1, 0], result.eta[:, -1, 1], ".", ms=2, color=TRUTH, label="at the end")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.legend()
+    return figure
+
+
+MOST = 200  # ways that are drawn

@@ -1,0 +1,94 @@
+"""A block of the user's, tried out: does it keep what blocks promise each other?"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from baqueano import block_checks
+from baqueano.block_checks import CHECKS
+from baqueano.blocks import ROOMS, classes_in, kinds, resolve, room_of
+from baqueano.contracts.blocks import OwnBlock
+from baqueano.contracts.result import Result
+from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest
+from baqueano.errors import FileError, UsageError
+from baqueano.guides.shapes import circle
+from baqueano.messages import text, texts
+from baqueano.vehicle_file.file import LOOP_ROOMS, VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CheckedBlock(Result):
+    """What is wrong with a block."""
+
+    block: str
+    room: str
+    findings: tuple[Diagnostic, ...]  # a sentence each for its author; none if all is well
+
+    @property
+    def verdict(self) -> Verdict:
+        """USABLE without findings, else by the gravest."""
+        return Verdict.of(self.findings)
+
+    def rows(self) -> list["TableRow"]:
+        """One flat row per finding."""
+        return [{"block": self.block, "code": one.code, "finding": text(one)} for one in self.findings]
+
+    def table(self) -> str:
+        """The findings, a line each, or that there are none."""
+        return "\n".join(f"{self.block}  {one}" for one in texts(self.findings)) or str(self.verdict)
+
+
+def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | None = None) -> CheckedBlock:
+    """Try out a block as each drive of `vehicle_file`, else of `small`, would call it, and say what is wrong with it.
+
+    `block`: "file.py:Class", a kind of ours, a class, which is made with what the file says, or the block itself.
+    `room` is found by the inputs of its step. UsageError for what is no block, FileError for one that cannot be made.
+
+    >>> from baqueano.controllers import PdFeedforward
+    >>> check(PdFeedforward).verdict, check("dead_reckoning").room
+    (<Verdict.USABLE: 'USABLE'>, 'estimator')
+    """
+    file = load("small") if vehicle_file is None else vehicle_file
+    kind = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
+    if room is None:
+        room = (
+            _room_with(kind)
+            if isinstance(kind, str)
+            else room_of(kind if isinstance(kind, type) else type(kind))
+        )
+    if room not in CHECKS:
+        raise UsageError(fault("cli.block-room", found=room, near=nearest(room, CHECKS)))
+    found = block_checks.check(room, _built(room, block, file), file.sensors, file.vehicle.commands)
+    name = block if isinstance(block, str) else (kind if isinstance(kind, type) else type(kind)).__name__
+    return CheckedBlock(name, room, tuple(found))
+
+
+def _room_with(kind: str) -> str:
+    """Return the room of a kind of ours."""
+    for room in ROOMS:
+        if kind in kinds(room):
+            return room
+    if kind.endswith(".py"):
+        raise UsageError(fault("cli.block-without-class", holds=classes_in(kind)))
+    every = [k for room in ROOMS for k in kinds(room)]
+    raise UsageError(fault("cli.block-unknown", "baqueano blocks ls", found=kind, near=nearest(kind, every)))
+
+
+def _built(room: str, block: OwnBlock, file: VehicleFile) -> object:
+    """Return the block, with what the vehicle file has for it; a vehicle or a sensor with its own defaults."""
+    if room == "guide":
+        return file.guide(circle(1.0, 0.2), kind=block)
+    if room in LOOP_ROOMS:
+        return getattr(file, room)(kind=block)
+    cls = resolve(room, block) if isinstance(block, str) else block
+    if not isinstance(cls, type):
+        return cls
+    for in_force in (file.vehicle, *file.sensors):
+        if type(in_force) is cls:
+            return in_force
+    try:
+        return cls()
+    except (TypeError, ValueError) as error:
+        raise FileError(fault("cli.block-not-made", kind=cls.__name__, error=error)) from error

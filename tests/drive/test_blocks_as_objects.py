@@ -1,0 +1,138 @@
+"""Blocks that are passed as classes or objects, and what the run keeps of them."""
+
+import linecache
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano.blocks import resolve
+from baqueano.controllers import PdFeedforward
+from baqueano.drive import experiment, repeat, replay, teach
+from baqueano.errors import UsageError
+from baqueano.estimators import DeadReckoning
+from baqueano.guides.shapes import circle
+from baqueano.runs import read_run
+from baqueano.signals import Command, Reference
+from baqueano.vehicle_file import load
+
+SMALL, ROUTE = load("small"), circle(0.3, 0.2)
+CELL = """
+import numpy as np
+from baqueano.signals import Command
+
+class InACell:
+    def __init__(self, gain=3.0):
+        self.gain = gain
+    def init(self):
+        return 0.0
+    def step(self, state, reference, estimate):
+        e = reference.eta - estimate.eta
+        return state, Command(estimate.t_ns, np.clip(np.array([self.gain * e[0], 0.0, e[2]]), -1.0, 1.0))
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Push:
+    """Pushes ahead."""
+
+    gain: float = 2.0
+
+    def init(self):
+        return 0.0
+
+    def step(self, state, reference, estimate):
+        e = reference.eta - estimate.eta
+        return state, Command(estimate.t_ns, np.clip(np.array([self.gain * e[0], 0.0, e[2]]), -1.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ahead:
+    """Asks for the end of its route."""
+
+    eta: np.ndarray
+
+    def init(self):
+        return 0.0
+
+    def step(self, state, estimate):
+        return state, Reference(estimate.t_ns, self.eta[-1], np.zeros(3), 0.0)
+
+
+def drive_with(**blocks):
+    return repeat(SMALL, ROUTE, duration_s=0.3, **blocks)
+
+
+def in_a_cell(name="<cell 1>"):
+    """The class of CELL as a notebook defines it: its module is no file, and linecache knows the cell."""
+    linecache.cache[name] = (len(CELL), None, CELL.splitlines(keepends=True), name)
+    cell = {"__name__": "__main__"}
+    exec(compile(CELL, name, "exec"), cell)
+    return cell["InACell"]
+
+
+def test_a_class_and_an_object_drive_as_the_same_file_does():
+    by_file = drive_with(controller=f"{__file__}:Push")
+    for mine in (Push, Push()):
+        assert np.array_equal(drive_with(controller=mine).applied, by_file.applied)
+    assert not np.array_equal(drive_with(controller=Push(4.0)).applied, by_file.applied)
+
+
+def test_a_class_gets_what_the_vehicle_file_says():
+    file = SMALL.with_values({"controller.kind": f"{__file__}:Push"}).with_values({"controller.gain": 5.0})
+    assert file.controller(Push).gain == 5.0
+    assert type(SMALL.estimator(DeadReckoning)) is DeadReckoning
+    assert SMALL.guide(ROUTE, Ahead).eta is ROUTE.eta
+
+
+def test_each_verb_takes_them():
+    assert experiment(SMALL, np.zeros((10, 3)), estimator=DeadReckoning).estimate is not None
+    lesson = teach(SMALL, ROUTE, estimator=DeadReckoning, controller=Push(4.0), duration_s=2.0).run
+    assert lesson.metadata["controller"] == "Push(gain=4.0)"
+    run = drive_with(guide=Ahead, estimator="dead_reckoning", controller=Push)
+    assert np.array_equal(run.reference.eta[0], ROUTE.eta[-1])
+    again = replay(run, estimator="dead_reckoning", controller=Push())
+    assert np.array_equal(again.requested, run.requested)
+    assert np.array_equal(replay(run, guide=Ahead, controller=Push).reference.eta[0], ROUTE.eta[-1])
+
+
+def test_a_run_keeps_the_text_of_a_block_and_its_numbers(tmp_path):
+    run = drive_with(controller=Push(4.0), path=tmp_path / "run.mcap")
+    kept = read_run(tmp_path / "run.mcap").metadata
+    assert kept["controller"] == run.metadata["controller"] == "Push(gain=4.0)"
+    assert kept["controller.text"] == Path(__file__).read_text(encoding="utf-8")
+    assert "estimator.text" not in kept  # it is ours, and the version stands in the run
+
+
+def test_a_run_keeps_the_text_of_a_file_and_of_a_cell():
+    mine = resolve("controller", f"{__file__}:Push")()
+    assert "class Push" in drive_with(controller=mine).metadata["controller.text"]
+    assert drive_with(controller=in_a_cell()).metadata["controller.text"] == CELL
+
+
+def test_a_run_says_where_the_text_of_a_block_is_not_known():
+    mine = in_a_cell("<cell 2>")
+    del linecache.cache["<cell 2>"]
+    run = drive_with(controller=mine)
+    assert "controller.text" not in run.metadata
+    (said,) = [e.diagnostic for e in run.events if e.diagnostic and e.diagnostic.code == "drive.text-unknown"]
+    assert said.figures == {"room": "controller", "block": "InACell"}
+
+
+@pytest.mark.parametrize(
+    ("block", "code"),
+    [(3, "block.not-a-block"), (ROUTE, "block.not-a-block"), (PdFeedforward, "block.of-other-room"),
+     (Push(), "block.of-other-room")],
+)  # fmt: skip
+def test_what_cannot_stand_in_a_room_is_refused(block, code):
+    with pytest.raises(UsageError) as refused:
+        drive_with(estimator=block)
+    assert refused.value.diagnostic.code == code
+
+
+def test_a_run_without_a_vehicle_file_says_so():
+
+    with pytest.raises(UsageError) as refused:
+        replay(replace(drive_with(), vehicle_text=""))
+    assert refused.value.diagnostic.code == "drive.no-vehicle-in-run"

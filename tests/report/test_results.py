@@ -1,0 +1,161 @@
+"""What a result offers: a short print, a card, a figure that can be styled, a data frame."""
+
+import re
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import baqueano as bq
+from baqueano.contracts.result import LINES, Result
+from baqueano.errors import UsageError
+from baqueano.guides.shapes import circle
+from baqueano.identify import forecast
+from baqueano.simulate import simulate_many
+
+MM = 1.0 / 25.4
+
+
+@pytest.fixture(scope="module")
+def results():
+    small = bq.load("small")
+    u = bq.excitation("random_steps", small.command.limit, 10.0, small.rate_hz)
+    run = bq.experiment(small, u)
+    fit = bq.identify(run, small, ["model.actuator_matrix[0,0]", "model.friction.linear[0]"])
+    driven = bq.repeat(small, circle(0.3, 0.2))
+    return {
+        "run": driven,
+        "fit": fit,
+        "comparison": bq.compare(
+            [driven, bq.replay(driven, estimator="dead_reckoning")], names=["one", "other"]
+        ),
+        "tuning": bq.tune(small, circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False, duration_s=2.0),
+        "forecast": forecast(fit, run),
+        "corridor": bq.forecast(small, circle(0.3, 0.2), 2),
+        "many": simulate_many(fit.vehicle_file, u, 5, every_s=5.0),
+        "check": bq.check(bq.controllers.PdFeedforward),
+        "noise": bq.measure_noise(fit, run),
+    }
+
+
+NAMES = ("run", "fit", "comparison", "tuning", "forecast", "corridor", "many", "check", "noise")
+DRAWN = NAMES[:7]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_result_prints_in_few_lines_and_keeps_its_table(results, name):
+    result = results[name]
+    assert isinstance(result, Result)
+    assert len(str(result).splitlines()) <= LINES
+    assert str(result) == repr(result)
+    assert len(result.table()) >= len(str(result)) / 2
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_result_is_a_card_without_a_script(results, name):
+    card = results[name]._repr_html_()
+    assert card.startswith('<div class="baqueano">')
+    assert "<script" not in card
+    assert len(re.findall("<tr>", card)) <= LINES + 2
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_result_is_drawn_at_the_width_of_a_column(results, name, tmp_path):
+    figure = results[name].plot(width="column")
+    assert isinstance(figure, Figure)
+    assert figure.get_figwidth() == pytest.approx(88.0 * MM)
+    for ending, begins in (("svg", b"<?xml"), ("pdf", b"%PDF"), ("png", b"\x89PNG")):
+        figure.savefig(tmp_path / f"it.{ending}")
+        assert (tmp_path / f"it.{ending}").read_bytes().startswith(begins)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("kind", ["path", "errors", "speed", "commands", "sensors"])
+def test_each_drawing_of_a_run(results, kind):
+    assert results["run"].plot(kind, width=120).get_figwidth() == pytest.approx(120 * MM)
+
+
+@pytest.mark.parametrize("kind", ["estimates", "data", "residuals", "correlation"])
+def test_each_drawing_of_a_fit(results, kind):
+    assert results["fit"].plot(kind, width="page").axes
+
+
+def test_a_drawing_goes_onto_the_axes_or_the_figure_of_the_user_and_leaves_their_style(results):
+    from matplotlib import rcParams
+
+    before = dict(rcParams)
+    figure = Figure()
+    axes = figure.subplots()
+    assert results["run"].plot(ax=axes) is figure
+    assert axes.lines
+    assert results["run"].plot("sensors", figure=Figure()).axes
+    assert {k: v for k, v in rcParams.items() if before[k] != v} == {}
+    axes.set_title("mine")
+    assert figure.axes[0].get_title() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        ({"kind": "pth"}, "front.plot-unknown"), ({"width": "colum"}, "front.width-unknown"),
+        ({"width": 3}, "front.width-mm"), ({"kind": "errors", "ax": Figure().subplots()}, "front.several-panels"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_drawn_so_says_so(results, options, code):
+    with pytest.raises(UsageError) as refused:
+        results["run"].plot(**options)
+    assert refused.value.diagnostic.code == code
+
+
+def test_what_holds_nothing_to_draw_says_so(results):
+    with pytest.raises(UsageError) as refused:
+        results["check"].plot()
+    assert refused.value.diagnostic.code == "front.nothing-to-draw"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_result_becomes_a_data_frame(results, name):
+    frame = results[name].to_pandas()
+    assert len(frame) == (len(results["run"].t_ns) if name == "run" else len(results[name].rows()))
+
+
+def test_the_data_frame_of_a_run_has_a_row_per_tick(results):
+    run, frame = results["run"], results["run"].to_pandas()
+    assert frame.index.name == "t_s"
+    np.testing.assert_array_equal(frame["estimate_x_m"], run.estimate.eta[:, 0])
+    np.testing.assert_allclose(frame["imu_2"].dropna(), run.sensors["imu"].z[:, 2])
+
+
+def test_without_pandas_it_says_what_to_type(results, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(UsageError) as refused:
+        results["run"].to_pandas()
+    assert refused.value.diagnostic.code == "front.missing"
+    assert refused.value.diagnostic.fix == 'pip install "baqueano[pandas]"'
+
+
+def test_the_figures_of_a_report_become_files(results, tmp_path):
+    page = bq.report(results["run"], tmp_path / "run.html")
+    assert (tmp_path / "run.html").is_file()
+    files = page.save_figures(tmp_path / "figures", "pdf", "column")
+    assert [path.name for path in files[:2]] == ["01-path.pdf", "02-speed.pdf"]
+    assert all(path.read_bytes().startswith(b"%PDF") for path in files)
+    assert "<iframe" in page._repr_html_()
+    assert repr(bq.report(results["fit"])).startswith("Page('Fit of small'")
+    with pytest.raises(UsageError) as refused:
+        page.save_figures(tmp_path, "gif")
+    assert refused.value.diagnostic.code == "front.format-unknown"
+
+
+def test_a_report_of_another_result_says_of_what_there_is_one(results):
+    with pytest.raises(UsageError) as refused:
+        bq.report(results["many"])
+    assert refused.value.diagnostic.code == "front.no-page"
+
+
+def test_a_route_and_a_vehicle_file_print_as_a_line(results):
+    assert repr(circle(0.3, 0.2)).startswith("Route(")
+    assert repr(bq.load("small")) == (
+        "small (garage: small): Planar at 100 Hz, commands u_x, u_y, u_psi [duty], sensors imu"
+    )

@@ -1,0 +1,56 @@
+"""The notebook of a new project runs, cell by cell, in a kernel, and what it shows is what a reader needs."""
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+from baqueano import new
+from baqueano.runs import read_run
+
+SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, truth=truth, duration_s=0.5, path="mine.mcap")\n'
+
+
+@pytest.fixture(scope="module")
+def executed(tmp_path_factory):
+    """The folder of a new project, and its notebook after all of its cells."""
+    folder = new(tmp_path_factory.mktemp("notebook") / "mi lab")
+    notebook = nbformat.read(folder / "first_evening.ipynb", as_version=4)
+    nbformat.validate(notebook)
+    notebook.cells.append(nbformat.v4.new_code_cell(SAVED))
+    client = NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
+    )
+    client.execute()
+    return folder, notebook
+
+
+def shown(notebook, kind):
+    return [
+        one.data[kind]
+        for cell in notebook.cells
+        for one in cell.get("outputs", [])
+        if kind in one.get("data", {})
+    ]
+
+
+def test_the_notebook_of_a_new_project_runs_and_says_nothing_beside(executed):
+    _, notebook = executed
+    outputs = [one for cell in notebook.cells for one in cell.get("outputs", [])]
+    assert {one.output_type for one in outputs} <= {"execute_result", "display_data"}
+
+
+def test_results_are_cards_and_short_texts_and_figures_are_pictures(executed):
+    folder, notebook = executed
+    cards = shown(notebook, "text/html")
+    assert any("Fit of small" in card and "friction.linear[0]" in card for card in cards)
+    assert any("Gains of small" in card for card in cards)
+    assert all(text.count("\n") < 12 for text in shown(notebook, "text/plain"))
+    assert len(shown(notebook, "image/png")) == 3
+    assert (folder / "errors.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_run_keeps_the_text_of_a_block_that_a_cell_defines(executed):
+    folder, _ = executed
+    kept = read_run(folder / "mine.mcap").metadata
+    assert "class Mine:" in kept["controller.text"]
+    assert kept["controller"].startswith("Mine(k_x=")
