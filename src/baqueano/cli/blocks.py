@@ -7,7 +7,7 @@ import click
 
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
