@@ -175,8 +175,8 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
         return [Doubt("swapped", "error", None, text, "swap the columns of a_x and a_y")]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
     check = f"check its unit and scale, and those of the speed, {source}"
-    told = [(along, x)] if opposed else [(across, y), (along, x)]
-    return [_doubt(one, entry, "speed and turning give", check) for one, entry in told if one.code]
+    candidates = [(along, x)] if opposed else [(across, y), (along, x)]
+    return [_doubt(one, entry, "speed and turning give", check) for one, entry in candidates if one.code]
 
 
 def _steering(motion: LoggedMotion) -> list[Doubt]:

@@ -285,8 +285,8 @@ class _Parser:
             "counts_per_turn": float,
         })  # fmt: skip
         quaternion = spec.get("quaternion")
-        told = [what for what in ("column", "quaternion", "constant") if what in spec]
-        if len(told) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
+        sources = [what for what in ("column", "quaternion", "constant") if what in spec]
+        if len(sources) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
             raise self.wrong(
                 key, spec, 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …'
             )
