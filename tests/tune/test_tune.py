@@ -164,8 +164,8 @@ def test_a_route_faster_than_the_vehicle_is_refused(small):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"gains": ["alfa"]}, "Pd has no gain 'alfa': it has alpha, beta, gamma"),
-        ({"bounds": {"kx": (0, 1)}}, "Pd has no gain 'kx'"),
+        ({"gains": ["alfa"]}, "Pd does not have gain 'alfa': it has alpha, beta, gamma"),
+        ({"bounds": {"kx": (0, 1)}}, "Pd does not have gain 'kx'"),
         ({"bounds": {"beta": (2.0, 1.0)}}, r'bounds\["beta"\] = \(2, 1\): expected two finite numbers'),
         ({"huber_m": 0.0}, "huber_m = 0, effort_m2 = 0.1: expected at least 0, above 0"),
         ({"draws": 3}, "no parameter has a covariance yet"),

@@ -282,7 +282,7 @@ def reached(host: str, **first: Any) -> Iterator[Remote]:
         return
     command = _ssh(host)
     if shutil.which("ssh") is None:
-        raise RobotUnreachable(f"{host} cannot be reached: there is no ssh on this machine. Install OpenSSH.")
+        raise RobotUnreachable(f"{host} cannot be reached: ssh is missing on this machine. Install OpenSSH.")
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as ssh:
@@ -304,7 +304,9 @@ def reached(host: str, **first: Any) -> Iterator[Remote]:
 @contextmanager
 def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
     if not hasattr(socket, "AF_UNIX"):
-        raise UsageError(f"{path}: this system has no sockets in files. Name the vehicle by its host name.")
+        raise UsageError(
+            f"{path}: this system does not support sockets in files. Name the vehicle by its host name."
+        )
     line = socket.socket(socket.AF_UNIX)
     try:
         line.connect(str(path))

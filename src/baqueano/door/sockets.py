@@ -192,7 +192,7 @@ class Door:
         """A run in pieces, the next when the one before has gone; the last has `left` 0, of an empty run too."""
         path = self.folder / name
         if not is_name(name) or path.is_symlink() or not path.is_file():
-            raise ValueError(f"there is no run {name!r}")
+            raise ValueError(f"run {name!r} does not exist")
         file = path.open("rb")
 
         def pieces() -> None:

@@ -34,7 +34,7 @@ def there(host: str) -> list[str]:
     ):
         raise UsageError(
             f'HOST "{one_line(host)}": expected the name of a vehicle that ssh reaches, which begins with a letter or '
-            "a digit and has no space. Type it as pilot@rover.local"
+            "a digit and without a space. Type it as pilot@rover.local"
         )
     return [*port_words, "--", name]
 
@@ -43,7 +43,7 @@ def ssh(host: str, command: str, *options: str) -> list[str]:
     """Return what runs `command` at HOST. UsageError where HOST is not a computer."""
     if host in ("emulated", "simulated"):
         raise UsageError(
-            f"{host} has no hardware to look after: expected a vehicle that ssh reaches, pilot@rover.local, or "
+            f"{host} is not a vehicle: expected a vehicle that ssh reaches, pilot@rover.local, or "
             f"nothing, for what is plugged in here. Drives are what it can do: baqueano experiment --robot {host}"
         )
     if host.startswith(("/", "COM")):

@@ -259,7 +259,7 @@ def _asked(
     for name in [*names, *bounds]:
         if name not in fields:
             raise UsageError(
-                f"{type(block).__name__} has no gain {name!r}: it has {', '.join(fields) or 'none'}."
+                f"{type(block).__name__} does not have gain {name!r}: it has {', '.join(fields) or 'none'}."
             )
     limit = vehicle_file.command.limit
     full = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0

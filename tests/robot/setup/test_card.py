@@ -119,7 +119,7 @@ def test_what_a_pi_would_not_take_is_refused_before_anything_is_written(pi, name
 
 
 def test_a_folder_that_is_no_card_is_told(tmp_path, monkeypatch):
-    with pytest.raises(FileError, match=r"is no boot partition .* cmdline\.txt and config\.txt"):
+    with pytest.raises(FileError, match=r"is not a boot partition .* cmdline\.txt and config\.txt"):
         boot_partition(tmp_path)
     monkeypatch.setattr(card, "LABELS", (str(tmp_path / "*" / "bootfs"),))
     with pytest.raises(FileError, match="no cards with a partition bootfs are mounted"):
@@ -132,11 +132,11 @@ def test_a_folder_that_is_no_card_is_told(tmp_path, monkeypatch):
 
 def test_a_missing_key_and_a_private_one_are_told(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
-    with pytest.raises(FileError, match=r"there is no ssh key: .*ssh-keygen -t ed25519"):
+    with pytest.raises(FileError, match=r"an ssh key is missing: .*ssh-keygen -t ed25519"):
         public_key(None)
     private = tmp_path / "id"
     private.write_text("-----BEGIN OPENSSH PRIVATE KEY-----\nb3BlbnNz\n")
-    with pytest.raises(FileError, match="is no public ssh key"):
+    with pytest.raises(FileError, match="is not a public ssh key"):
         public_key(private)
 
 

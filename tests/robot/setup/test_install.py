@@ -154,7 +154,7 @@ def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wh
     ("answer", "kind", "match"),
     [
         ("exit 255", RobotUnreachable, "r1 did not answer over ssh. .* Type: ssh r1"),
-        ("echo 3 11 armv7l pi", UsageError, "r1 is a armv7l: numpy has no wheel for 32-bit systems"),
+        ("echo 3 11 armv7l pi", UsageError, "r1 is a armv7l: numpy lacks a wheel for 32-bit systems"),
         ("echo 3 9 aarch64 pi", UsageError, "r1 has Python 3.9, expected 3.11 or newer"),
     ],
 )

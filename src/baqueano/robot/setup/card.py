@@ -70,7 +70,7 @@ def boot_partition(folder: Path | None) -> Path:
         folder = there[0]
     if not (folder / "cmdline.txt").is_file() or not (folder / "config.txt").is_file():
         raise FileError(
-            f"{folder} is no boot partition of a Raspberry Pi: expected cmdline.txt and config.txt in it. It is the "
+            f"{folder} is not a boot partition of a Raspberry Pi: expected cmdline.txt and config.txt in it. It is the "
             "small partition of the card, called bootfs."
         )
     return folder
@@ -86,11 +86,11 @@ def public_key(path: Path | None) -> str:
             text = place.read_text(encoding="utf-8", errors="replace").strip()
             if not re.fullmatch(r"(ssh|ecdsa|sk)-\S+ [A-Za-z0-9+/=]+( [^\n]*)?", text):
                 raise FileError(
-                    f"{place} is no public ssh key: expected one line, ssh-ed25519 AAAA… It ends in .pub."
+                    f"{place} is not a public ssh key: expected one line, ssh-ed25519 AAAA… It ends in .pub."
                 )
             return text
     raise FileError(
-        f"there is no ssh key: looked for {', '.join(map(str, tried))}. Type: ssh-keygen -t ed25519, and this again"
+        f"an ssh key is missing: looked for {', '.join(map(str, tried))}. Type: ssh-keygen -t ed25519, and this again"
     )
 
 

@@ -78,7 +78,7 @@ def _with_calibration(
             continue
         if not exists(file.data, key, file.folder):
             raise UsageError(
-                f"{host}: {key} = {_shown(leaves[key])} was calibrated there, and your vehicle file has no place for "
+                f"{host}: {key} = {_shown(leaves[key])} was calibrated there, and your vehicle file cannot hold "
                 f"it: expected the table of that key. Put it in; or, to lose the calibration: ssh {host} rm {VEHICLE}"
             )
         mine, own = file.value(key), file.provenance.get(key)

@@ -64,8 +64,8 @@ def machine_at(host: str) -> TargetMachine:
     found = TargetMachine((int(words[0]), int(words[1])), words[2], words[3])
     if found.kind not in MACHINES:
         raise UsageError(
-            f"{host} is a {found.kind}: numpy has no wheel for 32-bit systems. Write the 64-bit Raspberry Pi OS Lite "
-            "on its card (a Pi 3, 4, 5 or Zero 2 runs it), and: baqueano robot card"
+            f"{host} is a {found.kind}: numpy lacks a wheel for 32-bit systems. Write the 64-bit Raspberry Pi OS "
+            "Lite on its card (a Pi 3, 4, 5 or Zero 2 runs it), and: baqueano robot card"
         )
     if found.python < LEAST_PYTHON:
         raise UsageError(

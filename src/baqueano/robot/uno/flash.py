@@ -64,7 +64,7 @@ def program(path: Path) -> bytes:
                 or len(record) < 5
                 or len(record) != 5 + record[0]
             ):
-                raise FileError(f"{path}: line {number} is no line of an Intel hex file, or is damaged.")
+                raise FileError(f"{path}: line {number} is damaged, or is not from an Intel hex file.")
             if record[3] == 0:
                 at = record[1] << 8 | record[2]
                 memory.extend(b"\xff" * (at + record[0] - len(memory)))
@@ -95,7 +95,7 @@ def flash(
     avrdude = shutil.which("avrdude")
     if avrdude is None:
         raise UsageError(
-            "avrdude is not installed here. Type: sudo apt-get install avrdude. Where there is no internet, plug the "
+            "avrdude is not installed here. Type: sudo apt-get install avrdude. Without internet, plug the "
             "Uno into a computer that has it, and type there: baqueano robot flash"
         )
     where = find_port(port)

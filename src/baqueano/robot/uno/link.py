@@ -225,9 +225,7 @@ class Uno:
             if said is not None and meant(said):
                 return said
         if said is not None:
-            raise RobotUnreachable(
-                f"the Uno was told {question}, and says {said}: it refused one of the numbers."
-            )
+            raise RobotUnreachable(f"the Uno rejected the settings: sent {question}, stored {said}.")
         if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
             raise RobotUnreachable(
                 f"the Uno's answer to {type(question).__name__} did not come whole within {ANSWER_S:g} s: the line is "

@@ -108,7 +108,7 @@ def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
 
 
 def as_typed(settings: Settings) -> str:
-    """Return the line after which an Uno keeps `settings`, whatever it keeps before.
+    """Return the line after which an Uno keeps `settings`, for any settings before.
 
     >>> as_typed(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'

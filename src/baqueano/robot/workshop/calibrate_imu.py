@@ -207,7 +207,7 @@ def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
         raise AnswerNo(
             f"it was lifted over a corner: gravity moved by {abs(gained[first]):.1f} m/s² along one axis of the chip "
             f"and by {abs(gained[second]):.1f} along another, expected less than {CLEAR:.2f} of it. Lift the front "
-            "straight over the rear; a chip that sits at 45° has no axis that points ahead: turn it on the vehicle."
+            "straight over the rear; at 45° none of the chip's axes points ahead: turn it on the vehicle."
         )
     front = np.zeros(3)
     front[first] = np.sign(gained[first])

@@ -154,8 +154,8 @@ def _opposed(motion: LoggedMotion, said: str, wheels: str, imu: "Imu") -> Doubt:
 
 
 def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
-    """a_x and a_y: swapped, inverted, in another unit. What a_y says of a turning that is `opposed` to the wheels' is
-    told there.  (3)"""
+    """Check if a_x and a_y are swapped, inverted, or in another unit. A turning in a_y `opposed` to the wheels' is
+    reported there.  (3)"""
     a, felt, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
     if not max(np.std(felt), np.std(a[:, 1])) > FELT_M_S2 or not np.isfinite(a).all():
         return []

@@ -253,11 +253,11 @@ def _known(
     values = _values(signal, source)
     present = [k for k, entry in enumerate(signal.entries) if not entry.absent]
     whole = np.asarray(np.isfinite(values[:, present]).all(axis=1))
-    first = 1 if any(e.derivative for e in signal.entries) else 0  # a rate has no first value
+    first = 1 if any(e.derivative for e in signal.entries) else 0  # the first value of a rate is missing
     lost = np.count_nonzero(~whole[first:])
     if lost:
         where = int(source.t_ns[first:][~whole[first:]][0])
-        text = f"[{signal.key}]: {lost} of {len(whole)} rows have no number (NaN, empty) and were left out"
+        text = f"[{signal.key}]: {lost} of {len(whole)} rows lack a number (NaN, empty) and were left out"
         found.append(Doubt("missing", "warning", where, text))
     if not whole.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))

@@ -207,7 +207,7 @@ class _Parser:
             found = (
                 'time = "bag" (when it was recorded) or time = "header.stamp"'
                 if in_bag
-                else 'time = "COLUMN", or rate_hz = … of a file that has no column of time'
+                else 'time = "COLUMN", or rate_hz = … of a file without a column of time'
             )
             raise self.wrong(f"[{key}] time", time, found)
         time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
