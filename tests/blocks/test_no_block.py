@@ -34,4 +34,4 @@ def test_a_function_is_no_block():
         return state, None
 
     sentences = check("guide", step)
-    assert any("does not have step()" in s for s in sentences)
+    assert any("has no step()" in s for s in sentences)
