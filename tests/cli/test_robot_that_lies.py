@@ -99,7 +99,7 @@ def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
         for name in ("link.mcap", ".hidden.mcap", "../" + tmp_path.name + "/ok.mcap"):
             with remote.reached(str(door.path)) as there:
                 there.say(do="fetch", run=name)
-                with pytest.raises(Exception, match="there is no run"):
+                with pytest.raises(Exception, match="does not exist"):
                     there.hear(("file",), 10.0)
     finally:
         door.close()

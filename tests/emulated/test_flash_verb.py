@@ -72,9 +72,9 @@ def test_without_avrdude_it_says_what_to_install(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        (":10000000FFFF", "line 1 is no line of an Intel hex file"),
-        (":", "line 1 is no line of an Intel hex file"),
-        (":00000001FF\n:00", "line 2 is no line of an Intel hex file"),
+        (":10000000FFFF", "line 1 is damaged, or is not from an Intel hex file"),
+        (":", "line 1 is damaged, or is not from an Intel hex file"),
+        (":00000001FF\n:00", "line 2 is damaged, or is not from an Intel hex file"),
         ("hello", "no Intel hex file can be read there"),
         (":00000001FF", "holds 0 bytes: expected 1 to 32256"),
     ],

@@ -170,8 +170,8 @@ def test_id4_missing_numbers_are_left_out_and_told(lab):
     lab.camera["yaw"][5] = ""
     run, doubts = lab.run()
     assert [d.text for d in doubts if d.code == "missing"] == [
-        "[sensors.imu]: 3 of 1500 rows have no number (NaN, empty) and were left out",
-        "[truth]: 1 of 1500 rows have no number (NaN, empty) and were left out",
+        "[sensors.imu]: 3 of 1500 rows lack a number (NaN, empty) and were left out",
+        "[truth]: 1 of 1500 rows lack a number (NaN, empty) and were left out",
     ]
     assert len(run.sensors["imu"].t_ns) == 1497
     assert len(run.sensors["odometer"].t_ns) == 1500

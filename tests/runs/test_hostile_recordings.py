@@ -77,7 +77,7 @@ def test_a_csv_that_no_program_wrote_has_a_message(tmp_path, data, said):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (b"a,b\n" + b"0,0\n" * 600_000, "kB and takes "),
+        (b"a,b\n" + b"0,0\n" * 600_000, "kB and needs "),
         (b"a,b\n0,0\n" + b"\n" * 3_000_000, "of memory up to line "),
         (b"0" * 20_000_000, f"line 1 has more than {LONGEST} characters"),
         (b'a,b\n"' + b"0\n" * 10_000_000, "has a cell of more than 131072 characters"),

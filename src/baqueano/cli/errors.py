@@ -1,4 +1,4 @@
-"""How a command ends: one paragraph on stderr and an exit code.
+"""The end of a command: one paragraph on stderr and an exit code.
 
 0 done, 1 the answer is no, 2 usage, 3 a file that cannot be used, 4 robot unreachable, 5 safety stop,
 130 Ctrl-C.

@@ -170,8 +170,8 @@ class Comparison(Result):
                 f"{label.ljust(first)} {u.ljust(unit)}"
                 + "".join("  " + c.rjust(w) for c, w in zip(cells, wide, strict=True))
             )
-        told = [f"{judged.name}: {one}" for judged in self.runs for one in judged.sentences]
-        said = [fill(one, WIDE, subsequent_indent="  ") for one in told]
+        sentences = [f"{judged.name}: {one}" for judged in self.runs for one in judged.sentences]
+        said = [fill(one, WIDE, subsequent_indent="  ") for one in sentences]
         return "\n".join([*out, "", *said, verdict_line(self.verdict, self.reasons), *self._advice()])
 
     def _advice(self) -> list[str]:
@@ -248,11 +248,11 @@ def compare(
         raise UsageError(fault("compare.times", over_s=over_s, skip_s=skip_s))
     errors.aligned(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
     kept = [run.cut(skip_s) if skip_s else run for run in several]
-    told = list(names) if names else [run.name for run in several]
-    if len(told) != len(several):
-        raise UsageError(fault("compare.names", names=len(told), runs=len(several)))
+    labels = list(names) if names else [run.name for run in several]
+    if len(labels) != len(several):
+        raise UsageError(fault("compare.names", names=len(labels), runs=len(several)))
     return Comparison(
-        tuple(_judged(run, name, kept[0], alignment, over_s) for run, name in zip(kept, told, strict=True)),
+        tuple(_judged(run, name, kept[0], alignment, over_s) for run, name in zip(kept, labels, strict=True)),
         alignment,
         over_s,
     )

@@ -86,7 +86,7 @@ def attended(say: Callable[[str], object]) -> Iterator[None]:
 
     def look() -> None:
         if _silent(over):
-            say("whoever asked for this is gone: it ends")
+            say("the user of this is gone: it ends")
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGHUP)
 
     before = {number: signal.signal(number, gone) for number in (signal.SIGHUP, signal.SIGTERM)}

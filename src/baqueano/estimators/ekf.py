@@ -150,8 +150,8 @@ class Ekf:
         mean, cov = self._predict(belief, effort, row)
         y, s, w = [], [], []
         for name in self.use:
-            mean, cov, *told = self._correct(name, mean, cov, getattr(tick.sensors, name))
-            y, s, w = [*y, told[0]], [*s, told[1]], [*w, told[2]]
+            mean, cov, *one = self._correct(name, mean, cov, getattr(tick.sensors, name))
+            y, s, w = [*y, one[0]], [*s, one[1]], [*w, one[2]]
         after = Belief(tick.t_ns, mean, cov, effort.last, drivetrain)
         belief = chosen(row.new, after, belief)
         innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()

@@ -102,8 +102,10 @@ class Unscented:
             x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))
             y, s, w = [*y, innovation], [*s, S], [*w, weight]
         belief = chosen(row.new, UnscentedBelief(tick.t_ns, *x, effort.last, drivetrain), belief)
-        told = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
-        return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *told)
+        innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
+        return belief, Estimate(
+            tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *innovations
+        )
 
     def _predict(self, belief: UnscentedBelief, effort: Effort, row: FilterRow) -> Gaussian:
         """The state one row later.  (1, 2)"""

@@ -167,15 +167,15 @@ def _runs(fit: Fit) -> list[Section]:
     worst = _of_worst(fit.channels)
     if len(fit.runs) < 2 or not worst:
         return []
-    told, drawn = f"The model explains least of {worst[0].run}.", _drawn(fit.channels)
+    caption, drawn = f"The model explains least of {worst[0].run}.", _drawn(fit.channels)
     if len(drawn) < len(fit.runs):
-        told += f"\nDrawn are the {len(drawn)} runs of {len(fit.runs)} of which the model explains least."
+        caption += f"\nDrawn are the {len(drawn)} runs of {len(fit.runs)} of which the model explains least."
     names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
     for run in fit.runs:
         said = {label(c): f"{c.sigma:.3g}, {percent(c.explained)}" for c in _explained(fit.channels, run)}
         rows.append({"run": run} | {name: said.get(name) for name in names})
     headings = {name: name for name in ("run", *names)}
-    return [Section("Runs", told, [Table(rows, "Noise, and how much the model explains.", headings)])]
+    return [Section("Runs", caption, [Table(rows, "Noise, and how much the model explains.", headings)])]
 
 
 def _named(runs: Any) -> str:

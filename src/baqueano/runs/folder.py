@@ -117,8 +117,8 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     elif "*" in name or "?" in name:
         found = sorted(path.parent.glob(path.name)) if len(path.parts) > 1 else []
         found = found or sorted(Path(folder).glob(name if path.suffix else f"{name}.mcap"))
-    elif told := SPAN.fullmatch(name):
-        first, last, step = int(told[1]), int(told[2]), int(told[3] or 1)
+    elif span := SPAN.fullmatch(name):
+        first, last, step = int(span[1]), int(span[2]), int(span[3] or 1)
         numbers = range(first, last + 1, max(step, 1))
         found = [run for run in Path(folder).glob("*.mcap") if number_of(run) in numbers]
         found.sort(key=_by_number)

@@ -117,9 +117,11 @@ class Run(Result):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Run):
             return NotImplemented
-        told = {"name", "path", "notes"}
+        ignored = {"name", "path", "notes"}
         return all(
-            _same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name not in told
+            _same(getattr(self, f.name), getattr(other, f.name))
+            for f in fields(self)
+            if f.name not in ignored
         ) and list(self.sensors) == list(other.sensors)
 
     def __repr__(self) -> str:

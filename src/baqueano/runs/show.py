@@ -53,10 +53,10 @@ class ShownRun:
     def table(self) -> str:
         """Topics, then events and what the reader had to say."""
         run, lines = self.run, []
-        told = " ".join(
+        counts = " ".join(
             f"{key} {value};" for key, value in run.metadata.items() if "\n" not in value and value
         )
-        lines.append(f"{run.name}: {len(run.t_ns)} ticks, {run.duration_s:.2f} s. {told.rstrip(';')}")
+        lines.append(f"{run.name}: {len(run.t_ns)} ticks, {run.duration_s:.2f} s. {counts.rstrip(';')}")
         rows = self.rows()
         wide = max(20, *(len(r["topic"]) for r in rows))
         lines.append(

@@ -78,8 +78,8 @@ def simulate_loops(
     for seed in seeds:
         inputs = Input(t_ns, draw(system.sensors, seed, len(t_ns)) if noise else None)
         last, heard = kernel.run(inputs, carry=start)
-        told = metadata("simulate loop", seed, rate, kernel.backend, noise)
-        run = as_run(name, t_ns, heard, told)
+        about = metadata("simulate loop", seed, rate, kernel.backend, noise)
+        run = as_run(name, t_ns, heard, about)
         events = _stopped(last.blocks.supervisor, int(t_ns[-1])) + beyond(vehicle_file, run)
         yield replace(run, vehicle_text=vehicle_file.text, events=events)
 
@@ -129,7 +129,7 @@ def closed_loop(
     return scan(step, begin(system), example, flat(system, paths), backend=backend)
 
 
-def as_run(name: str, t_ns: np.ndarray, heard: Tree, told: dict[str, str]) -> Run:
+def as_run(name: str, t_ns: np.ndarray, heard: Tree, about: dict[str, str]) -> Run:
     """The run that N ticks of LoopOutput amount to."""
     record, truth = heard.record, heard.truth
     est, ref = record.estimate, record.reference
@@ -144,7 +144,7 @@ def as_run(name: str, t_ns: np.ndarray, heard: Tree, told: dict[str, str]) -> Ru
         estimate=EstimateLog(t_ns, est.eta, est.nu, est.cov, est.innovation, est.innovation_cov),
         reference=ReferenceLog(t_ns, ref.eta, ref.nu, ref.done),
         truth=TruthLog(t_ns, truth.eta, truth.nu, truth.nu_dot),
-        metadata=told,
+        metadata=about,
     )
 
 

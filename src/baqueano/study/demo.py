@@ -155,7 +155,7 @@ def demo(
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, believed = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
-    told = {"truth": truth, "backend": backend}
+    options = {"truth": truth, "backend": backend}
 
     say("1/6 experiment  60 s of random steps")
     u = excitation("random_steps", believed.command.limit, 60.0, believed.rate_hz, seed, rest_s=2.0)
@@ -178,9 +178,9 @@ def demo(
     believed.save(folder / "vehicle.toml")
     say("5/6 teach       a sinuous circle")
     taught = teach(
-        believed, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **told
+        believed, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
     )
     write_route(taught.route, folder / "route.csv")
     say(f"6/6 repeat      {LAPS} laps")
-    repeated = repeat(believed, taught.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **told)
+    repeated = repeat(believed, taught.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
     return Demo(truth, fit, noise, tuned, repeated, compare(repeated), folder)

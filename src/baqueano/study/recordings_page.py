@@ -31,12 +31,12 @@ def page_of_recordings(found: Recorded | None, study: TwoWays | None) -> Page:
         for one in held_out:
             sections += sections_of(one)
             headlines += _headlines(one)
-    told = found or study
-    assert told is not None
+    result = found or study
+    assert result is not None
     return Page(
         title="Real vehicles, judged on what their models have not seen",
         subtitle="Recordings that others made; the car of 1:18 is the CPM Lab's µCar under an overhead camera",
-        verdict=told.verdict,
+        verdict=result.verdict,
         headlines=headlines,
         sections=sections,
         reproduce="baqueano study recordings",

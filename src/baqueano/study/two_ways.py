@@ -94,14 +94,14 @@ class Judgement:
 
     def row(self) -> "JsonObject":
         """Flat, SI."""
-        rmse, part, told = self.predicted.rmse, self.predicted.explained, self.figures
+        rmse, part, figures = self.predicted.rmse, self.predicted.explained, self.figures
         row = {"fitted_on": self.fitted_on, "judged_on": self.judged_on, "held_out": self.held_out}
         row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(part[0])}
         row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(part[1])}
-        row |= {key: told[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
-        row |= {key: told[key] for key in ("rpe_m", "rpe_heading_rad")}
+        row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
+        row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
         row |= {"driven_m": self.driven_m, "duration_s": self.replayed.duration_s, "lost": self.lost}
-        return row | {key: told[key] for key in ("nees_pose", "nees_pose_is", "nis", "nis_is")}
+        return row | {key: figures[key] for key in ("nees_pose", "nees_pose_is", "nis", "nis_is")}
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class TwoWays:
     def figures(self) -> list[dict[str, str]]:
         """Return a row per figure, a column per model and run, as text."""
         rows = {_head(one): one.row() for one in self.judged}
-        return [{"figure": label} | {head: told(row) for head, row in rows.items()} for label, told in _LINES]
+        return [{"figure": label} | {head: cell(row) for head, row in rows.items()} for label, cell in _LINES]
 
     @property
     def notes(self) -> tuple[str, ...]:

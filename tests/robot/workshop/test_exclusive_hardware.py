@@ -82,7 +82,7 @@ def test_a_user_who_may_not_stop_the_service_is_told_what_to_type(programs):
     ("code", "kind", "match"),
     [
         (255, RobotUnreachable, "r1 was not reached by ssh. To see why: ssh r1"),
-        (127, RobotUnreachable, "r1 has no baqueano. Type: baqueano robot setup r1"),
+        (127, RobotUnreachable, "r1 lacks baqueano. Type: baqueano robot setup r1"),
         (5, SafetyStop, "ended there, for the reason above"),
         (2, UsageError, "ended there, for the reason above"),
         (1, BaqueanoError, "ended there, for the reason above"),

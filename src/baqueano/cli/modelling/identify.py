@@ -235,20 +235,22 @@ def _asked(how: "JsonObject", backend: str) -> "JsonObject":
     return {"free": how["free"] or None, "use": how["use"] or None, "options": options}
 
 
-def _known_to(file: "VehicleFile", told: tuple[str, ...], runs: "list[Run]", asked: "JsonObject") -> Any:
+def _known_to(
+    file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", asked: "JsonObject"
+) -> Any:
     """The file with how well its scales are known. UsageError where the fit would not ask."""
     from baqueano.errors import UsageError
     from baqueano.identify.covariance.scale_uncertainty import with_tolerance
     from baqueano.identify.without_encoders import imu_is_all
 
-    if not told:
+    if not tolerances:
         return file
     other = _other(asked)
     if other or not imu_is_all(file, runs, asked["use"], asked["free"]):
         code = "cli.tolerance-beside" if other else "cli.tolerance-unused"
-        raise UsageError(fault(code, "--use imu", given=told[0], other=other[:1]))
+        raise UsageError(fault(code, "--use imu", given=tolerances[0], other=other[:1]))
     parts = {}
-    for one in told:
+    for one in tolerances:
         key, _, part = one.partition("=")
         try:
             parts[key] = float(part.rstrip("%")) * (0.01 if part.endswith("%") else 1.0)

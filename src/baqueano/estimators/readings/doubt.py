@@ -68,7 +68,7 @@ def lasting(
 def wider(
     by: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Value, dt_s: Value
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what the doubt by `by` (2,) adds to the covariance of the pose (3, 3) and of the velocity (3, 3).  (1)"""
+    """Return the share of the doubt by `by` (2,) in the covariances of pose and velocity, (3, 3) each.  (1)"""
     lasts, way = now_s >= DOUBT_S, map_from_body(psi)[:, [0, 2]]
     longer = np.where(before_s >= DOUBT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
     grows = lasts & (now_s > before_s)

@@ -56,12 +56,12 @@ def open(
     MPU-6050, 6000 or 9150 at 0x68 feels 9.8 m/s²
     """
     path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
-    device, who_am_i, told = find(path, ADDRESSES if address is None else (address,))
+    device, who_am_i, warnings = find(path, ADDRESSES if address is None else (address,))
     try:
         chip = chip_at(device, who_am_i)
         imu = Mpu6050(device, chip, settings or ImuSettings(), now_ns)
         found = _rest(imu, who_am_i, now_ns, sleep)
-        found = replace(found, warnings=(*told, *found.warnings))
+        found = replace(found, warnings=(*warnings, *found.warnings))
     except BaseException:
         device.close()
         raise
@@ -99,7 +99,7 @@ def lines(imu: Mpu6050, found: OpenedImu) -> list[str]:
     s, band = imu.settings, imu.chip.bands[imu.settings.filter]
     axes = ", ".join(s.axes)
     warm = "" if np.isnan(found.temperature_c) else f", {found.temperature_c:.1f} °C"
-    told = [
+    lines = [
         f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X}) at 0x{found.address:02X} on {found.path}{warm}",
         f"  {s.rate_hz} Hz, {s.mode}; ±{s.accel_range_g} g, ±{s.gyro_range_dps} °/s; ahead, left, up: {axes}",
         f"  filter {s.filter}: accelerometer {band.accel_hz:g} Hz, {band.accel_delay_s * 1e3:.1f} ms late; "
@@ -107,7 +107,7 @@ def lines(imu: Mpu6050, found: OpenedImu) -> list[str]:
         f"  now {found.accel_ms2:.2f} m/s², {found.gyro_dps:.1f} °/s; 14 bytes take {found.burst_s * 1e3:.2f} ms "
         f"(bus at {found.bus_hz / 1e3:.0f} kHz or more)",
     ]
-    return told + [f"  warning: {text}" for text in found.warnings]
+    return lines + [f"  warning: {text}" for text in found.warnings]
 
 
 def _rest(

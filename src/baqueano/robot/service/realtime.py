@@ -21,21 +21,21 @@ MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 def claimed(priority: int = PRIORITY) -> list[str]:
     """Asks for a real-time priority and locked memory; what was granted, in words. Threads and programs that start
     later do not inherit the priority. Garbage is collected from now on."""
-    told = []
+    grants = []
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
-        told.append(f"real-time priority {priority}")
+        grants.append(f"real-time priority {priority}")
     except (AttributeError, OSError) as error:
-        told.append(f"no real-time priority ({error}): ticks may be some milliseconds late")
+        grants.append(f"no real-time priority ({error}): ticks may be some milliseconds late")
     try:
         if ctypes.CDLL(None, use_errno=True).mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
             raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
-        told.append("memory locked")
+        grants.append("memory locked")
     except (AttributeError, OSError) as error:
-        told.append(f"memory not locked ({error})")
+        grants.append(f"memory not locked ({error})")
     gc.freeze()
     gc.enable()
-    return told
+    return grants
 
 
 class Systemd:

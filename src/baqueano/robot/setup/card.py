@@ -126,7 +126,7 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
         script = script.replace(f"@{word}@", shlex.quote(value))
     with (boot / "firstrun.sh").open("w", encoding="utf-8", newline="\n") as file:
         file.write(script)
-    told = [f"{boot / 'firstrun.sh'}: {user}@{name}.local, by key"]
+    written = [f"{boot / 'firstrun.sh'}: {user}@{name}.local, by key"]
     line = [
         word for word in (boot / "cmdline.txt").read_text(encoding="utf-8").split() if word not in STARTER
     ]
@@ -139,12 +139,14 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
         if not before.exists():
             before.write_bytes((boot / "user-data").read_bytes())
         (boot / "user-data").write_text(CLOUD, encoding="utf-8")
-        told.append(f"{boot / 'user-data'}: starts it by cloud-init; what was there is in user-data.before")
+        written.append(
+            f"{boot / 'user-data'}: starts it by cloud-init; what was there is in user-data.before"
+        )
     else:
         line += STARTER
-        told.append(f"{boot / 'cmdline.txt'}: starts it at the first boot, then the Pi starts anew")
+        written.append(f"{boot / 'cmdline.txt'}: starts it at the first boot, then the Pi starts anew")
     (boot / "cmdline.txt").write_text(" ".join(line) + "\n", encoding="utf-8")
-    return told
+    return written
 
 
 def _escaped(text: str) -> str:

@@ -363,15 +363,15 @@ def main(arguments: list[str] | None = None, run: Callable[..., str] | None = No
     parser.add_argument("--user", required=True)
     parser.add_argument("--root", type=Path, default=Path("/"))
     parser.add_argument("--now", type=float)
-    told = parser.parse_args(arguments)
-    pi = Pi(told.root, told.bundle, told.user, run)
-    todo = steps(pi, told.now)
-    if told.what == "undo":
+    options = parser.parse_args(arguments)
+    pi = Pi(options.root, options.bundle, options.user, run)
+    todo = steps(pi, options.now)
+    if options.what == "undo":
         return undo(pi, todo)
     for step in todo:
         if step.done():
             print(f"as it is {step.name}")
-        elif told.what == "plan":
+        elif options.what == "plan":
             print(f"would    {step.name}")
         else:
             step.do()

@@ -109,7 +109,7 @@ def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
 
 
 def as_typed(settings: Settings) -> str:
-    """Return the line after which an Uno keeps `settings`, whatever it keeps before.
+    """Return the line after which an Uno keeps `settings`, for any settings before.
 
     >>> as_typed(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
@@ -201,10 +201,10 @@ def watch(uno: "Uno", seconds: float, say: Callable[[str], object], wait: Wait =
     before = None
     for _ in range(round(seconds / LOOK_S)):
         wait(LOOK_S)
-        for told in uno.receive()[-1:]:
-            if (told.counts, told.marks) != before:
-                before = (told.counts, told.marks)
+        for newest in uno.receive()[-1:]:
+            if (newest.counts, newest.marks) != before:
+                before = (newest.counts, newest.marks)
                 say(
-                    f"battery {told.battery_v:.2f} V, counts left {told.counts[0]}, right {told.counts[1]}, "
-                    f"marks {told.marks}"
+                    f"battery {newest.battery_v:.2f} V, counts left {newest.counts[0]}, right {newest.counts[1]}, "
+                    f"marks {newest.marks}"
                 )

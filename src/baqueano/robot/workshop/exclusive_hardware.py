@@ -93,7 +93,7 @@ def there(host: str, *verb: str) -> list["TableRow"]:
     if code == INTERRUPTED:
         raise KeyboardInterrupt
     why = {
-        127: f"{host} has no baqueano. Type: baqueano robot setup {host}",
+        127: f"{host} lacks baqueano. Type: baqueano robot setup {host}",
         255: f"{host} was not reached by ssh. To see why: ssh {host}",
     }.get(code, f"{host}: baqueano {' '.join(verb)} ended there, for the reason above.")
     raise of_code(code, why, otherwise=RobotUnreachable)

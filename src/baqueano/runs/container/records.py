@@ -293,11 +293,11 @@ class _Walk:
             return
         channel, schema = cursor.number(2), cursor.number(2)
         topic, _ = cursor.text(), cursor.text()
-        told = McapChannel(topic, self.schemas.get(schema, ""), cursor.pairs())
-        if channels.get(channel) != told:
-            channels[channel] = told
+        declared = McapChannel(topic, self.schemas.get(schema, ""), cursor.pairs())
+        if channels.get(channel) != declared:
+            channels[channel] = declared
             self.keep(NAMED * len(cursor.data))
-        if told.schema in self.unread:
+        if declared.schema in self.unread:
             self.drawn.add(channel)
 
     def attachment(self, body: memoryview) -> None:

@@ -154,8 +154,8 @@ FIXED = {
 
 def sealed(metadata: dict[str, str]) -> dict[str, str]:
     """The metadata with the format and a checksum, which MCAP does not give them."""
-    told = metadata | {"format": FORMAT}
-    return told | {"crc32": f"{zlib.crc32(json.dumps(told, sort_keys=True).encode()):08x}"}
+    content = metadata | {"format": FORMAT}
+    return content | {"crc32": f"{zlib.crc32(json.dumps(content, sort_keys=True).encode()):08x}"}
 
 
 def unsealed(record: dict[str, str]) -> dict[str, str] | None:

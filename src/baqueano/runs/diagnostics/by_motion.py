@@ -154,8 +154,8 @@ def _opposed(motion: LoggedMotion, said: str, wheels: str, imu: "Imu") -> Doubt:
 
 
 def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
-    """a_x and a_y: swapped, inverted, in another unit. What a_y says of a turning that is `opposed` to the wheels' is
-    told there.  (3)"""
+    """Check if a_x and a_y are swapped, inverted, or in another unit. A turning in a_y `opposed` to the wheels' is
+    reported there.  (3)"""
     a, felt, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
     if not max(np.std(felt), np.std(a[:, 1])) > FELT_M_S2 or not np.isfinite(a).all():
         return []
@@ -175,8 +175,8 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
         return [Doubt("swapped", "error", None, text, "swap the columns of a_x and a_y")]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
     check = f"check its unit and scale, and those of the speed, {source}"
-    told = [(along, x)] if opposed else [(across, y), (along, x)]
-    return [_doubt(one, entry, "speed and turning give", check) for one, entry in told if one.code]
+    candidates = [(along, x)] if opposed else [(across, y), (along, x)]
+    return [_doubt(one, entry, "speed and turning give", check) for one, entry in candidates if one.code]
 
 
 def _steering(motion: LoggedMotion) -> list[Doubt]:

@@ -172,7 +172,7 @@ def _full(counts: list[np.ndarray], unit_of_it: str = "") -> str:
     if PULSE_US[0] <= least and most <= PULSE_US[1]:
         return f"write {unit_of_it}scale = 0.002, offset = -3.0, of pulses of 1000 to 2000 µs with 1500 in the middle"
     if most < TINY * FULL[0]:
-        said = "their largest: a set-point in a physical unit has no full scale of its own"
+        said = "their largest: a set-point in a physical unit does not have a full scale"
         return f"write {unit_of_it}scale = {1.0 / most:.6g}, of {most:.6g}, {said}"
     percent = most <= FULL[0]
     full = next((full for full in FULL[percent:] if most <= full), most)

@@ -1,4 +1,4 @@
-"""The signal that each channel shows: a signed permutation of what is known, in one unit or another, by likelihood.
+"""The signal that each channel shows: a signed permutation of known signals, in one unit or another, by likelihood.
 
     z_i = s_i r_i g_i h_π(i) + e_i,   s_i = ±1,   low_i ≤ g_i ≤ high_i                                    (1)
 

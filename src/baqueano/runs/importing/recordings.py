@@ -237,8 +237,8 @@ def _within_a_turn(angle: np.ndarray) -> bool:
 
 def _check_header(entry: Entry) -> None:
     """A column that is called `speed [km/h]` is not in m/s."""
-    told = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
-    said, known = unit(told[1]) if told else None, unit(entry.unit)
+    in_header = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
+    said, known = unit(in_header[1]) if in_header else None, unit(entry.unit)
     named = said is not None and said.measures not in ("ratio", "raw", "counts")
     if named and known is not None and said != known and known.measures != "raw":
         raise FileError(
@@ -247,7 +247,7 @@ def _check_header(entry: Entry) -> None:
                 key=entry.key,
                 found=entry.unit,
                 column=entry.column,
-                in_unit=told[1] if told else "",
+                in_unit=in_header[1] if in_header else "",
             )
         )
 
@@ -257,13 +257,13 @@ def _known(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times, `t_ns` (rows,) if they are not the source's, and values of the rows that have all their numbers."""
     values = _values(signal, source)
-    told = [k for k, entry in enumerate(signal.entries) if not entry.absent]
-    whole = np.asarray(np.isfinite(values[:, told]).all(axis=1))
-    first = 1 if any(e.derivative for e in signal.entries) else 0  # a rate has no first value
+    present = [k for k, entry in enumerate(signal.entries) if not entry.absent]
+    whole = np.asarray(np.isfinite(values[:, present]).all(axis=1))
+    first = 1 if any(e.derivative for e in signal.entries) else 0  # the first value of a rate is missing
     lost = np.count_nonzero(~whole[first:])
     if lost:
         where = int(source.t_ns[first:][~whole[first:]][0])
-        text = f"[{signal.key}]: {lost} of {len(whole)} rows have no number (NaN, empty) and were left out"
+        text = f"[{signal.key}]: {lost} of {len(whole)} rows lack a number (NaN, empty) and were left out"
         found.append(Doubt("missing", "warning", where, text))
     if not whole.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))

@@ -187,12 +187,12 @@ def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
 
 def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
     """The path of each [files.NAME], once per run or once per file that holds several."""
-    told: dict[str, Path] = {}
+    by_name: dict[str, Path] = {}
     named = [str(path).partition("=") for path in files]
     if not isinstance(files, dict) and files and all(name in m.files for name, *_ in named):  # NAME=PATH
         files = {name: path for name, _, path in named}
     if isinstance(files, dict):
-        told = {name: Path(path) for name, path in files.items()}
+        by_name = {name: Path(path) for name, path in files.items()}
     elif files:
         open_names = [name for name, spec in m.files.items() if spec.path is None]
         if not open_names and len({spec.path for spec in m.files.values()}) == 1:
@@ -205,18 +205,18 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
                 fault(code, map=m.path.name, files=m.files, shared=shared[:1], first=next(iter(m.files)))
             )
         return [_complete(m, dict.fromkeys(open_names, path)) for path in given]
-    for name in told:
+    for name in by_name:
         if name not in m.files:
             raise FileError(fault("import.file-unknown", map=m.path.name, found=name, known=m.files))
-    patterns = {spec.path for name, spec in m.files.items() if name not in told and spec.path}
+    patterns = {spec.path for name, spec in m.files.items() if name not in by_name and spec.path}
     many = [pattern for pattern in patterns if glob.has_magic(pattern)]
     if not many:
-        return [_complete(m, told)]
+        return [_complete(m, by_name)]
     if len(many) > 1:
         raise FileError(fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, sorted(many)))))
-    at = [name for name, spec in m.files.items() if spec.path == many[0] and name not in told]
+    at = [name for name, spec in m.files.items() if spec.path == many[0] and name not in by_name]
     spec = m.files[at[0]]
-    return [_complete(m, told | dict.fromkeys(at, path)) for path in _matching(m, spec)]
+    return [_complete(m, by_name | dict.fromkeys(at, path)) for path in _matching(m, spec)]
 
 
 def _expanded(path: Path) -> list[Path]:
@@ -229,8 +229,8 @@ def _expanded(path: Path) -> list[Path]:
     return [Path(one) for one in found]
 
 
-def _complete(m: ColumnMap, told: dict[str, Path]) -> dict[str, Path]:
-    return {name: told[name] if name in told else _found(m, spec) for name, spec in m.files.items()}
+def _complete(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Path]:
+    return {name: by_name[name] if name in by_name else _found(m, spec) for name, spec in m.files.items()}
 
 
 def _found(m: ColumnMap, spec: FileSpec) -> Path:

@@ -218,8 +218,9 @@ def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
 
 def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:
     """Other units of time by which step and length would be those of a recording, the likeliest first."""
-    told = unit(spec.time_unit)
-    steps = {name: usual / (told.si if told else 1.0) * unit(name).si for name in ("s", "ms", "us", "ns")}  # pyright: ignore[reportOptionalMemberAccess]
+    written = unit(spec.time_unit)
+    usual_s = usual / (written.si if written else 1.0)
+    steps = {name: usual_s * one.si for name in ("s", "ms", "us", "ns") if (one := unit(name))}
     fits = [name for name, step in steps.items() if 1e-3 <= step <= LONGEST_S and name != spec.time_unit]
     whole = [name for name in fits if rows * steps[name] >= BRIEF_S]
     return sorted(whole or fits, key=lambda name: abs(np.log(steps[name] / 0.02)))

@@ -277,8 +277,8 @@ class _Parser:
             "counts_per_turn": float,
         })  # fmt: skip
         quaternion = spec.get("quaternion")
-        told = [what for what in ("column", "quaternion", "constant") if what in spec]
-        if len(told) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
+        sources = [what for what in ("column", "quaternion", "constant") if what in spec]
+        if len(sources) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
             raise self.wrong(key, spec, note("expect.one-source"))
         if quaternion is not None and spec.get("unit", "rad") != "rad":
             raise self.wrong(f"{key} unit", spec["unit"], note("expect.no-unit"))

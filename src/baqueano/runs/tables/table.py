@@ -190,7 +190,7 @@ def _columns(
     lines: Lines, rows: Iterator[tuple[int, list[str]]], width: int, delimiter: str
 ) -> tuple[list[bytearray], "array[int]", tuple[str, ...]]:
     """The cells of each column, and the line of each row. Refuses rows of another width; a last one that was cut is
-    left out, and told."""
+    left out, and reported."""
     columns, numbers, block = [bytearray() for _ in range(width)], array("q"), []
     uneven, wrong, number, put_at = 0, (0, 0), 0, 0
     for number, row in rows:

@@ -129,9 +129,9 @@ def _of_one(one: "JudgedEstimate") -> list["TableRow"]:
     out = []
     for quantity, errors in one.errors.items():
         (value, reference), (ratio, low, high) = errors.rms, errors.ratio
-        told = row(one.recording, one.estimator, quantity, value, reference)
+        cells = row(one.recording, one.estimator, quantity, value, reference)
         ok = None if not np.isfinite(low) else bool(low <= ALONE)
-        out.append(told | {"ok": ok, "ratio": ratio, "low": low, "high": high})
+        out.append(cells | {"ok": ok, "ratio": ratio, "low": low, "high": high})
     return out
 
 
@@ -142,8 +142,8 @@ def _of_consistency(one: "JudgedEstimate") -> list["TableRow"]:
     figures |= {f"NIS of innovation {k}": (band, NIS) for k, band in enumerate(found.channels)}
     for name, (band, bar) in figures.items():
         ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
-        told = row(one.recording, one.estimator, name, band.mean, 1.0)
-        out.append(told | {"ok": ok, "verdict": band.verdict})
+        cells = row(one.recording, one.estimator, name, band.mean, 1.0)
+        out.append(cells | {"ok": ok, "verdict": band.verdict})
     for k, value in enumerate(found.correlations):
         name = f"lag-1 correlation of innovation {k}"
         out.append(row(one.recording, one.estimator, name, value, 0.0) | {"ok": bool(abs(value) <= WHITE)})

@@ -25,7 +25,7 @@ ABOUT = (
     "the parameter. wrongly_usable: fits with a parameter off by 5 of its errors and 5 %, called USABLE."
 )
 Z = "Clean: each error in its own standard error, {} estimates, and the normal density. Beyond 4.5: at the edge."
-COVERAGE = "Clean: part of the 95 % intervals that hold the truth, with twice its scatter; the band is what is asked."
+COVERAGE = "Clean: part of the 95 % intervals that hold the truth, with twice its scatter; the band is the requirement."
 BARS = "Clean: errors and standard errors in bounds. The line is what an error has to keep below."
 
 

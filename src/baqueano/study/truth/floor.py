@@ -43,18 +43,18 @@ class Floor:
         for i in np.flatnonzero(nearest.any(axis=1)):
             draw, here = self._draw[i], int(np.argmax(nearest[i]))
             missed, twice, mistaken = draw.random(3) < self._faults
-            told = xy[i] + self._noise_m * draw.standard_normal((2, 2))
+            reading = xy[i] + self._noise_m * draw.standard_normal((2, 2))
             self.passed[i] += 1
             if mistaken:
                 others = [k for k in range(len(self._points)) if k != here]
-                told += self._points[draw.choice(others)] - self._points[here]
+                reading += self._points[draw.choice(others)] - self._points[here]
             if not missed:
-                out[i] = told[0]
+                out[i] = reading[0]
                 late = np.full(xy.shape, np.nan)
-                late[i] = told[1]
+                late[i] = reading[1]
                 self._again += [(t_s + TWICE_S, late)] if twice else []
-        for due_s, told in self._again:
-            out = np.where(np.isnan(told) | (due_s > t_s), out, told)
+        for due_s, reading in self._again:
+            out = np.where(np.isnan(reading) | (due_s > t_s), out, reading)
         self._again = [one for one in self._again if one[0] > t_s]
         return out
 

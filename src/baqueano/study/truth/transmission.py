@@ -47,7 +47,7 @@ class Transmission(Group):
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Return True where it has no states."""
+        """Return True where it is stateless."""
         return not (np.any(self.second_lag_s) or np.any(self.play_m) or np.any(np.isfinite(self.grip_n)))
 
     def states(self, wheels: int) -> int:
