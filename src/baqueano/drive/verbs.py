@@ -5,11 +5,11 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from baqueano.contracts.blocks import Guide
+from baqueano.contracts.blocks import Controller, Estimator, Guide
 from baqueano.controllers import Hand, Schedule
 from baqueano.drive.by_hand.heading_gains import holding
 from baqueano.drive.session import drive
-from baqueano.errors import AnswerNo, UsageError
+from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route, closed_up, end_gap, run_through
@@ -82,8 +82,10 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     return Taught(run, route_of(run, closed))
 
 
-def lesson(vehicle_file: VehicleFile, driver: Driver, hold: bool = False, **options: Any) -> Run:
-    """The run of a drive as `driver` says, see `teach`."""
+def lesson(
+    vehicle_file: VehicleFile, driver: Driver, hold: bool = False, kind: str = "teach", **options: Any
+) -> Run:
+    """Return the run of a drive as `driver` says, see `teach`; `kind` stands in its metadata."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
     if isinstance(driver, Route):
         driver = Repeat.along(driver)
@@ -104,7 +106,7 @@ def lesson(vehicle_file: VehicleFile, driver: Driver, hold: bool = False, **opti
     if controller is None:
         controller = vehicle_file.controller()
     blocks = Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
-    return drive(blocks, vehicle_file, "teach", **options)
+    return drive(blocks, vehicle_file, kind, **options)
 
 
 def repeat(vehicle_file: VehicleFile, route: Route, laps: int = 1, **options: Any) -> Run:
@@ -144,15 +146,26 @@ def replay(run: Run, vehicle_file: VehicleFile, blocks: Blocks | None = None, **
     return drive(chosen, vehicle_file, "replay", world=world, ticking=world.times, **options)
 
 
-def blocks_of(run: Run, vehicle_file: VehicleFile) -> Blocks:
-    """The blocks of `vehicle_file` around the references and commands that the run recorded."""
-    by_controller = run.metadata.get("kind") == "repeat"
+def blocks_of(run: Run, vehicle_file: VehicleFile, estimator: Estimator | None = None) -> Blocks:
+    """Return the blocks of `vehicle_file`, or another `estimator`, around the references and commands that the run
+    recorded. A controller without gains plays the recorded commands."""
     guide = Idle(float("inf")) if run.reference is None else Playback(*run.reference)
-    controller = vehicle_file.controller()
-    if not by_controller:
+    controller = _with_gains(vehicle_file) if run.metadata.get("kind") == "repeat" else None
+    if controller is None:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
         controller = Schedule(run.t_ns - run.t_ns[0], u)
-    return Blocks(vehicle_file.estimator(), guide, controller, vehicle_file.supervisor())
+    estimator = vehicle_file.estimator() if estimator is None else estimator
+    return Blocks(estimator, guide, controller, vehicle_file.supervisor())
+
+
+def _with_gains(vehicle_file: VehicleFile) -> Controller | None:
+    """Return the controller; None where the file has no gains for it."""
+    try:
+        return vehicle_file.controller()
+    except FileError as error:
+        if error.diagnostic.code != "vehicle.lacks-found-by":
+            raise
+        return None
 
 
 def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:

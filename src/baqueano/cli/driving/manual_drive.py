@@ -35,11 +35,11 @@ hold_option = click.option(
 
 
 def by_hand(
-    file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None, hold: bool = True,
-    **how: Any,
+    verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
+    hold: bool = True, **how: Any,
 ) -> "Run":  # fmt: skip
-    """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it; `hold`: straight on by
-    the gyro, where there is one. `how`: share, latched of a Cockpit."""
+    """Return the run of a drive by hand in real time, until q. `verb`: "drive" or "teach"; `pad`: its device, FIND to
+    look for it; `hold`: straight on by the gyro, where there is one; `how`: share, latched of a Cockpit."""
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.drive.by_hand.heading_gains import gains_of
     from baqueano.drive.by_hand.pad import find
@@ -68,7 +68,7 @@ def by_hand(
         open_things.enter_context(ended_by_signals(hand.stop))
         given = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
         given |= {"words": hand.words, "on_state": hand.show, "say": hand.say} if kind != "simulated" else {}
-        run = place.drive(Mission("teach", hold=hold), file, path, lambda seconds: None, hand=hand, **given)
+        run = place.drive(Mission(verb, hold=hold), file, path, lambda seconds: None, hand=hand, **given)
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 

@@ -50,7 +50,7 @@ def command(
         file = options.load_vehicle(vehicle, settings)
     given = {} if backend == "auto" else {"backend": backend}
     own = file.estimator(kind=options.own_block(file, "estimator", estimator))
-    blocks = blocks_of(recorded, file)._replace(estimator=own)
+    blocks = blocks_of(recorded, file, own)
     path = options.run_path(out, folder, f"replay-{recorded.name}")
     with clocked(note("cli.replay"), recorded.duration_s) as seen:
         again = replay(

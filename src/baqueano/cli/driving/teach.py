@@ -67,7 +67,7 @@ def command(
     options.advise_to_measure(file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
-        run, closed = by_hand(file, robot, seed, backend, path, pad, hold), False
+        run, closed = by_hand("teach", file, robot, seed, backend, path, pad, hold), False
     else:
         asked = shape_or_route(driver, speed_m_s, size_m)
         with placed(robot, file, seed, backend) as place:

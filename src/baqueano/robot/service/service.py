@@ -181,7 +181,9 @@ class Service:
         try:
             mission = Mission.of_json(asked) if isinstance(asked, str) else asked
             path = self._path(mission.kind)
-            self.machine.go("manual" if mission.kind == "teach" and mission.route is None else "mission")
+            self.machine.go(
+                "manual" if mission.kind in ("drive", "teach") and mission.route is None else "mission"
+            )
         except BaqueanoError as error:
             self.patience(HANGING_S)
             self.operator.free()
