@@ -146,7 +146,7 @@ def command(
     if judged is not None and judged.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(judged.reasons, page, held_out=True))
     fitted = fit.vehicle_file
-    if not no_noise and fitted.data.get("estimator"):
+    if not no_noise:
         fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
     options.kept(fitted, update)
 
