@@ -72,7 +72,16 @@ def test_one_run_goes_into_the_folder_that_is_told_as_several_do(baqueano, tmp_p
     assert several.out == "nothing was doubted\n"
     (line,) = re.findall(r"^next: (.*)   \(", several.err, re.MULTILINE)
     ends = [str(Path("my runs") / f"{name}.mcap") for name in ("first", "second")]
-    assert shlex.split(line) == ["baqueano", "identify", ends[0], "--held-out", ends[1], "--vehicle", "FILE"]
+    assert shlex.split(line) == [
+        "baqueano",
+        "identify",
+        ends[0],
+        "--held-out",
+        ends[1],
+        "--vehicle",
+        "FILE",
+        "--update",
+    ]
     for given, left in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
         assert baqueano("runs", "import", "rover.toml", given, "-o", "trials").code == 0
         assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == left

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli.terminal import talk, tell
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def command(name: str, vehicle: str) -> None:
 
     folder = Path(name)
     if folder.exists() and any(folder.iterdir()):
-        raise UsageError(fault("cli.folder-not-empty", f"baqueano new {name}-2", folder=folder))
+        raise UsageError(fault("cli.folder-not-empty", typed("new", f"{name}-2"), folder=folder))
     file = as_guess(load(vehicle))
     folder.mkdir(parents=True, exist_ok=True)
     file.save(folder / "vehicle.toml")

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
@@ -94,7 +95,7 @@ class Remote:
                 self.inbox.put(None)  # for the next reader
                 raise RobotUnreachable(
                     f"{self.name}: the connection was closed. The vehicle stops by itself. To see why, type: "
-                    f"baqueano robot status {self.name}"
+                    f"{typed('robot', 'status', self.name)}"
                 )
             match said["is"]:
                 case "state":
@@ -184,7 +185,7 @@ class Remote:
         """UsageError where the vehicle speaks another version of the words: its answers would not be understood."""
         if (theirs := self.state.get("door", 1)) != VERSION:
             figures = {"host": self.name, "theirs": str(theirs), "ours": VERSION}
-            fix = f"baqueano robot setup {self.name}"
+            fix = typed("robot", "setup", self.name)
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
     def _forget_others(self) -> None:

@@ -154,8 +154,8 @@ def blocks_of(run: Run, vehicle_file: VehicleFile, estimator: Estimator | None =
     if controller is None:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
         controller = Schedule(run.t_ns - run.t_ns[0], u)
-    estimator = vehicle_file.estimator() if estimator is None else estimator
-    return Blocks(estimator, guide, controller, vehicle_file.supervisor())
+    chosen = vehicle_file.estimator() if estimator is None else estimator
+    return Blocks(chosen, guide, controller, vehicle_file.supervisor())
 
 
 def _with_gains(vehicle_file: VehicleFile) -> Controller | None:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Verdict
 from baqueano.identify.result.channel_units import percent
 from baqueano.identify.result.fit_result import Fit, rounded
@@ -50,7 +51,7 @@ def page_of_fit(
             *sections_of_fit(fit, truth, reasons=False),
             *_of_unseen(held_out),
         ],
-        reproduce=f"baqueano identify {' '.join(fit.runs) if len(fit.runs) <= DRAWN else 'RUNS'}",
+        reproduce=typed("identify", *(fit.runs if len(fit.runs) <= DRAWN else ["RUNS"])),
     )
 
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.compare import compare, evenness
 from baqueano.compare.corridor import corridor_of
 from baqueano.compare.errors import aligned
@@ -51,7 +52,7 @@ def page_of_run(run: Run, alignment: str = "none") -> Page:
         verdict=VERDICTS.get(judged["verdict"], ""),
         headlines=headlines(judged),
         sections=sections,
-        reproduce=f"baqueano report {run.name}",
+        reproduce=typed("report", run.name),
     )
 
 

@@ -13,6 +13,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import talk
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault, note
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def ended_by_hand(run: "Run", path: Path, robot: str) -> None:
     if why is not None and why.code == StopReason.INTERRUPTED:
         return
     if why is not None and robot.partition(":")[0] != "simulated":
-        talk(note("cli.stop-latched", fix=f"baqueano robot clear {robot}"))
+        talk(note("cli.stop-latched", fix=typed("robot", "clear", robot)))
     options.ended(run, path)
 
 

@@ -42,12 +42,14 @@ def command(
     from baqueano.vehicle_file import override, parse
 
     recorded = options.find_runs((run,), folder)[0]
+    named = options.naming_own(folder)
     if vehicle is None and recorded.vehicle_text:
         talk(note("cli.vehicle-of-run"))
         file = parse(recorded.vehicle_text, f"the vehicle file of {recorded.name}")
         file = override(file, settings) if settings else file
     else:
         file = options.load_vehicle(vehicle, settings)
+        named = options.naming(file, folder)
     given = {} if backend == "auto" else {"backend": backend}
     own = file.estimator(kind=options.own_block(file, "estimator", estimator))
     blocks = blocks_of(recorded, file, own)
@@ -60,7 +62,10 @@ def command(
         again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)
         write_run(again, path)
     talk(note("cli.run", path=path))
-    answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)
+    several = [recorded, again] if recorded.estimate is not None else [again]
+    compared = compare(several, alignment=align)
+    answer(compared, as_json)
+    options.advise_to_fit(compared, [recorded] * len(several), named, folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 

@@ -131,12 +131,12 @@ def command(
         tell(beside.table())
     _written(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
-        from baqueano.cli.next_line import typed
+        from baqueano.command_line import typed
         from baqueano.report.of_fit import page_of_fit
 
         with busy(note("cli.drawing")):
             whole = page_of_fit(fit, held_out=judged, ahead=ahead)
-            whole = replace(whole, reproduce=typed(sys.argv[1:]))
+            whole = replace(whole, reproduce=typed(*sys.argv[1:]))
             written = whole.save(page)
         talk(note("cli.report", page=written))
     if say.stopped:

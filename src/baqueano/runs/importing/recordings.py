@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
@@ -128,7 +129,7 @@ def import_run(
     found = import_runs(m, files, vehicle_text)
     if len(found) > 1:
         raise FileError(
-            fault("import.several-runs", "baqueano runs import", map=m.path.name, count=len(found))
+            fault("import.several-runs", typed("runs", "import", m.path), map=m.path.name, count=len(found))
         )
     return found[0]
 

@@ -26,6 +26,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault, nearest
 from baqueano.errors import FileError
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
@@ -94,7 +95,7 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
-    fix, words = f"baqueano runs import MAP.toml {path}", str(error)
+    fix, words = typed("runs", "import", "MAP.toml", path), str(error)
     where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place in its text alone
     if where is None:
         return fault("map.recording", fix, path=path)
