@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
-from baqueano.compare.divergence import NoCovariance, diverged_s, no_covariance
+from baqueano.compare.divergence import NoCovariance, diverged_s, no_covariance, until_diverged
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.compare.table import WIDTH, table
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
@@ -209,15 +209,14 @@ def compare(
 
 
 def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> JudgedPath:
-    duration_s, lost_s = run.duration_s, diverged_s(run)
-    run = run.cut(0.0, lost_s) if lost_s > 0.0 else run  # the figures are of the time before
+    lost_s, run = diverged_s(run), until_diverged(run)  # the figures are of the time before
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
     if run.estimate is not None and run.truth is not None and len(run.truth.t_ns) > 1:
         figures = _against_truth(run, alignment, over_s)
     return JudgedPath(
-        name, duration_s, **figures,
+        name, run.duration_s, **figures,
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
         across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
         **_commanded(run), consistency=filter_consistency(run, alignment),

@@ -4,6 +4,7 @@ diverged   |p − p*| > FAR · max(1 m, size of the true path),  or without a tr
 a covariance P has eigenvalues λ ≥ −ROUNDING max |λ|                                                          (2)
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from baqueano.runs.interpolated import poses_at
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
-FAR = 10.0  # sizes of the true path
+FAR = 5.0  # sizes of the true path
 FASTEST_M_S = 100.0
 ROUNDING = 1e-9  # of the largest eigenvalue
 
@@ -44,14 +45,23 @@ def diverged_s(run: Run) -> float:
     return float(t_s[np.argmax(lost)]) if lost.any() else float("nan")
 
 
+def until_diverged(run: Run) -> Run:
+    """Return the run with the estimate until it diverged."""
+    log, at_s = run.estimate, diverged_s(run)
+    if log is None or not at_s > 0.0:
+        return run
+    keep = seconds(log.t_ns, run.t_ns[0]) < at_s
+    return replace(run, estimate=log._make(None if x is None else x[keep] for x in log))
+
+
 def no_covariance(run: Run) -> NoCovariance | None:
     """Return at which ticks the covariance of (η, ν) is not positive semidefinite; None where it always is.  (2)"""
     log = run.estimate
     if log is None or not len(log.t_ns):
         return None
-    known = np.isfinite(log.cov).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(log.cov).all(axis=(1, 2)))
     values = np.linalg.eigvalsh(np.where(known[:, None, None], log.cov, 0.0))
-    wrong = ~known | (values[:, 0] < -ROUNDING * np.abs(values).max(axis=1))
+    wrong = np.logical_not(known) | (values[:, 0] < -ROUNDING * np.abs(values).max(axis=1))
     if not wrong.any():
         return None
     return NoCovariance(int(wrong.sum()), len(wrong), float(seconds(log.t_ns, run.t_ns[0])[np.argmax(wrong)]))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.command_line import typed
-from baqueano.diagnostics import Verdict
+from baqueano.diagnostics import Verdict, by_weight
 from baqueano.identify.result.channel_units import percent
 from baqueano.identify.result.fit_result import Fit, rounded
 from baqueano.identify.result.lines import marks
@@ -59,7 +59,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
     again what the verdict rests on."""
     said = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
-    said = "\n".join(f"• {one}" for one in texts(said))
+    said = "\n".join(f"• {one}" for one in texts(by_weight(said)))
     rows = [_row(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
@@ -77,7 +77,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     if known.sum() > 1:
         matrix = fit.correlation[np.ix_(known, known)]
         said = "Red or blue off the diagonal: these are known only together."
-        drawing = draw(figures.correlation(names, matrix), said)
+        drawing = draw(figures.correlation(names, matrix), said, narrow=False)
         sections.append(Section("Correlation of the estimates", "", [drawing]))
     return sections
 
@@ -98,7 +98,7 @@ def _row(row: "TableRow") -> "JsonObject":
 
 def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
     """Return the meaning of the verdict for the reader, and the next step."""
-    said = [ended(reason) for reason in texts(fit.reasons)]
+    said = [ended(reason) for reason in texts(by_weight(fit.reasons))]
     said = [f"• {one}" for one in said] if len(said) > 1 else said
     if held_out is not None:
         said += [f"On unseen runs: {ended(held_out.sentence)}", *(f"{one}." for one in held_out.outside)]
@@ -186,13 +186,19 @@ def _of_run(fit: Fit, run: str) -> Section:
     channels = _explained(fit.channels, run)
     few, shown = _where_most_moves(channels)
     residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
-    left_over = figures.residuals(residual, [label(c) for c in channels])
-    caption = f"Sensors and model, {shown}. The model has seen only the commands."
-    return Section(
-        f"Data and model: {run}",
-        "",
-        [draw(few, caption), draw(left_over, "What the model leaves, in standard deviations.")],
-    )
+    over_time = figures.over_time([
+        (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
+        for c, r in zip(channels, residual.T, strict=True)
+    ], height_in=1.4)  # fmt: skip
+    parts: list[Any] = [
+        draw(few, f"Sensors and model, {shown}. The model has seen only the commands."),
+        draw(over_time, "Residuals over time, in standard deviations: 95 % of white ones lie in the band."),
+        draw(
+            figures.residuals(residual, [label(c) for c in channels]),
+            "Residuals beside the normal density, and their autocorrelation by lag, with the band of white noise.",
+        ),
+    ]
+    return Section(f"Data and model: {run}", "", parts)
 
 
 def _where_most_moves(channels: list[Any]) -> tuple[Any, str]:

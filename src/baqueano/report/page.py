@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 TONES = {
     Verdict.USABLE: "good", "OK": "good", Verdict.WARN: "warn", Verdict.REFUSED: "bad", Verdict.STOPPED: "bad",
 }  # fmt: skip
-WIDE_IN = 8.0
+WIDE_IN, NARROW_IN, LEAST_IN = 8.0, 4.4, 2.4  # of figures: over time; on a phone
 
 
 @dataclass(frozen=True)
@@ -102,17 +102,32 @@ def cell(value: object) -> str:
     return str(value)
 
 
-def draw(figure: "Figure", caption: str) -> Drawing:
-    """The figure as SVG text that stands inside the page."""
-    import io
-
+def draw(figure: "Figure", caption: str, narrow: bool = True) -> Drawing:
+    """Return the figure as SVG text that stands inside the page, and again as narrow as a phone; one that cannot be
+    made `narrow` is moved sideways there."""
     from baqueano.report.lab import pyplot
 
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    svg = _svg(figure, "wide", caption)
+    wide_in, high_in = figure.get_size_inches()
+    if narrow and wide_in > NARROW_IN:
+        shorter = (
+            1.0 if wide_in > WIDE_IN else NARROW_IN / wide_in
+        )  # curves over time keep the height of their panels
+        figure.set_size_inches(NARROW_IN, max(high_in * shorter, LEAST_IN))
+        svg += _svg(figure, "narrow", caption)
     pyplot().close(figure)
+    return Drawing(svg, caption)
+
+
+def _svg(figure: "Figure", shape: str, caption: str) -> str:
+    """Return one <svg>; what it names by id is its own, also where the other shape is hidden."""
+    import io
+
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": f"baqueano {shape}"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
-    svg = svg[svg.index("<svg") :]
-    wide = figure.get_figwidth() > WIDE_IN  # on a phone it is read by moving it sideways
-    marks = f'class="{"wide" if wide else "square"}" role="img" aria-label="{html.escape(caption)}"'
-    return Drawing(svg.replace("<svg", f"<svg {marks}", 1), caption)
+    marks = f'class="{shape}" role="img" aria-label="{html.escape(caption)}"'
+    return svg[svg.index("<svg") :].replace("<svg", f"<svg {marks}", 1)

@@ -69,7 +69,8 @@ def command(
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        talk(note("cli.report", page=page_of_run(again, align).save(page)))
+        beside = recorded if recorded.estimate is not None else None
+        talk(note("cli.report", page=page_of_run(again, align, beside).save(page)))
     if not _same(stop_of(again), stop_of(recorded)):  # a stop that was recorded is replayed with the rest
         options.ended(again, path)
     else:

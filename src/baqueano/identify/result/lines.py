@@ -8,7 +8,7 @@ report hold the whole.
 
 from typing import Any
 
-from baqueano.diagnostics import Verdict, note
+from baqueano.diagnostics import Verdict, by_weight, note
 from baqueano.identify.covariance.information import QUANTILE_95
 from baqueano.messages import grouped, text
 
@@ -34,7 +34,8 @@ def marks(row: dict[str, Any]) -> str:
 
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     """Return the verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
-    reasons, unseen, notes = map(grouped, (fit.reasons, fit.unobservable, fit.never + fit.notes))
+    told = (fit.reasons, fit.unobservable, fit.never + fit.notes)
+    reasons, unseen, notes = (grouped(by_weight(one)) for one in told)
     if len(reasons) == 1:
         lines = [f"{fit.verdict}: {reasons[0]}"]
     else:

@@ -15,7 +15,7 @@ TEMPLATES: dict[str, str] = {
     "simulate.lost": "{lost} of {vehicles} vehicles diverged and are not counted",
     "simulate.clipped": "{clipped} of {vehicles} draws were moved to a bound",
     "compare.inconsistent": "{subject} {how}",
-    "compare.diverged": "The estimate diverged at {t_s:.1f} s. The figures are of the time before.",
+    "compare.diverged": "The estimate diverged at {t_s:.1f} s. Its figures are of the time before.",
     "compare.no-covariance": (
         "The covariance is not positive definite at {ticks} of {of} ticks, first at {from_s:.2f} s, so it "
         "gives no probability."
