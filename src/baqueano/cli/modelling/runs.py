@@ -122,14 +122,20 @@ eta = [
 )
 @click.argument("map", metavar="MAP")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--draft", type=click.Path(path_type=Path), metavar="MAP.toml",
+    help="Write a draft of a map for the CSV file that stands in the place of MAP.",
+)  # fmt: skip
 @options.vehicle
 @options.runs_folder
 @options.out
 @options.as_json
 def import_(
-    map: str, files: tuple[Path, ...], vehicle: str | None, settings: tuple[str, ...], folder: str,
+    map: str, files: tuple[Path, ...], draft: Path | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
+    if draft is not None:
+        return _drafted(map, draft)
     from baqueano.runs import write_run
     from baqueano.runs.importing import ImportedRuns, import_runs
 
@@ -163,6 +169,17 @@ def import_(
     answer(ImportedRuns(tuple(imported)), as_json)
     first, last = (path.stem if out is None else str(path) for path in (written[0], written[-1]))
     _next(first, "--held-out", last, named=named)
+
+
+def _drafted(recording: str, to: Path) -> None:
+    """Write the draft of a map for a recording."""
+    from baqueano.errors import FileError
+    from baqueano.runs.importing.draft import draft
+
+    if to.exists():
+        raise FileError(fault("cli.file-exists", "--draft another-name.toml", out=to))
+    to.write_text(draft(recording), encoding="utf-8", newline="\n")
+    tell(note("cli.drafted", fix=typed("runs", "import", to, recording), path=to))
 
 
 def _next(*runs: str, named: list[str]) -> None:

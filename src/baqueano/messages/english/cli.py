@@ -199,6 +199,7 @@ TEMPLATES: dict[str, str] = {
     "cli.recovered": "{path}: {duration_s:.2f} s saved",
     "cli.cut": "{path}: {duration_s:.2f} s",
     "cli.imported": "{count} runs: {first} to {last}, {duration_s:.0f} s",
+    "cli.drafted": "{path}: a draft of the map. Write the units that it lacks (?), then: {fix}",
     "cli.next-fit": "next: {fix}   (baqueano new NAME makes one to begin with)",
     "cli.mount-written": "written into {path}; next: {fix}, which uses it",
     "cli.averaging": "averaging over all times",

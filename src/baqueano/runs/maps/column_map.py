@@ -38,6 +38,7 @@ ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
 ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
 LONGEST = 1_000_000  # characters of a map; a recording may have any number
+AT_REST: dict[str, Any] = {"in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3}
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
 
 
@@ -95,7 +96,7 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
-    fix, words = typed("runs", "import", "MAP.toml", path), str(error)
+    fix, words = typed("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
     where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place in its text alone
     if where is None:
         return fault("map.recording", fix, path=path)
@@ -130,12 +131,14 @@ class _Parser:
         tables = self.needed(top, "files", "a table [files.NAME] per file")
         files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
         self.file_names = list(files)
-        signal, names, in_force, wheels = self.command(self.needed(top, "command", "a table [command]"))
         sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
         ticks = top.get("ticks", {}) if len(files) == 1 else self.needed(
             top, "ticks", 'a table [ticks] with file = "NAME": its times are the ticks of the run'
         )  # fmt: skip
         self.keys("ticks", ticks, {"file": str})
+        if "command" not in top and sensors:  # of a vehicle that stands
+            top["command"] = AT_REST | ticks
+        signal, names, in_force, wheels = self.command(self.needed(top, "command", "a table [command]"))
         return ColumnMap(
             str(top.get("name", self.path.stem)), self.path, self.text, top.get("start_ns", 0),
             frozenset(map(str, top.get("accept", []))), files, self.file_of("ticks", ticks), names,
