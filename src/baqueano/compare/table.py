@@ -19,7 +19,7 @@ DEGREES = 180.0 / np.pi
 ALIGNED = {"none": "", "start": ", aligned at the start", "rigid": ", aligned rigidly"}
 
 
-class Line(NamedTuple):
+class TableLine(NamedTuple):
     """A figure of each run."""
 
     label: str
@@ -70,25 +70,25 @@ def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
         first = last
 
 
-def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[Line]]]:
+def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
     over = f"over {found.over_s:g} s"
     yield (
         "",
         [
-            Line("duration", "s", lambda j: j.duration_s),
-            Line("the estimate diverged at", "s", lambda j: j.diverged_s),
+            TableLine("duration", "s", lambda j: j.duration_s),
+            TableLine("the estimate diverged at", "s", lambda j: j.diverged_s),
         ],
     )
     yield (
         f"estimate − truth, rms{ALIGNED[found.alignment]}",
         [
-            Line("position (ATE)", "m", lambda j: j.ate_m),
-            Line("position, at the end", "m", lambda j: j.end_error_m),
-            Line("heading", "°", lambda j: j.ate_heading_rad * DEGREES),
-            Line(f"drift {over} (RPE)", "m", lambda j: j.rpe_m),
-            Line(f"drift of the heading {over}", "°", lambda j: j.rpe_heading_rad * DEGREES),
-            Line("speed", "m/s", lambda j: j.speed_error_m_s),
-            Line("yaw rate", "rad/s", lambda j: j.yaw_rate_error_rad_s),
+            TableLine("position (ATE)", "m", lambda j: j.ate_m),
+            TableLine("position, at the end", "m", lambda j: j.end_error_m),
+            TableLine("heading", "°", lambda j: j.ate_heading_rad * DEGREES),
+            TableLine(f"drift {over} (RPE)", "m", lambda j: j.rpe_m),
+            TableLine(f"drift of the heading {over}", "°", lambda j: j.rpe_heading_rad * DEGREES),
+            TableLine("speed", "m/s", lambda j: j.speed_error_m_s),
+            TableLine("yaw rate", "rad/s", lambda j: j.yaw_rate_error_rad_s),
         ],
     )
     if found.of_drives:
@@ -96,7 +96,7 @@ def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[Line]]]:
     yield from _of_the_filter(found)
 
 
-def _of_the_vehicle() -> Iterator[tuple[str, Sequence[Line]]]:
+def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
     """Yield how well and how evenly it drove; of a replay this says nothing of the estimator."""
     for title, kind in (
         ("vehicle across its reference, true", "true"),
@@ -107,53 +107,53 @@ def _of_the_vehicle() -> Iterator[tuple[str, Sequence[Line]]]:
     yield (
         "command",
         [
-            Line("changes of sign, forward", "1/s", lambda j: j.sign_changes_per_s),
-            Line("ticks at a limit", "%", lambda j: 100.0 * j.at_limit),
+            TableLine("changes of sign, forward", "1/s", lambda j: j.sign_changes_per_s),
+            TableLine("ticks at a limit", "%", lambda j: 100.0 * j.at_limit),
         ],
     )
 
 
-def _distances(name: str) -> list[Line]:
+def _distances(name: str) -> list[TableLine]:
     return [
-        Line("distance, rms", "m", lambda j: getattr(j, name).rms_m),
-        Line("distance, 95 %", "m", lambda j: getattr(j, name).p95_m),
-        Line("distance, largest", "m", lambda j: getattr(j, name).max_m),
+        TableLine("distance, rms", "m", lambda j: getattr(j, name).rms_m),
+        TableLine("distance, 95 %", "m", lambda j: getattr(j, name).p95_m),
+        TableLine("distance, largest", "m", lambda j: getattr(j, name).max_m),
     ]
 
 
-def _paces(name: str) -> list[Line]:
+def _paces(name: str) -> list[TableLine]:
     return [
-        Line("speed error, rms", "m/s", lambda j: getattr(j, name).error_m_s),
-        Line("speed error, of the mean", "%", lambda j: 100.0 * getattr(j, name).error),
-        Line("speed about its 1 s mean", "%", lambda j: 100.0 * getattr(j, name).uneven),
+        TableLine("speed error, rms", "m/s", lambda j: getattr(j, name).error_m_s),
+        TableLine("speed error, of the mean", "%", lambda j: 100.0 * getattr(j, name).error),
+        TableLine("speed about its 1 s mean", "%", lambda j: 100.0 * getattr(j, name).uneven),
     ]
 
 
-def _of_the_filter(found: "Comparison") -> Iterator[tuple[str, Sequence[Line]]]:
+def _of_the_filter(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
     channels = max((len(one.consistency.channels) for one in found.runs), default=0)
     yield (
         "NEES, 1 if consistent",
         [
             *(
-                Line(JOINT[k].removeprefix("the "), "", lambda j, k=k: _band(getattr(j.consistency, k)))
+                TableLine(JOINT[k].removeprefix("the "), "", lambda j, k=k: _band(getattr(j.consistency, k)))
                 for k in JOINT
                 if k != "nis"
             ),
-            *(Line(k, "", lambda j, k=k: _band(j.consistency.states[k])) for k in STATES),
+            *(TableLine(k, "", lambda j, k=k: _band(j.consistency.states[k])) for k in STATES),
         ],
     )
     yield (
         "NIS, 1 if consistent",
         [
-            Line("all innovations", "", lambda j: _band(j.consistency.nis)),
-            *(Line(f"innovation {k}", "", lambda j, k=k: _of_channel(j, k)) for k in range(channels)),
-            Line("correlation at lag 1", "", lambda j: j.consistency.correlation),
+            TableLine("all innovations", "", lambda j: _band(j.consistency.nis)),
+            *(TableLine(f"innovation {k}", "", lambda j, k=k: _of_channel(j, k)) for k in range(channels)),
+            TableLine("correlation at lag 1", "", lambda j: j.consistency.correlation),
         ],
     )
     names = dict.fromkeys(one.name for judged in found.runs for one in judged.refusals)
-    yield "refused by the estimator", [Line(k, "", lambda j, k=k: _refused(j, k)) for k in names]
+    yield "refused by the estimator", [TableLine(k, "", lambda j, k=k: _refused(j, k)) for k in names]
     known = [one.verdict for one in found.runs if one.verdict != "not reported"]
-    yield "covariance", [Line("verdict", "", lambda j: j.verdict)] if known else []
+    yield "covariance", [TableLine("verdict", "", lambda j: j.verdict)] if known else []
 
 
 def _refused(judged: "JudgedPath", name: str) -> str:

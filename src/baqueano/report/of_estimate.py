@@ -35,6 +35,7 @@ def beside_each_other(both: Comparison) -> list[Section]:
 
 
 def said_of_path(one: JudgedPath, alignment: str) -> str:
+    """Return the words above the drawing of a path: when it diverged, or its corridor, and its alignment."""
     said = f"{one.sentences[0]} " if np.isfinite(one.diverged_s) else ""
     found = one.corridor
     if found is not None and not said:
