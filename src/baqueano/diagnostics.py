@@ -171,6 +171,18 @@ def joined(found: Iterable[Diagnostic]) -> Diagnostic | None:
     return first
 
 
+WEIGHTS = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN, Severity.INFO, Severity.OK)
+
+
+def by_weight(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return the gravest first, those of one severity in their order.
+
+    >>> [one.code for one in by_weight([note("a"), note("b", Severity.WARNING)])]
+    ['b', 'a']
+    """
+    return tuple(sorted(found, key=lambda one: WEIGHTS.index(one.severity)))
+
+
 LISTED = 20  # names of those that are known
 
 

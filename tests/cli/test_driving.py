@@ -192,6 +192,7 @@ def test_a_terminal_that_never_answers_is_driven_by_single_keys(terminal, tmp_pa
     screen.type(b"q")
     assert screen.ends() == 0
     run = read_run(tmp_path / "run.mcap")  # for how long it moved: tests/emulated/test_driving.py
+    assert run.metadata["kind"] == "drive"
     assert len(moving(run)) > 0
     assert np.max(run.applied[:, 0]) == pytest.approx(0.15)
     assert run.applied[-1, 0] == 0.0

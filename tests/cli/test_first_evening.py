@@ -55,13 +55,15 @@ def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baq
     )
 
 
-def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path):
-    mine = load("small").save(tmp_path / "my vehicle.toml")
-    options.advise_to_measure(load(mine), "simulated:small")
+def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    load("small").save(tmp_path / "my vehicle.toml")
+    options.advise_to_measure(load("my vehicle.toml"), "simulated:small")
+    load("small").save(tmp_path / "vehicle.toml")  # beside it a name of the garage has to be said
     options.advise_to_measure(load("small"), "pilot@rover.local")
     said = capsys.readouterr().err
-    assert f"baqueano experiment --vehicle '{mine}' --robot simulated:small, then" in said
-    assert f"baqueano identify last --vehicle '{mine}' --update" in said
+    assert "baqueano experiment --vehicle 'my vehicle.toml' --robot simulated:small, then" in said
+    assert "baqueano identify last --vehicle 'my vehicle.toml' --update" in said
     assert "small.toml: its model is a guess" in said
     assert "baqueano experiment --vehicle small --robot pilot@rover.local" in said
 

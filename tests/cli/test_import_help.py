@@ -9,6 +9,7 @@ import pytest
 
 from baqueano.cli.modelling.runs import A_MAP
 from baqueano.errors import FileError
+from baqueano.runs import read_run
 from baqueano.runs.maps.column_map import load_map, maps_folder
 from tests.codes import refused
 
@@ -31,7 +32,8 @@ def test_a_recording_in_the_place_of_the_map_is_told(baqueano, tmp_path, given):
     (tmp_path / given).write_bytes(b"t;\xb0/s\n")
     end = baqueano("runs", "import", given)
     assert end.code == 3
-    assert (end.why.code, end.fix) == ("map.recording", f"baqueano runs import MAP.toml {given}")
+    assert end.why.code == "map.recording"
+    assert end.fix == f"baqueano runs import {given} --draft {given.partition('.')[0]}.toml"
 
 
 def test_a_map_is_one_by_what_is_in_it_and_not_by_its_name(baqueano, tmp_path):
@@ -72,7 +74,16 @@ def test_one_run_goes_into_the_folder_that_is_told_as_several_do(baqueano, tmp_p
     assert several.out == "nothing was doubted\n"
     (line,) = re.findall(r"^next: (.*)   \(", several.err, re.MULTILINE)
     ends = [str(Path("my runs") / f"{name}.mcap") for name in ("first", "second")]
-    assert shlex.split(line) == ["baqueano", "identify", ends[0], "--held-out", ends[1], "--vehicle", "FILE"]
+    assert shlex.split(line) == [
+        "baqueano",
+        "identify",
+        ends[0],
+        "--held-out",
+        ends[1],
+        "--vehicle",
+        "FILE",
+        "--update",
+    ]
     for given, left in (("first.csv", {"first"}), ("second.csv", {"first", "second"})):
         assert baqueano("runs", "import", "rover.toml", given, "-o", "trials").code == 0
         assert {path.stem for path in (tmp_path / "trials").glob("*.mcap")} == left
@@ -90,3 +101,41 @@ def test_the_list_that_is_named_for_a_missing_run_can_be_typed(baqueano, tmp_pat
     end = baqueano("runs", "show", "no.mcap")
     assert end.code == 3
     assert baqueano(*end.fix.split()[1:]).code == 0
+
+
+LOG = "time_ms,left_pwm,right_pwm,left_rpm,right_rpm,ax_g,ay_g,gyro_dps,x_mm,y_mm,yaw_deg,note\n"
+
+
+def test_a_draft_of_a_map_is_a_map(baqueano, tmp_path):
+    rows = "".join(f"{20 * k},{k % 200},100,10,10,0,0,{k % 7},{k},0,0,a\n" for k in range(60))
+    (tmp_path / "log.csv").write_text(LOG + rows, encoding="utf-8")
+    assert baqueano("runs", "import", "log.csv").fix == "baqueano runs import log.csv --draft log.toml"
+    made = baqueano("runs", "import", "log.csv", "--draft", "log.toml")
+    assert made.code == 0
+    assert "baqueano runs import log.toml log.csv" in made.out
+    told = load_map(tmp_path / "log.toml")
+    assert (told.wheels, set(told.sensors), told.truth is not None) == (True, {"wheels", "imu"}, True)
+    assert [entry.unit for entry in told.sensors["imu"].entries] == ["g", "g", "deg/s"]
+    assert "columns without a place: note" in (tmp_path / "log.toml").read_text(encoding="utf-8")
+    assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").why.code == "cli.file-exists"
+
+
+def test_a_unit_that_no_name_says_is_asked_for(baqueano, tmp_path):
+    (tmp_path / "log.csv").write_text(
+        "t,gyro\n" + "".join(f"{0.02 * k},{k}\n" for k in range(9)), encoding="utf-8"
+    )
+    baqueano("runs", "import", "log.csv", "--draft", "log.toml")
+    end = baqueano("runs", "import", "log.toml", "log.csv")
+    assert (end.why.code, end.why.figures["found"]) == ("map.wrong", "'?'")
+
+
+def test_a_sensor_at_rest_needs_no_command(baqueano, tmp_path):
+    text = A_MAP.partition("\b\n")[2]
+    start, end = text.index("[command]"), text.index("[sensors.imu]")
+    (tmp_path / "rest.toml").write_text(text[:start] + text[end : text.index("[truth]")], encoding="utf-8")
+    rows = "".join(f"{20 * k},0.0{k % 3},{k % 5}\n" for k in range(100))
+    (tmp_path / "rest.csv").write_text("time_ms,ax,gyro\n" + rows, encoding="utf-8")
+    assert baqueano("runs", "import", "rest.toml", "rest.csv", "-o", "rest.mcap").code == 0
+    run = read_run(tmp_path / "rest.mcap")
+    assert run.applied.shape[1] == 3
+    assert not run.applied.any()

@@ -67,10 +67,32 @@ def test_a_path_that_is_not_there_is_answered_with_what_is(tmp_path, monkeypatch
     assert (figures["files"], figures["more"]) == ("a.csv, b.csv, c.csv, d.csv, e.csv", 1)
 
 
-def test_a_file_that_is_to_be_mended_is_followed_by_the_same_command():
-    args = ["runs", "import", "my map.toml"]
-    said = next_line(fault("toml.syntax", file="map.toml"), 3, args)
-    assert (said.code, said.fix) == ("next.again", "baqueano runs import 'my map.toml'")
+def test_a_file_that_is_to_be_mended_is_not_followed_by_the_same_command():
+    assert (
+        next_line(fault("toml.syntax", file="mine.toml"), 3, ["experiment", "--vehicle", "mine.toml"]) is None
+    )
+    said = next_line(fault("map.wrong", map="map.toml"), 3, ["runs", "import", "map.toml"])
+    assert said.fix == "baqueano runs import --help"
+
+
+@pytest.mark.parametrize(
+    ("line", "right"),
+    [
+        ("teach a --speed 0,3", "teach a --speed 0.3"), ("teach a --speed=0,3", "teach a --speed=0.3"),
+        ("compare 3 --skip 0,5", "compare 3 --skip 0.5"), ("drive --share 0,5", "drive --share 0.5"),
+        ("experiment --signal designed --room 2,5x2", "experiment --signal designed --room 2.5x2"),
+        ("experiment --set model.mass_kg=0,7", "experiment --set model.mass_kg=0.7"),
+    ],
+)  # fmt: skip
+def test_a_decimal_comma_is_named_and_put_right(baqueano, line, right):
+    end = baqueano(*line.split(), *(["--vehicle", "small"] if not line.startswith("compare") else []))
+    assert (end.code, end.ending.next.code) == (2, "next.decimal-comma")
+    assert end.fix.startswith(f"baqueano {right}")
+
+
+def test_the_two_numbers_of_a_bound_are_no_decimal_comma():
+    args = ["identify", "1", "--bound", "model.mass_kg=0,10"]
+    assert next_line(fault("cli.usage"), 2, args).code == "next.options"
 
 
 def test_an_error_that_brings_its_own_line_or_is_an_answer_gets_no_other():

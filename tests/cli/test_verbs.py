@@ -4,6 +4,7 @@ import html
 import shlex
 import shutil
 import sys
+from importlib.resources import files
 
 import pytest
 
@@ -94,6 +95,22 @@ def test_a_replay_gives_the_same_estimates(project):
     first, again = end.reply["rows"]
     assert again["ate_m"] == first["ate_m"]
     assert again["nis"] == first["nis"]
+
+
+def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        files("baqueano.cli.project").joinpath("my_estimator.py").read_text(encoding="utf-8"),
+        encoding="utf-8",
+    )
+    text = files("baqueano.garage").joinpath("small.toml").read_text(encoding="utf-8")
+    text = text.replace('kind = "augmented_ekf"', 'kind = "ekf"').replace(
+        'kind = "pd_feedforward"', 'kind = "pd"'
+    )
+    (tmp_path / "bare.toml").write_text(text, encoding="utf-8")
+    project("repeat", "lab", "--vehicle", "small", "--json")
+    own = ("replay", "last", "--vehicle", "bare.toml", "--estimator", "mine.py:MyEstimator", "--json")
+    assert project(*own).code == 0
+    assert project(*own[:-3], "--json").why.figures["room"] == "estimator"
 
 
 def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):

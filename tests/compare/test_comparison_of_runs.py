@@ -1,10 +1,13 @@
 """What `compare` says about runs that are made by hand, so that every figure is known."""
 
+import re
+
 import numpy as np
 import pytest
 
 from baqueano.compare import compare
 from baqueano.compare.consistency import NOT_REPORTED, Band
+from baqueano.compare.divergence import NoCovariance
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.errors import UsageError
 from baqueano.monitor import Refusals, counted
@@ -51,7 +54,7 @@ def test_refusals_stand_beside_each_other_and_a_run_without_counts_shows_none():
     rows = judged.rows()
     assert (rows[0]["refused_imu[2]"], rows[0]["arrived_imu[2]"]) == (12, 800)
     assert not any(key.startswith("refused") for key in rows[1])
-    (line,) = [line for line in judged.table().splitlines() if "refused" in line]
+    (line,) = [line for line in judged.table().splitlines() if "imu[2]" in line]
     assert line.split()[-4:] == ["12", "of", "800", "-"]
     assert "refused" not in compare(made("b")).table()
 
@@ -60,14 +63,14 @@ def test_an_estimate_further_off_than_it_says_is_too_sure():
     judged = compare([made(off=(0, 0, 0)), made("b", off=(0.2, 0.0, 0.0))])
     assert [row["verdict"] for row in judged.rows()] == ["consistent", "too sure"]
     assert [(one.subject, one.figures["how"]) for one in judged.reasons] == [("b", "too sure")]
-    assert judged.table().endswith("Type: baqueano identify b --update")
+    assert judged.table().endswith("A fit tells.")
 
 
 def test_an_estimate_nearer_than_it_says_is_too_cautious_and_no_fit_is_asked_for_again():
     judged = compare(made(off=(0.0, 0.0, 0.0), sigma=0.01))
     assert [(one.subject, one.figures["how"]) for one in judged.reasons] == [("a", "too cautious")]
     assert "smaller disturbance_std" in judged.table()
-    assert "Type:" not in judged.table()
+    assert "A fit tells" not in judged.table()
 
 
 def test_the_second_run_is_laid_beside_the_path_of_the_first():
@@ -105,9 +108,54 @@ def test_the_first_seconds_can_be_left_out():
 def test_the_table_has_a_column_per_run_and_the_verdict():
     text = compare([made(), made("0002-repeat")]).table()
     assert "0002-repeat" in text.splitlines()[0]
-    assert "NEES of the pose, 1 if consistent" in text
-    assert [line for line in text.splitlines() if line.startswith("INCONSISTENT")] == [text.splitlines()[-3]]
-    assert max(map(len, text.splitlines())) < 110
+    assert "NEES, 1 if consistent" in text
+    assert len([line for line in text.splitlines() if line.startswith("INCONSISTENT")]) == 1
+
+
+@pytest.mark.parametrize("runs", [1, 2, 5])
+def test_the_table_fits_80_columns_and_each_row_has_a_figure(runs):
+    names = ["a", "0012-replay-0003-repeat-of-a-long-name", "b", "c", "d"][:runs]
+    silent = made("a", innovation=False, events=(Event(0, "info", "refused", "imu[0]: 0 of 0"),))
+    several = [silent, *(made(name) for name in names[1:])]
+    text = compare(several).table()
+    assert max(map(len, text.splitlines())) <= 80
+    assert "of 0" not in text
+    rows = [
+        line for line in text.split("\n\na: ")[0].splitlines() if line.startswith("  ") and line[2] != " "
+    ]
+    assert rows
+    assert all(re.search(r"\d|consistent|sure|tell|cautious", row[30:]) for row in rows)
+
+
+def test_a_replay_is_judged_by_its_estimate_and_not_by_what_the_vehicle_did():
+    drive, other = made("drive", across=0.05), made("replay", across=0.05, metadata={"kind": "replay"})
+    text = compare([drive, other]).table()
+    assert "across" not in text.partition("drive: ")[0]
+    assert "at a limit" not in text
+    assert "position (ATE)" in text
+    assert "across its reference" in compare(drive).table()
+
+
+def test_an_estimate_that_diverged_says_when_and_is_judged_until_then():
+    run = made(off=(0, 0, 0))
+    eta = run.estimate.eta.copy()
+    eta[700:, 0] = 1e16
+    one = compare(made(estimate=run.estimate._replace(eta=eta)))
+    assert one.runs[0].diverged_s == pytest.approx(7.0, abs=0.02)
+    assert one.runs[0].ate_m < 0.05
+    assert (one.verdict, one.reasons[0].figures["how"]) == ("INCONSISTENT", "diverged")
+    assert "diverged at 7.0 s" in one.table()
+    assert np.isnan(compare(made()).runs[0].diverged_s)
+
+
+def test_a_covariance_that_is_none_is_named():
+    run = made(off=(0, 0, 0))
+    cov = run.estimate.cov.copy()
+    cov[100:] *= -1.0
+    one = compare(made(estimate=run.estimate._replace(cov=cov)))
+    assert one.runs[0].no_covariance == NoCovariance(N - 100, N, pytest.approx(1.0))
+    assert one.verdict == "INCONSISTENT"
+    assert "not positive definite at 1400 of 1500 ticks" in one.table()
 
 
 @pytest.mark.parametrize(

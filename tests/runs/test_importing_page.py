@@ -1,6 +1,5 @@
 """docs/importing.md does what it says: its map, its vehicle file and its lines, on a recording made as it tells."""
 
-import csv
 import re
 import shlex
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.cli import main
+from baqueano.compare import compare
 from baqueano.runs import read_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.vehicle_file import load
@@ -74,18 +74,24 @@ def test_the_page_makes_runs_of_a_csv_and_a_model_of_the_runs(here, capsys):
     assert np.max(np.abs(runs[0].sensors["imu"].z[:, 2])) < 20.0
     assert runs[0].truth is not None
     run_line(of_page("sh", 1))
-    with Path("rover.csv").open(encoding="utf-8", newline="") as file:
-        found = {row["name"]: row for row in csv.DictReader(file)}
-    for name, true in (
-        ("model.actuator_matrix[0,0]", 4.0),
-        ("model.friction.linear[0]", 3.0),
-        ("model.drivetrain.dead_zone_forward[0]", 0.12),
-        ("model.drivetrain.dead_zone_backward[1]", 0.14),
+    fitted = load("rover.toml")
+    for name, index, true in (
+        ("model.actuator_matrix", (0, 0), 4.0),
+        ("model.friction.linear", (0,), 3.0),
+        ("model.drivetrain.dead_zone_forward", (0,), 0.12),
+        ("model.drivetrain.dead_zone_backward", (1,), 0.14),
     ):
-        estimate, sd = (float(found[name][key]) for key in ("estimate", "sd"))
+        estimate, sd = (np.array(x)[index] for x in (fitted.value(name), fitted.provenance[name].sd))
         assert abs(estimate - true) < 4.0 * sd + 0.02 * true, (name, estimate, sd)
     said = capsys.readouterr()
     assert "held out" in said.out + said.err
+    for line in of_page("sh", 2).splitlines():
+        run_line(line)
+    replayed, reckoned = (read_run(Path(f"{name}.mcap")) for name in ("replayed", "reckoned"))
+    errors = [one.ate_m for one in compare([replayed, reckoned]).runs]
+    assert errors[0] < 0.03
+    assert errors[0] < errors[1]
+    assert Path("replayed.html").is_file()
 
 
 def test_the_line_of_the_page_for_counts_is_one_that_a_map_takes(here):

@@ -101,6 +101,12 @@ def test_a_missing_file_names_what_lies_beside_it(tmp_path):
         load(tmp_path / "grots.toml")
 
 
+def test_a_folder_with_the_name_of_a_vehicle_does_not_hide_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small").mkdir()
+    assert load("small").layers == ("garage: small",)
+
+
 def test_a_folder_is_not_a_file(tmp_path):
     with refused("vehicle.folder", FileError):
         load(tmp_path)

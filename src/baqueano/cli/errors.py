@@ -10,7 +10,8 @@ from typing import NamedTuple
 import click
 
 from baqueano.cli.arguments import Option
-from baqueano.cli.next_line import next_line, typed
+from baqueano.cli.next_line import next_line
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, from_outside, in_users_file, named
 from baqueano.messages import text
@@ -72,9 +73,11 @@ def _why(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             return fault("cli.not-compiled", "--backend python", error=cause_of(error)), USAGE
         case OSError():
             place = fault("cli.output") if error.filename is None else error.filename
-            return fault("cli.system", typed(args), place=place, error=error.strerror or str(error)), BAD_FILE
+            return fault(
+                "cli.system", typed(*args), place=place, error=error.strerror or str(error)
+            ), BAD_FILE
     if place := in_users_file(error):  # where no loop guards the block
         ends = "" if isinstance(error, Exception) else "-and-ended"
-        return fault(f"cli.block-raised{ends}", typed(args), place=place, error=named(error)), BAD_FILE
+        return fault(f"cli.block-raised{ends}", place=place, error=named(error)), BAD_FILE
     last = traceback.extract_tb(error.__traceback__)[-1]
     return fault("cli.unforeseen", error=named(error), file=last.filename, line=last.lineno), NO

@@ -1,22 +1,23 @@
 """The line to type after an error: a command that goes further, never the one that failed as it was.
 
 The code and figures of the error decide. A name with a near one (`found`, and `near` of names.py) is put right in the
-command; for a path that is `missing` there is the nearest file. Else stands the line that the error brings itself
-(`fix`); else, after usage, the options, and after a bad file the same command.
+command; for a path that is `missing` there is the nearest file; a decimal comma becomes a point. Else stands the line
+that the error brings itself (`fix`); else, after usage, the options, after a bad map a good one, and after a bad run
+the list of all.
 """
 
 import difflib
-import os
-import shlex
-import subprocess
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault
 
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
 NEAR = 0.75  # part of their letters that the names of two files have in common
+COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
 SHOWN = 5  # files of a folder that are named
 
 
@@ -27,17 +28,24 @@ def next_line(said: Diagnostic, code: int, args: list[str]) -> Diagnostic | None
     causes = list(_causes(said))
     for cause in causes:
         if (again := _put_right(cause, args)) is not None:
-            return fault("next.put-right", typed(again))
+            return fault("next.put-right", typed(*again))
     missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
     for path in missing:
         if (found := _nearest(path)) is not None and str(path) in args:
             again = [str(found) if Path(arg) == path else arg for arg in args]
-            return fault("next.near-file", typed(again), meant=found)
+            return fault("next.near-file", typed(*again), meant=found)
+    if code == USAGE and (again := _with_points(args)) != args:
+        return fault("next.decimal-comma", typed(*again))
     if any(cause.fix for cause in causes):
         return None
     if code == USAGE:
-        return fault("next.options", typed([*args[: 2 if args[:1] in GROUPS else 1], "--help"]))
-    return _in_place_of(missing[0]) if missing else fault("next.again", typed(args))
+        return fault("next.options", typed(*args[: 2 if args[:1] in GROUPS else 1], "--help"))
+    if missing:
+        return _in_place_of(missing[0])
+    rooms = {cause.code.partition(".")[0] for cause in causes}
+    if "map" in rooms:
+        return fault("next.map", typed("runs", "import", "--help"))
+    return fault("next.runs", typed("runs", "ls")) if "runs" in rooms else None
 
 
 def _causes(said: Diagnostic) -> Iterator[Diagnostic]:
@@ -56,6 +64,15 @@ def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
         if found and meant is not None and found in (arg, *arg.split(":"), *arg.split("="), Path(arg).name):
             return [*args[:k], arg.replace(found, str(meant), 1), *args[k + 1 :]]
     return None
+
+
+def _with_points(args: list[str]) -> list[str]:
+    """Return the command with points in numbers such as 0,3 and KEY=0,3 and 2,5x2; --bound has two numbers."""
+    before = ["", *args]
+    return [
+        arg.replace(",", ".") if option != "--bound" and COMMA.fullmatch(arg.rpartition("=")[2]) else arg
+        for option, arg in zip(before, args, strict=False)
+    ]
 
 
 def _nearest(missing: Path) -> Path | None:
@@ -77,10 +94,3 @@ def _in_place_of(path: Path) -> Diagnostic:
 
 def _files(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.glob("*") if p.is_file() and not p.name.startswith("."))
-
-
-def typed(args: list[str]) -> str:
-    """Return a command as one types it in this system's shell."""
-    return (
-        subprocess.list2cmdline(["baqueano", *args]) if os.name == "nt" else shlex.join(["baqueano", *args])
-    )

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import BACKENDS, numbers
-from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import talk
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault, note
 from baqueano.language import translated as _
 
 if TYPE_CHECKING:
+    from baqueano.compare import Comparison
     from baqueano.guides.route import Route
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
@@ -112,17 +113,43 @@ def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
     simulation, and needs no advice there."""
     if not file.guessed or (file.path is None and robot in ("simulated", "emulated")):
         return
-    of_the_garage = file.layers[0].removeprefix("garage: ")
-    named = [] if file.path == OWN_FILE.resolve() else ["--vehicle", str(file.path or of_the_garage)]
-    there = [] if robot == "simulated" else ["--robot", robot]
+    named, there = naming(file), [] if robot == "simulated" else ["--robot", robot]
     talk(
         note(
             "cli.measure-first",
             vehicle=file.label,
-            experiment=typed(["experiment", *named, *there]),
-            identify=typed(["identify", "last", *named, "--update"]),
+            experiment=typed("experiment", *named, *there),
+            identify=typed("identify", "last", *named, "--update"),
         )
     )
+
+
+def naming(file: "VehicleFile", folder: str = "runs") -> list[str]:
+    """Return the options by which the next command takes the same vehicle, and the same folder of runs."""
+    name = file.layers[0].removeprefix("garage: ")
+    if file.path is not None:
+        name = str(file.path.relative_to(here) if file.path.is_relative_to(here := Path.cwd()) else file.path)
+    vehicle = [] if name == (str(OWN_FILE) if OWN_FILE.exists() else "small") else ["--vehicle", name]
+    return vehicle + _runs_in(folder)
+
+
+def naming_own(folder: str) -> list[str]:
+    """Return the same options where a run alone is known, and not its vehicle file."""
+    vehicle = [] if OWN_FILE.exists() else ["--vehicle", "FILE"]
+    return vehicle + _runs_in(folder)
+
+
+def _runs_in(folder: str) -> list[str]:
+    return [] if folder == "runs" else ["--runs", folder]
+
+
+def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], folder: str) -> None:
+    """Say what to type where an estimator of these runs errs more than it says."""
+    for judged, run in zip(compared.runs, runs, strict=True):
+        if judged.too_sure:
+            inside = run.path is None or run.path.parent == Path(folder)
+            what = run.name if inside else run.path
+            return talk(note("cli.next-identify", fix=typed("identify", what, *named, "--update")))
 
 
 def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
@@ -160,10 +187,10 @@ def find_route(name: str) -> "Route":
         stored = sorted(found.stem for found in ROUTES.glob("*.csv"))
         there = note("cli.routes", stored=", ".join(stored)) if stored else note("cli.no-routes")
         raise FileError(
-            fault("cli.route-absent", f"baqueano teach {name}", found=name, missing=path, there=there)
+            fault("cli.route-absent", typed("teach", name), found=name, missing=path, there=there)
         )
     if b"\0" in path.read_bytes()[:1000]:
-        raise FileError(fault("cli.route-not-text", f"baqueano teach {path.stem}", path=path))
+        raise FileError(fault("cli.route-not-text", typed("teach", path.stem), path=path))
     return read_route(path)
 
 
@@ -184,7 +211,7 @@ def own_block(file: "VehicleFile", room: str, kind: str | None) -> str | None:
             raise FileError(
                 fault(
                     "cli.own-block",
-                    f"baqueano blocks check {kind}",
+                    typed("blocks", "check", kind),
                     room=room,
                     kind=kind,
                     cause=error.diagnostic,
@@ -206,7 +233,7 @@ def ended(run: "Run", path: Path) -> None:
         return
     if why.code == StopReason.INTERRUPTED:
         raise Interrupted(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
-    raise SafetyStop(fault("cli.stopped", f"baqueano runs show {path}", cause=why, path=path))
+    raise SafetyStop(fault("cli.stopped", typed("runs", "show", path), cause=why, path=path))
 
 
 def warned(run: "Run") -> None:

@@ -15,7 +15,9 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
-from baqueano.compare.filter_consistency import JOINT, STATES, FilterConsistency, filter_consistency
+from baqueano.compare.divergence import NoCovariance, diverged_s, no_covariance, until_diverged
+from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
+from baqueano.compare.table import WIDTH, table
 from baqueano.contracts.result import Result, shortened
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
@@ -24,13 +26,9 @@ from baqueano.monitor import Refusals, refusals_of
 from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:
-    from baqueano.compare.consistency import Band
     from baqueano.compare.evenness import Pace
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs.run import Run
-
-DEGREES = 180.0 / np.pi
-WIDE = 100  # letters of a line
 
 
 class Path(NamedTuple):
@@ -66,14 +64,23 @@ class JudgedPath:
     at_limit: float  # share of ticks at which a command that was sent, or a wheel, stands at its limit
     consistency: FilterConsistency
     corridor: Corridor | None  # None: the estimator says nothing of its pose
+    diverged_s: float  # from when on the estimate is lost for good; NaN: never
+    no_covariance: NoCovariance | None  # None: the covariance is one at every tick
     refusals: tuple[
         Refusals, ...
     ] = ()  # how often the estimator refused each number; none: it does not count
 
     @property
     def verdict(self) -> str:
-        """Return True if the estimated errors agree with the real ones: by NEES where there is truth, else by NIS."""
-        return self.consistency.verdict
+        """Return how the estimated errors agree with the real ones: by NEES where there is truth, else by NIS."""
+        if np.isfinite(self.diverged_s):
+            return DIVERGED
+        return self.consistency.verdict if self.no_covariance is None else NOT_DEFINITE
+
+    @property
+    def too_sure(self) -> bool:
+        """Return True where the estimate errs more than its covariance says."""
+        return self.verdict == "too sure"
 
     def row(self) -> "JsonObject":
         """Flat, for a machine; SI."""
@@ -87,7 +94,7 @@ class JudgedPath:
         row |= self.consistency.row()
         for one in self.refusals:
             row |= {f"refused_{one.name}": one.refused, f"arrived_{one.name}": one.arrived}
-        row |= {"verdict": self.verdict, "sentence": self.consistency.sentence}
+        row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "diverged_s": self.diverged_s}
         return row | corridor_row(self.corridor)
 
     def lines(self) -> list[str]:
@@ -104,14 +111,18 @@ class JudgedPath:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Return the corridor at the end and the consistency of the filter, a sentence each."""
+        """Return when the estimate diverged, the corridor at the end, and the consistency of the filter."""
+        if np.isfinite(self.diverged_s):
+            return (text(note("compare.diverged", t_s=self.diverged_s)),)
+        if self.no_covariance is not None:
+            return (text(note("compare.no-covariance", **self.no_covariance._asdict())),)
         own = () if self.corridor is None else (self.corridor.sentence,)
         return (*own, self.consistency.sentence)
 
 
-FIT = "baqueano identify"
+NOT_DEFINITE, DIVERGED = "not definite", "diverged"
 ADVICE = {
-    "too sure": "It errs more than it says: its noise is too small, or its model lacks something; a fit tells.",
+    "too sure": "It errs more than it says: its noise is too small, or its model lacks something. A fit tells.",
     "too cautious": "It errs less than it says, which is safe and not sharp: its noise is larger than it need be. "
     "Where that stays after a fit: smaller disturbance_std or process_noise_cov in [estimator].",
 }
@@ -124,6 +135,7 @@ class Comparison(Result):
     runs: tuple[JudgedPath, ...]
     alignment: str  # of the estimate to the truth
     over_s: float  # of the relative error
+    of_drives: bool  # False where a replay is among them: the vehicle then drove by another estimate
 
     def __repr__(self) -> str:
         rows = [line for judged in self.runs for line in judged.lines()]
@@ -149,74 +161,20 @@ class Comparison(Result):
         return tuple(
             note("compare.inconsistent", Severity.WARNING, subject=one.name, how=one.verdict)
             for one in self.runs
-            if one.verdict in ADVICE
+            if one.verdict in (*ADVICE, NOT_DEFINITE, DIVERGED)
         )
 
     def table(self) -> str:
-        """For people: a line per figure, a column per run."""
-        names = [judged.name for judged in self.runs]
-        lines = [
-            (label, unit, [_said(f(judged)) for judged in self.runs]) for label, unit, f in self._lines()
-        ]
-        lines = [line for line in lines if any(cell != "-" for cell in line[2])]
-        first = max((len(label) for label, _, _ in lines), default=0)
-        unit = max((len(unit) for _, unit, _ in lines), default=0)
-        wide = [max(len(name), *(len(cells[k]) for _, _, cells in lines), 8) for k, name in enumerate(names)]
-        out = [
-            " " * (first + unit + 1) + "".join("  " + n.rjust(w) for n, w in zip(names, wide, strict=True))
-        ]
-        for label, u, cells in lines:
-            out.append(
-                f"{label.ljust(first)} {u.ljust(unit)}"
-                + "".join("  " + c.rjust(w) for c, w in zip(cells, wide, strict=True))
-            )
+        """Return the figures, a column per run, then a sentence or two on each, for 80 columns."""
         sentences = [f"{judged.name}: {one}" for judged in self.runs for one in judged.sentences]
-        said = [fill(one, WIDE, subsequent_indent="  ") for one in sentences]
-        return "\n".join([*out, "", *said, verdict_line(self.verdict, self.reasons), *self._advice()])
+        sentences += [verdict_line(self.verdict, self.reasons), *self._advice()]
+        return "\n".join([table(self), "", *(fill(one, WIDTH, subsequent_indent="  ") for one in sentences)])
 
     def _advice(self) -> list[str]:
-        """Return the line to type where the estimated errors do not agree with the real ones."""
-        off = {judged.verdict: judged.name for judged in self.runs if judged.verdict in ADVICE}
-        typed = [f"Type: {FIT} {off[word]} --update" for word in off if word == "too sure"]
-        return [*(ADVICE[word] for word in off), *typed]
-
-    def _lines(self) -> list[tuple[str, str, Any]]:
-        laid = {"none": "", "start": ", laid on at the start", "rigid": ", laid on rigidly"}[self.alignment]
-        lines: list[tuple[str, str, Any]] = [
-            ("duration", "s", lambda j: j.duration_s),
-            (f"estimate − truth, position (ATE{laid})", "m rms", lambda j: j.ate_m),
-            ("estimate − truth, heading", "° rms", lambda j: j.ate_heading_rad * DEGREES),
-            ("estimate − truth, at the end", "m", lambda j: j.end_error_m),
-            (f"drift over {self.over_s:g} s (RPE)", "m rms", lambda j: j.rpe_m),
-            (f"drift of the heading over {self.over_s:g} s", "° rms", lambda j: j.rpe_heading_rad * DEGREES),
-            ("estimate − truth, speed", "m/s rms", lambda j: j.speed_error_m_s),
-            ("estimate − truth, yaw rate", "rad/s rms", lambda j: j.yaw_rate_error_rad_s),
+        """Return what to change where an estimator does not know its own errors."""
+        return [
+            ADVICE[word] for word in dict.fromkeys(judged.verdict for judged in self.runs) if word in ADVICE
         ]
-        for name, words in (
-            ("across_true", "vehicle across its reference"),
-            ("across_estimate", "the same, as it believed"),
-            ("across_first", "vehicle across the first run's path"),
-        ):
-            lines.append((words, "m rms", lambda j, name=name: getattr(j, name).rms_m))
-            lines.append((f"{words}, 95 %", "m", lambda j, name=name: getattr(j, name).p95_m))
-            lines.append((f"{words}, largest", "m", lambda j, name=name: getattr(j, name).max_m))
-        lines += _lines_of_evenness()
-        for name, words in JOINT.items():
-            figure = "NIS" if name == "nis" else "NEES"
-            lines.append(
-                (f"{figure} of {words}, 1 if consistent", "",
-                 lambda j, name=name: _of_band(getattr(j.consistency, name)))
-            )  # fmt: skip
-        for name in STATES:
-            lines.append((f"  NEES of {name}", "", lambda j, name=name: _of_band(j.consistency.states[name])))
-        for k in range(max((len(judged.consistency.channels) for judged in self.runs), default=0)):
-            lines.append((f"  NIS of innovation {k}", "", lambda j, k=k: _of_channel(j.consistency, k)))
-        lines.append(("lag-1 correlation of innovations", "", lambda j: j.consistency.correlation))
-        names = dict.fromkeys(one.name for judged in self.runs for one in judged.refusals)
-        for name in names:
-            lines.append((f"refused by the estimator, {name}", "", lambda j, name=name: _refused(j, name)))
-        lines.append(("verdict on the covariance", "", lambda j: j.verdict))
-        return lines
 
 
 def compare(
@@ -255,10 +213,12 @@ def compare(
         tuple(_judged(run, name, kept[0], alignment, over_s) for run, name in zip(kept, labels, strict=True)),
         alignment,
         over_s,
+        all(run.metadata.get("kind") != "replay" for run in kept),
     )
 
 
 def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> JudgedPath:
+    lost_s, run = diverged_s(run), until_diverged(run)  # the figures are of the time before
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
@@ -269,7 +229,8 @@ def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) 
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
         across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
         **_commanded(run), consistency=filter_consistency(run, alignment),
-        refusals=refusals_of(run.events), corridor=corridor_of(run))  # fmt: skip
+        refusals=refusals_of(run.events), corridor=corridor_of(run), diverged_s=lost_s,
+        no_covariance=no_covariance(run))  # fmt: skip
 
 
 def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float]:
@@ -345,41 +306,6 @@ def _across_run(run: "Run", first: "Run") -> Path:
     return _path(errors.cross_track(a_ns[both], a.eta[both, :2], b_ns, b.eta[:, :2]))
 
 
-def _refused(judged: JudgedPath, name: str) -> str:
-    """ "540 of 1501" of a number; "-" where the estimator does not count."""
-    found = [one for one in judged.refusals if one.name == name]
-    return f"{found[0].refused} of {found[0].arrived}" if found else "-"
-
-
 def _path(distance: np.ndarray) -> Path:
     d = np.abs(distance[np.isfinite(distance)])
     return Path(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d))) if d.size else UNKNOWN
-
-
-def _lines_of_evenness() -> list[tuple[str, str, Any]]:
-    """Label, unit and value of each figure of how evenly a vehicle drove."""
-    lines: list[tuple[str, str, Any]] = []
-    for name, words in (
-        ("pace_true", "vehicle's speed − its reference's"),
-        ("pace_estimate", "the same, as it believed"),
-    ):
-        lines += [
-            (words, "m/s rms", lambda j, name=name: getattr(j, name).error_m_s),
-            (f"{words}, of the mean asked", "% rms", lambda j, name=name: 100.0 * getattr(j, name).error),
-            (f"{words}, about its 1 s mean", "% rms", lambda j, name=name: 100.0 * getattr(j, name).uneven),
-        ]
-    lines.append(("changes of sign of the forward command", "1/s", lambda j: j.sign_changes_per_s))
-    lines.append(("ticks with a command or a wheel at its limit", "%", lambda j: 100.0 * j.at_limit))
-    return lines
-
-
-def _of_channel(found: FilterConsistency, k: int) -> str:
-    return _of_band(found.channels[k]) if k < len(found.channels) else "-"
-
-
-def _of_band(band: "Band") -> str:
-    return f"{band.mean:.2f} [{band.low:.2f}, {band.high:.2f}]" if np.isfinite(band.mean) else "-"
-
-
-def _said(value: Any) -> str:
-    return value if isinstance(value, str) else f"{value:.3g}" if np.isfinite(value) else "-"

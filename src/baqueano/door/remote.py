@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
@@ -83,7 +84,9 @@ class Remote:
                 raise RobotUnreachable(fault("remote.silent", host=self.name, within_s=within_s)) from None
             if said is None:
                 self.inbox.put(None)  # for the next reader
-                raise RobotUnreachable(fault("remote.closed", host=self.name))
+                raise RobotUnreachable(
+                    fault("remote.closed", typed("robot", "status", self.name), host=self.name)
+                )
             match said["is"]:
                 case "state":
                     self.state = said
@@ -172,7 +175,7 @@ class Remote:
         """UsageError where the vehicle speaks another version of the words: its answers would not be understood."""
         if (theirs := self.state.get("door", 1)) != VERSION:
             figures = {"host": self.name, "theirs": str(theirs), "ours": VERSION}
-            fix = f"baqueano robot setup {self.name}"
+            fix = typed("robot", "setup", self.name)
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
     def _forget_others(self) -> None:

@@ -23,14 +23,14 @@ from baqueano.runs import Run
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import VehicleFile
 
-KINDS = ("experiment", "first drive", "teach", "repeat")
+KINDS = ("experiment", "first drive", "drive", "teach", "repeat")
 FORMAT = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mission:
-    """A mission. An experiment has `u`, a lesson a route or, driven by hand, neither, a repetition a route; UsageError
-    where it lacks them.
+    """A mission. An experiment has `u`, a repetition a route, a lesson a route or, driven by hand, none; "drive" is
+    by hand and teaches nothing. UsageError where `u` or the route is missing.
 
     >>> lesson_by_hand = Mission("teach")
     >>> spin = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (100, 1)))
@@ -129,11 +129,11 @@ def perform(
             return experiment(vehicle_file, mission.u, **options)
         case "first drive":
             return careful_drive(vehicle_file, **options)
-        case "teach":
+        case "teach" | "drive":
             driver = hand if mission.route is None else mission.route
             if driver is None:
                 raise UsageError(fault("mission.no-driver"))
-            return lesson(vehicle_file, driver, mission.hold, **options)
+            return lesson(vehicle_file, driver, mission.hold, mission.kind, **options)
     assert mission.route is not None
     return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **options)
 

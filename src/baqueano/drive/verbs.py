@@ -5,12 +5,12 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from baqueano.contracts.blocks import Guide, OwnBlock
+from baqueano.contracts.blocks import Controller, Guide, OwnBlock
 from baqueano.controllers import Hand, Schedule
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import holding
 from baqueano.drive.session import drive
-from baqueano.errors import AnswerNo, UsageError
+from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route, closed_up, end_gap, run_through
@@ -88,10 +88,10 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
 
 
 def lesson(
-    vehicle_file: VehicleFile, driver: Driver, hold: bool = False, *, estimator: OwnBlock | None = None,
-    controller: OwnBlock | None = None, **options: Any,
+    vehicle_file: VehicleFile, driver: Driver, hold: bool = False, kind: str = "teach", *,
+    estimator: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
-    """The run of a drive as `driver` says, see `teach`."""
+    """Return the run of a drive as `driver` says, see `teach`; `kind` stands in its metadata."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
     if isinstance(driver, Route):
         driver = Repeat.along(driver)
@@ -108,7 +108,7 @@ def lesson(
         raise UsageError(fault("drive.driver-type", kind=type(driver).__name__))
     follower = vehicle_file.controller(controller) if hand is None else hand
     blocks = Blocks(vehicle_file.estimator(estimator), guide, follower, vehicle_file.supervisor())
-    return drive(blocks, vehicle_file, "teach", **options)
+    return drive(blocks, vehicle_file, kind, **options)
 
 
 def repeat(
@@ -175,18 +175,31 @@ def blocks_of(
     controller: OwnBlock | None = None,
 ) -> Blocks:  # fmt: skip
     """The blocks of `vehicle_file`, or those given, around the references and commands that the run recorded. A guide
-    that takes a route gets the recorded references as one."""
-    by_controller = run.metadata.get("kind") == "repeat" or controller is not None
+    that takes a route gets the recorded references as one. A file without gains plays the recorded commands."""
     ref = run.reference
     leader = Idle(float("inf")) if ref is None else Playback(*ref)
     if guide is not None:
         route = None if ref is None else Route(seconds(ref.t_ns, ref.t_ns[0]), ref.eta, ref.nu, False)
         leader = vehicle_file.guide(route, guide)
-    follower = vehicle_file.controller(controller)
-    if not by_controller:
+    follower = None
+    if controller is not None:
+        follower = vehicle_file.controller(controller)
+    elif run.metadata.get("kind") == "repeat":
+        follower = _with_gains(vehicle_file)
+    if follower is None:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
         follower = Schedule(run.t_ns - run.t_ns[0], u)
     return Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
+
+
+def _with_gains(vehicle_file: VehicleFile) -> Controller | None:
+    """Return the controller; None where the file has no gains for it."""
+    try:
+        return vehicle_file.controller()
+    except FileError as error:
+        if error.diagnostic.code != "vehicle.lacks-found-by":
+            raise
+        return None
 
 
 def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:

@@ -252,7 +252,7 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
             )
         )
     if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
-        raise UsageError(fault("truth.none", "baqueano runs import", run=run.name))
+        raise UsageError(fault("truth.none", "baqueano runs import MAP.toml FILE", run=run.name))
     good = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
     good[1:] &= np.diff(run.truth.t_ns) > 0
     eta = run.truth.eta[good].copy()

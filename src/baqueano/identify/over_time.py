@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
@@ -193,7 +194,7 @@ def over_time(
     good = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(good) < 2:
         raise UsageError(
-            fault("over-time.few-fits", f"baqueano identify {refused[0]}", good=len(good), count=len(fits))
+            fault("over-time.few-fits", typed("identify", refused[0]), good=len(good), count=len(fits))
         )
     return followed(fits, tuple(refused), [_when(run) for run in runs])
 

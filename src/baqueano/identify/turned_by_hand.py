@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -92,9 +93,14 @@ def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> Non
     """UsageError where a part of a turn is not in the record."""
     gap = np.diff(gyro.t_s)
     if gap.max() > GAP_S:
+        at_s = float(gyro.t_s[np.argmax(gap)])
         raise UsageError(
             fault(
-                "turns.silent", "baqueano runs cut", run=name, gap_s=gap.max(), at_s=gyro.t_s[np.argmax(gap)]
+                "turns.silent",
+                typed("runs", "cut", name, "--to", f"{at_s:.1f}"),
+                run=name,
+                gap_s=gap.max(),
+                at_s=at_s,
             )
         )
     if limit is not None and np.any(np.abs(gyro.z) >= limit[-1]):

@@ -3,6 +3,7 @@
 from importlib.resources import files
 from pathlib import Path
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.project.notebook import notebook
@@ -30,7 +31,7 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     """
     folder = Path(folder)
     if folder.exists() and any(folder.iterdir()):
-        raise UsageError(fault("cli.folder-not-empty", f"baqueano new {folder}-2", folder=folder))
+        raise UsageError(fault("cli.folder-not-empty", typed("new", f"{folder}-2"), folder=folder))
     file = as_guess(load(vehicle))
     folder.mkdir(parents=True, exist_ok=True)
     file.save(folder / "vehicle.toml")

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
+BESIDE = "#7c3aed"  # the estimate of another run
 MOST_POINTS = 1600
 CHI_SQUARE_95 = 5.991  # of two degrees of freedom
 WIDE = 100.0  # %: an interval that reaches further is cut off in the figure of estimates
@@ -97,8 +98,8 @@ def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Fi
         right.axhspan(-1.96 / np.sqrt(len(r)), 1.96 / np.sqrt(len(r)), color=REFERENCE, alpha=0.35)
         most = 1.0 if np.abs(rho).max(initial=0.0) > 0.5 else 0.5
         right.set_ylim(-most, most)
-    axes[0, 0].set_title("residual / σ, and the normal density")
-    axes[0, 1].set_title("autocorrelation by lag, 95 % band of white noise")
+    axes[0, 0].set_title("residual / σ")
+    axes[0, 1].set_title("autocorrelation")
     return figure
 
 
@@ -130,9 +131,7 @@ def estimates(
         for row in rows[reach > most]:
             axis.annotate("beyond", (most, row), ha="right", va="bottom", fontsize=7, color=ALARM)
     axis.set_yticks(rows, labels)
-    axis.set_xlabel(
-        "95 % interval [% of the estimate]" if truth is None else "estimate − truth [%], 95 % interval"
-    )
+    axis.set_xlabel("interval [% of the estimate]" if truth is None else "estimate − truth [%]")
     return figure
 
 
@@ -167,11 +166,11 @@ def paths(
     if end is not None:
         axis.plot(*end.T, color=MODEL, lw=0.9, ls=(0, (4, 3)), label="95 % at its end")
     for name, xy in lines.items():
-        axis.plot(xy[:, 0], xy[:, 1], label=name, **style.get(name, {"color": MEASURED}))
+        axis.plot(xy[:, 0], xy[:, 1], label=name, **style.get(name, {"color": BESIDE, "lw": 1.3}))
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]")
-    axis.legend(loc="best")
+    figure.legend(loc="outside upper left", ncols=3)
     return figure
 
 
@@ -224,6 +223,7 @@ COLOURS = {
     "measured": MEASURED,
     "applied": MEASURED,
     "sent": MEASURED,
+    "residual": MEASURED,
     "estimate": MODEL,
     "truth": TRUTH,
     "reference": REFERENCE,
@@ -245,4 +245,4 @@ def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
     if name == "±2σ":
         axis.fill_between(t, -y, y, color=MODEL, alpha=0.15, lw=0, label=name)
     else:
-        axis.plot(t, y, color=COLOURS.get(name, ALARM), lw=THICK.get(name, 1.1), label=name)
+        axis.plot(t, y, color=COLOURS.get(name, BESIDE), lw=THICK.get(name, 1.1), label=name)

@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Verdict
+from baqueano.command_line import typed
+from baqueano.diagnostics import Verdict, by_weight
 from baqueano.identify.result.channel_units import percent
 from baqueano.identify.result.fit_result import Fit, marks, rounded
 from baqueano.messages import ended, texts
@@ -49,7 +50,7 @@ def page_of_fit(
             *sections_of_fit(fit, truth, reasons=False),
             *_of_unseen(held_out),
         ],
-        reproduce=f"baqueano identify {' '.join(fit.runs) if len(fit.runs) <= DRAWN else 'RUNS'}",
+        reproduce=typed("identify", *(fit.runs if len(fit.runs) <= DRAWN else ["RUNS"])),
     )
 
 
@@ -57,7 +58,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
     again what the verdict rests on."""
     said = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
-    said = "\n".join(f"• {one}" for one in texts(said))
+    said = "\n".join(f"• {one}" for one in texts(by_weight(said)))
     rows = [row_of(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
@@ -75,7 +76,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     if known.sum() > 1:
         matrix = fit.correlation[np.ix_(known, known)]
         said = "Red or blue off the diagonal: these are known only together."
-        drawing = draw(figures.correlation(names, matrix), said)
+        drawing = draw(figures.correlation(names, matrix), said, narrow=False)
         sections.append(Section("Correlation of the estimates", "", [drawing]))
     return sections
 
@@ -96,7 +97,7 @@ def row_of(row: "TableRow") -> "JsonObject":
 
 def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
     """Return the meaning of the verdict for the reader, and the next step."""
-    said = [ended(reason) for reason in texts(fit.reasons)]
+    said = [ended(reason) for reason in texts(by_weight(fit.reasons))]
     said = [f"• {one}" for one in said] if len(said) > 1 else said
     if held_out is not None:
         said += [
@@ -187,13 +188,19 @@ def _of_run(fit: Fit, run: str) -> Section:
     channels = _explained(fit.channels, run)
     few, shown = where_most_moves(channels)
     residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
-    left_over = figures.residuals(residual, [label(c) for c in channels])
-    caption = f"Sensors and model, {shown}. The model has seen only the commands."
-    return Section(
-        f"Data and model: {run}",
-        "",
-        [draw(few, caption), draw(left_over, "What the model leaves, in standard deviations.")],
-    )
+    over_time = figures.over_time([
+        (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
+        for c, r in zip(channels, residual.T, strict=True)
+    ], height_in=1.4)  # fmt: skip
+    parts: list[Any] = [
+        draw(few, f"Sensors and model, {shown}. The model has seen only the commands."),
+        draw(over_time, "Residuals over time, in standard deviations: 95 % of white ones lie in the band."),
+        draw(
+            figures.residuals(residual, [label(c) for c in channels]),
+            "Residuals beside the normal density, and their autocorrelation by lag, with the band of white noise.",
+        ),
+    ]
+    return Section(f"Data and model: {run}", "", parts)
 
 
 def where_most_moves(channels: list[Any]) -> tuple[Any, str]:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.messages import texts
 from baqueano.report.lab import panel, styled
 from baqueano.report.page import Headline, Page, Section, Table, draw
@@ -30,7 +31,7 @@ def page_of_rest(found: Any) -> Page:
             for c in found.channels[:4]
         ],
         sections=sections,
-        reproduce=f"baqueano runs noise {found.run}",
+        reproduce=typed("runs", "noise", found.run),
     )
 
 

@@ -5,41 +5,44 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.compare import compare, evenness
-from baqueano.compare.corridor import corridor_of
-from baqueano.compare.errors import aligned
-from baqueano.compare.filter_consistency import FilterConsistency
+from baqueano.compare.divergence import until_diverged
 from baqueano.diagnostics import Verdict
-from baqueano.geometry import map_from_body
 from baqueano.monitor import REFUSED, Refusals
 from baqueano.report import figures
+from baqueano.report.of_estimate import beside_each_other, errors, knows, paths, said_of_path
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
-from baqueano.runs.interpolated import at_times, poses_at
 from baqueano.runs.show import show
 from baqueano.signals import seconds
 from baqueano.vehicles.drivetrain import mix
 
-PLACES = 400  # of the corridor, along a path
 IMU = ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]")
 VERDICTS = {
     "consistent": "OK",
     "too cautious": Verdict.WARN,
     "too sure": Verdict.WARN,
+    "not definite": Verdict.WARN,
+    "diverged": Verdict.WARN,
     "cannot tell": "",
     "not reported": "",
 }
 
 
-def page_of_run(run: Run, alignment: str = "none") -> Page:
-    """Return the sections of a run: path, errors, innovations, commands, events.  alignment as in compare."""
-    one = compare(run, alignment=alignment).runs[0]
-    judged = one.row()
-    drawn = paths(run, alignment)
-    sections = [Section("Path", _said_of_path(run, alignment), drawn)] if drawn else []
-    sections += driving(run, judged)
-    sections += errors(run, alignment)
-    sections += knows(one.consistency)
+def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) -> Page:
+    """Return the sections of a run: path, errors, innovations, commands, events.  alignment as in compare; the
+    estimate of the run `beside` it, of another estimator on the same drive, is drawn and judged beside its own."""
+    both = compare([run] if beside is None else [run, beside], alignment=alignment)
+    one = both.runs[0]
+    judged, drove = one.row(), both.of_drives
+    run = until_diverged(run)
+    drawn = paths(run, alignment, beside)
+    sections = [Section("Path", said_of_path(one, alignment), drawn)] if drawn else []
+    sections += beside_each_other(both) if beside is not None else []
+    sections += driving(run, judged) if drove else []
+    sections += errors(run, alignment, beside)
+    sections += knows(one.consistency, run)
     sections += refused(one.refusals)
     sections += [Section("Measurements", "", [sensors_of(run)])] if run.sensors else []
     held = show(run)
@@ -49,22 +52,25 @@ def page_of_run(run: Run, alignment: str = "none") -> Page:
         title=run.name,
         subtitle=f"{kind}, {run.duration_s:.1f} s, {len(run.t_ns)} ticks",
         verdict=VERDICTS.get(judged["verdict"], ""),
-        headlines=headlines(judged),
+        headlines=headlines(judged, drove),
         sections=sections,
-        reproduce=f"baqueano report {run.name}",
+        reproduce=typed("report", run.name),
     )
 
 
-def headlines(judged: dict) -> list[Headline]:
-    """The figures of a comparison that are known, large."""
+def headlines(judged: dict, drove: bool = True) -> list[Headline]:
+    """Return the figures of a comparison that are known, large; those of the vehicle only where it `drove` by the
+    estimate that is judged."""
     by, whose = ("pace_true", "true")
     if not np.isfinite(judged["pace_true_error"]):
         by, whose = ("pace_estimate", "as it believed")
-    wanted = (
+    of_vehicle = (
         ("across_true_rms_m", "across the path, true", "rms", 100, "cm"),
         (f"{by}_error", "speed off its reference", f"rms, of the mean asked; {whose}", 100, "%"),
         ("at_limit", "at a limit", "of the ticks, command or wheel", 100, "%"),
         ("sign_changes_per_s", "changes of sign", "of the forward command", 1, "per s"),
+    )
+    of_estimate = (
         ("ate_m", "estimated position off", "rms against truth", 100, "cm"),
         ("speed_error_m_s", "estimated speed off", "rms against truth", 1000, "mm/s"),
         ("nees_velocity", "NEES of the velocity", f"{judged['nees_velocity_is']}; 1 is ideal", 1, ""),
@@ -72,81 +78,9 @@ def headlines(judged: dict) -> list[Headline]:
     )
     return [
         Headline(label, f"{judged[key] * scale:.3g} {unit}".strip(), note)
-        for key, label, note, scale, unit in wanted
+        for key, label, note, scale, unit in (*(of_vehicle if drove else ()), *of_estimate)
         if judged.get(key) is not None and np.isfinite(judged[key])
     ]
-
-
-def _said_of_path(run: Run, alignment: str) -> str:
-    found = corridor_of(run)
-    said = ""
-    if found is not None:
-        said = "Shaded: where the vehicle may be, to the left and right of where it believes to be. "
-        said += f"{found.sentence[:1].upper()}{found.sentence[1:]}."
-    laid = {"none": "", "start": " The estimate is laid on the truth at its start.",
-            "rigid": " The estimate is laid on the truth by the best rigid motion."}[alignment]  # fmt: skip
-    return said + laid
-
-
-def paths(run: Run, alignment: str = "none") -> list[Table | Drawing]:
-    """The drawing of where a run went: reference, truth, estimate with its corridor, whichever it holds."""
-    lines: dict[str, np.ndarray] = {}
-    band, end = None, None
-    if run.asked is not None and len(run.asked.t_ns) > 1:
-        lines["reference"] = run.asked.eta[:, :2]
-    if run.truth is not None:
-        lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
-    if run.estimate is not None:
-        eta, found = run.estimate.eta, corridor_of(run)
-        if run.truth is not None:
-            eta = aligned(eta, poses_at(run.estimate.t_ns, run.truth.t_ns, run.truth.eta), alignment)
-        lines["estimate"] = eta[:, :2]
-        if found is not None and len(found.t_s) > 1:
-            last = len(found.t_s) - 1
-            places = np.linspace(0, last, min(PLACES, last + 1)).astype(int)
-            left = np.stack([-np.sin(eta[places, 2]), np.cos(eta[places, 2])], axis=1)
-            half = found.across_m[places, None] * left
-            band = np.stack([eta[places, :2] + half, eta[places, :2] - half], axis=1)
-            turn = map_from_body(eta[last, 2] - found.eta[last, 2])[:2, :2]
-            end = figures.ellipse(eta[last, :2], turn @ run.estimate.cov[last, :2, :2] @ turn.T)
-    if not lines:
-        return []
-    caption = f"The path of {run.name}" + (
-        "." if band is None else ", and where it may be with 95 % probability."
-    )
-    return [draw(figures.paths(lines, band, end), caption)]
-
-
-def errors(run: Run, alignment: str = "none") -> list[Section]:
-    """Errors against the truth with the filter's own ±2σ, where there is truth."""
-    log, truth = run.estimate, run.truth
-    if log is None or truth is None or len(truth.t_ns) < 2:
-        return []
-    t = seconds(log.t_ns, run.t_ns[0])
-    eta_true = poses_at(log.t_ns, truth.t_ns, truth.eta)
-    nu_true = at_times(log.t_ns, truth.t_ns, truth.nu)
-    eta = aligned(log.eta, eta_true, alignment)
-    band = 2.0 * np.sqrt(np.einsum("kii->ki", log.cov))
-    turn = np.degrees(np.angle(np.exp(1j * (eta[:, 2] - eta_true[:, 2]))))
-    panels = [
-        ("x error [m]", {"±2σ": (t, band[:, 0]), "estimate": (t, eta[:, 0] - eta_true[:, 0])}),
-        ("y error [m]", {"±2σ": (t, band[:, 1]), "estimate": (t, eta[:, 1] - eta_true[:, 1])}),
-        ("heading error [°]", {"±2σ": (t, np.degrees(band[:, 2])), "estimate": (t, turn)}),
-    ]
-    if np.isfinite(nu_true[:, 0]).any():
-        speed = {"±2σ": (t, band[:, 3]), "estimate": (t, log.nu[:, 0] - nu_true[:, 0])}
-        panels.append(("ν_x error [m/s]", speed))
-    drawing = draw(figures.over_time(panels), "Estimate minus truth; the band is what the filter promises.")
-    return [Section("Errors against the truth", "", [drawing])]
-
-
-def knows(found: FilterConsistency) -> list[Section]:
-    """Return the sentence on the filter's own covariance, and its figures, where there are any."""
-    rows = found.figures()
-    caption = "1 if consistent; a right covariance lies from … to …, in 95 % of runs."
-    return (
-        [Section("Does the filter know its errors?", found.sentence, [Table(rows, caption)])] if rows else []
-    )
 
 
 def refused(counts: tuple[Refusals, ...]) -> list[Section]:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.messages import text
 from baqueano.report.lab import panels, styled
@@ -28,7 +29,7 @@ def page_of_wear(found: Any) -> Page:
             Section("Run by run", "", [draw(_curves(found, shown), caption)] if shown else []),
             Section("Figures", "", [Table(found.rows())]),
         ],
-        reproduce=f"baqueano runs wear {' '.join(found.runs)}",
+        reproduce=typed("runs", "wear", *found.runs),
     )
 
 

@@ -21,7 +21,7 @@ TONES = {
     Verdict.USABLE: "good", "OK": "good", Verdict.WARN: "warn", Verdict.REFUSED: "bad", Verdict.STOPPED: "bad",
     Verdict.CONSISTENT: "good", Verdict.INCONSISTENT: "warn", "KNOWN": "good", "LOST": "bad",
 }  # fmt: skip
-WIDE_IN = 8.0
+WIDE_IN, NARROW_IN, LEAST_IN = 8.0, 4.4, 2.4  # of figures: over time; on a phone
 FORMATS, DPI = ("svg", "pdf", "png"), 300  # of figures as files; dots per inch of a png
 
 
@@ -54,17 +54,19 @@ class Drawing:
 
     figure: "Figure"
     caption: str
+    narrow: bool = True  # drawn again for a phone
 
     @cached_property
     def svg(self) -> str:
-        """The figure as SVG text that stands inside the page."""
-        buffer = io.StringIO()
-        self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-        svg = buffer.getvalue()
-        svg = svg[svg.index("<svg") :]
-        wide = self.figure.get_figwidth() > WIDE_IN  # on a phone it is read by moving it sideways
-        marks = f'class="{"wide" if wide else "square"}" role="img" aria-label="{html.escape(self.caption)}"'
-        return svg.replace("<svg", f"<svg {marks}", 1)
+        """The figure as SVG text that stands inside the page, and again as narrow as a phone."""
+        svg = _svg(self.figure, "wide", self.caption)
+        wide_in, high_in = self.figure.get_size_inches()
+        if self.narrow and wide_in > NARROW_IN:
+            scale = 1.0 if wide_in > WIDE_IN else NARROW_IN / wide_in  # panels over time keep their height
+            self.figure.set_size_inches(NARROW_IN, max(high_in * scale, LEAST_IN))
+            svg += _svg(self.figure, "narrow", self.caption)
+            self.figure.set_size_inches(wide_in, high_in)
+        return svg
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,18 @@ def cell(value: object) -> str:
     return str(value)
 
 
-def draw(figure: "Figure", caption: str) -> Drawing:
-    """The figure as a part of a page."""
-    return Drawing(figure, caption)
+def draw(figure: "Figure", caption: str, narrow: bool = True) -> Drawing:
+    """Return the figure as a part of a page; one that cannot be made `narrow` is moved sideways on a phone."""
+    return Drawing(figure, caption, narrow)
+
+
+def _svg(figure: "Figure", shape: str, caption: str) -> str:
+    """Return one <svg>; what it names by id is its own, also where the other shape is hidden."""
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": f"baqueano {shape}"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    svg = buffer.getvalue()
+    marks = f'class="{shape}" role="img" aria-label="{html.escape(caption)}"'
+    return svg[svg.index("<svg") :].replace("<svg", f"<svg {marks}", 1)

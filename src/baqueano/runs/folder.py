@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.messages import text
@@ -99,7 +100,12 @@ def find(name: str, folder: Path | str = "runs") -> Path:
         each = [run.stem for run in found]
         raise FileError(fault("runs.ambiguous", found=name, folder=folder, known=each))
     known = [run.stem for run in runs[-8:]]
-    raise FileError(fault("runs.unknown", "baqueano runs ls", found=name, folder=folder, known=known))
+    raise FileError(fault("runs.unknown", _list_of(folder), found=name, folder=folder, known=known))
+
+
+def _list_of(folder: Path | str) -> str:
+    """Return what lists the runs of a folder."""
+    return typed("runs", "ls", *([] if Path(folder) == Path("runs") else ["--runs", folder]))
 
 
 def _standing(runs: list[Path]) -> list[Path]:
@@ -126,7 +132,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
         return [find(name, folder)]
     found = _standing(found)
     if not found:
-        raise FileError(fault("runs.none-like", "baqueano runs ls", found=name, folder=folder))
+        raise FileError(fault("runs.none-like", _list_of(folder), found=name, folder=folder))
     return found
 
 

@@ -21,8 +21,9 @@ from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.messages import verdict_line
 from baqueano.report import Headline, Page, Section, Table
+from baqueano.report.of_estimate import errors, paths
 from baqueano.report.of_fit import sections_of_fit
-from baqueano.report.of_run import driving, errors, headlines, paths
+from baqueano.report.of_run import driving, headlines
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import chosen
 from baqueano.tune import Tuned, tune
@@ -45,6 +46,9 @@ GUESS = {  # what a person would write who has a scale, a tape measure and no da
     "sensors.imu.tilt_rad": [0.0, 0.0],
     "sensors.imu.accel_bias": [0.0, 0.0],
     "sensors.imu.gyro_bias": 0.0,
+}
+GAINS = {
+    name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "at_limit")
 }
 SCALE = 1.015  # of the gyro in truth: nothing on board tells it, and its data sheet allows twice that
 
@@ -139,8 +143,8 @@ class Demo:
                 Section(
                     "Gains",
                     "Tuned on the identified model, from a start beside the route, by the paper's cost with a price "
-                    "on jerky commands.",
-                    [Table(self.tuned.rows())],
+                    f"on jerky commands: {self.tuned.cost:.2g} m², before {self.tuned.cost_before:.2g} m².",
+                    [Table(self.tuned.rows(), "", GAINS)],
                 ),
                 *errors(self.repeated),
             ],

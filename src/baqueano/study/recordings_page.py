@@ -1,7 +1,7 @@
 """The page about the recordings: what each fit found, the models on runs they have not seen, the paths."""
 
 from baqueano.report import figures
-from baqueano.report.of_run import errors, paths
+from baqueano.report.of_estimate import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw
 from baqueano.study.recordings import Recorded
 from baqueano.study.two_ways import CAVEATS, Judgement, TwoWays

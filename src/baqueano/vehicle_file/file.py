@@ -164,7 +164,10 @@ class VehicleFile:
         assert found is not None
         lacking = [k for k in found.lacking if k not in changes]
         if lacking:
-            verb = {"controller": "baqueano tune", "estimator": "baqueano identify"}.get(room, "")
+            verb = {
+                "controller": "baqueano tune --update",
+                "estimator": "baqueano identify RUN --update",
+            }.get(room, "")
             code = "vehicle.lacks-found-by" if verb else "vehicle.lacks"
             raise FileError(fault(code, verb, file=sheet.name, room=room, keys=lacking))
         if room == "guide" and "route" not in given and {"t_s", "route"} & build.asks_for(found.kind):

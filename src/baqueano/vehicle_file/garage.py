@@ -21,14 +21,14 @@ def holds(path: Path) -> bool:
 def path_of(source: str | Path) -> Path:
     """The file that `source` means: a path, or a name of the garage."""
     path = Path(source).expanduser()
-    if path.is_dir():
-        inside = sorted(p.name for p in path.glob("*.toml"))
-        raise FileError(fault("vehicle.folder", path=path, files=inside))
     if path.is_file():
         return path.resolve()
     named = isinstance(source, str) and path.suffix != ".toml" and len(path.parts) == 1
-    if named and source in names():
+    if named and source in names():  # also beside a folder of this name
         return FOLDER / f"{source}.toml"
+    if path.is_dir():
+        inside = sorted(p.name for p in path.glob("*.toml"))
+        raise FileError(fault("vehicle.folder", path=path, files=inside))
     if named:
         near = nearest(str(source), names())
         raise FileError(fault("vehicle.unknown", "baqueano new NAME", missing=path, found=source, near=near))

@@ -50,7 +50,7 @@ def command(
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file, robot)
     path = options.run_path(out, folder, "drive")
-    run = by_hand(file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
+    run = by_hand("drive", file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
     talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot)
     said, values = scales_from_marks(run, file, length_m)

@@ -10,8 +10,8 @@ import numpy as np
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Place, placed
-from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, clocked, talk
+from baqueano.command_line import typed
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
 
@@ -80,7 +80,7 @@ def command(
             options.kept(found.rounds[-1].fit.vehicle_file, update)
         else:
             one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json)
-    talk(note("cli.next-identify", fix=typed(["identify", *driven])))
+    talk(note("cli.next-identify", fix=typed("identify", *driven, *options.naming(file, folder))))
 
 
 def one(file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool) -> None:

@@ -13,6 +13,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import talk
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault, note
 
 if TYPE_CHECKING:
@@ -35,11 +36,11 @@ hold_option = click.option(
 
 
 def by_hand(
-    file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None, hold: bool = True,
-    **how: Any,
+    verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
+    hold: bool = True, **how: Any,
 ) -> "Run":  # fmt: skip
-    """The run of a drive by hand in real time, until q. `pad`: its device, FIND to look for it; `hold`: straight on by
-    the gyro, where there is one. `how`: share, latched of a Cockpit."""
+    """Return the run of a drive by hand in real time, until q. `verb`: "drive" or "teach"; `pad`: its device, FIND to
+    look for it; `hold`: straight on by the gyro, where there is one; `how`: share, latched of a Cockpit."""
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.drive.by_hand.heading_gains import gains_of
     from baqueano.drive.by_hand.pad import find
@@ -68,7 +69,7 @@ def by_hand(
         open_things.enter_context(ended_by_signals(hand.stop))
         given = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
         given |= {"words": hand.words, "on_state": hand.show, "say": hand.say} if kind != "simulated" else {}
-        run = place.drive(Mission("teach", hold=hold), file, path, lambda seconds: None, hand=hand, **given)
+        run = place.drive(Mission(verb, hold=hold), file, path, lambda seconds: None, hand=hand, **given)
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
@@ -125,7 +126,7 @@ def ended_by_hand(run: "Run", path: Path, robot: str) -> None:
     if why is not None and why.code == StopReason.INTERRUPTED:
         return
     if why is not None and robot.partition(":")[0] != "simulated":
-        talk(note("cli.stop-latched", fix=f"baqueano robot clear {robot}"))
+        talk(note("cli.stop-latched", fix=typed("robot", "clear", robot)))
     options.ended(run, path)
 
 

@@ -47,7 +47,9 @@ def command(
         with clocked(note("cli.repeat"), laps * float(taught.t_s[-1])) as seen:
             run = place.drive(what, file, path, seen)
     talk(note("cli.run", path=path))
-    answer(compare(run), as_json)
+    compared = compare(run)
+    answer(compared, as_json)
+    options.advise_to_fit(compared, [run], options.naming(file, folder), folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 

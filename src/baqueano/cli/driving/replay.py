@@ -42,12 +42,14 @@ def command(
     from baqueano.vehicle_file import override
 
     recorded = options.find_runs((run,), folder)[0]
+    named = options.naming_own(folder)
     if vehicle is None and recorded.vehicle_text:
         talk(note("cli.vehicle-of-run"))
         file = vehicle_of(recorded)
         file = override(file, settings) if settings else file
     else:
         file = options.load_vehicle(vehicle, settings)
+        named = options.naming(file, folder)
     by = recorded.metadata.get("backend", "auto") if backend == "auto" else backend
     own = file.estimator(options.own_block(file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded.name}")
@@ -64,11 +66,15 @@ def command(
         again = replace(smoothed(again, file, own, initial_pose(recorded), backend), name=path.stem)
         write_run(again, path)
     talk(note("cli.run", path=path))
-    answer(compare([recorded, again] if recorded.estimate is not None else again, alignment=align), as_json)
+    several = [recorded, again] if recorded.estimate is not None else [again]
+    compared = compare(several, alignment=align)
+    answer(compared, as_json)
+    options.advise_to_fit(compared, [recorded] * len(several), named, folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        talk(note("cli.report", page=page_of_run(again, align).save(page)))
+        beside = recorded if recorded.estimate is not None else None
+        talk(note("cli.report", page=page_of_run(again, align, beside).save(page)))
     if not _same(stop_of(again), stop_of(recorded)):  # a stop that was recorded is replayed with the rest
         options.ended(again, path)
     else:

@@ -16,6 +16,7 @@ from baqueano.cli.driving.manual_drive import (
 )
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.command_line import typed
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
 
@@ -67,7 +68,7 @@ def command(
     options.advise_to_measure(file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
-        run, closed = by_hand(file, robot, seed, backend, path, pad, hold), False
+        run, closed = by_hand("teach", file, robot, seed, backend, path, pad, hold), False
     else:
         asked = shape_or_route(driver, speed_m_s, size_m)
         with placed(robot, file, seed, backend) as place:
@@ -82,7 +83,7 @@ def command(
     except AnswerNo as error:
         if driver not in SHAPES:
             raise
-        slower = f"baqueano teach {route} --driver {driver} --speed 0.2"
+        slower = typed("teach", route, "--driver", driver, "--speed", "0.2", *options.naming(file))
         why = fault("cli.not-followed", slower, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic)
         raise AnswerNo(why) from None
     if options.route_path(route).exists():
@@ -90,9 +91,9 @@ def command(
     answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
     if driver == "keys":
         talk(scales_from_marks(run, file, None)[0])
-    talk(
-        note("cli.taught", repeat=f"baqueano repeat {route}", tune=f"baqueano tune --route {route} --update")
-    )
+    named = options.naming(file)
+    tune = typed("tune", "--route", route, *named, "--update")
+    talk(note("cli.taught", repeat=typed("repeat", route, *named), tune=tune))
 
 
 def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:

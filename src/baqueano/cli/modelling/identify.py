@@ -131,12 +131,12 @@ def command(
         tell(beside.table())
     _written(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
-        from baqueano.cli.next_line import typed
+        from baqueano.command_line import typed
         from baqueano.report.of_fit import page_of_fit
 
         with busy(note("cli.drawing")):
             whole = page_of_fit(fit, held_out=judged, ahead=ahead)
-            whole = replace(whole, reproduce=typed(sys.argv[1:]))
+            whole = replace(whole, reproduce=typed(*sys.argv[1:]))
             written = whole.save(page)
         talk(note("cli.report", page=written))
     if say.stopped:
@@ -146,7 +146,7 @@ def command(
     if judged is not None and judged.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(judged.reasons, page, held_out=True))
     fitted = fit.vehicle_file
-    if not no_noise and fitted.data.get("estimator"):
+    if not no_noise:
         fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
     options.kept(fitted, update)
 

@@ -7,8 +7,8 @@ import click
 
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import Listed
-from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault, note
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     from baqueano.runs import write_run
 
     if from_s == 0.0 and to_s is None:
-        raise UsageError(fault("cli.cut-nothing", f"baqueano runs cut {run} --from 2 --to 30"))
+        raise UsageError(fault("cli.cut-nothing", typed("runs", "cut", run, "--from", "2", "--to", "30")))
     whole = options.find_runs((run,), folder)[0]
     part = whole.cut(from_s, float("inf") if to_s is None else to_s)
     if not len(part.t_ns):
@@ -122,18 +122,26 @@ eta = [
 )
 @click.argument("map", metavar="MAP")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--draft", type=click.Path(path_type=Path), metavar="MAP.toml",
+    help="Write a draft of a map for the CSV file that stands in the place of MAP.",
+)  # fmt: skip
 @options.vehicle
 @options.runs_folder
 @options.out
 @options.as_json
 def import_(
-    map: str, files: tuple[Path, ...], vehicle: str | None, settings: tuple[str, ...], folder: str,
+    map: str, files: tuple[Path, ...], draft: Path | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
+    if draft is not None:
+        return _drafted(map, draft)
     from baqueano.runs import write_run
     from baqueano.runs.importing import ImportedRuns, import_runs
 
-    text = options.load_vehicle(vehicle, settings).text if vehicle else ""
+    own = options.load_vehicle(vehicle, settings) if vehicle else None
+    text = "" if own is None else own.text
+    named = options.naming_own(folder) if own is None else options.naming(own, folder)
     one = files[0].name if files else map
     with busy(
         note("cli.reading-files", count=len(files)) if len(files) > 1 else note("cli.reading", name=one)
@@ -146,7 +154,7 @@ def import_(
         )
         path = write_run(imported[0].run, to)
         answer(Written(path, imported[0]), as_json)
-        _next(path.stem if out is None else str(path))
+        _next(path.stem if out is None else str(path), named=named)
         return
     written = [write_run(one.run, _in(out, folder, one.run.name)) for one in imported]
     talk(
@@ -160,12 +168,22 @@ def import_(
     )
     answer(ImportedRuns(tuple(imported)), as_json)
     first, last = (path.stem if out is None else str(path) for path in (written[0], written[-1]))
-    _next(first, "--held-out", last)
+    _next(first, "--held-out", last, named=named)
 
 
-def _next(*runs: str) -> None:
-    line = typed(["identify", *runs, "--vehicle", "FILE"])
-    talk(note("cli.next-fit", fix=line))
+def _drafted(recording: str, to: Path) -> None:
+    """Write the draft of a map for a recording."""
+    from baqueano.errors import FileError
+    from baqueano.runs.importing.draft import draft
+
+    if to.exists():
+        raise FileError(fault("cli.file-exists", "--draft another-name.toml", out=to))
+    to.write_text(draft(recording), encoding="utf-8", newline="\n")
+    tell(note("cli.drafted", fix=typed("runs", "import", to, recording), path=to))
+
+
+def _next(*runs: str, named: list[str]) -> None:
+    talk(note("cli.next-fit", fix=typed("identify", *runs, *named, "--update")))
 
 
 class Written(NamedTuple):
@@ -242,7 +260,7 @@ def calibrate(
         from baqueano.runs.maps.mount import write_mount
 
         write_mount(map_, recorded, *found.mount(file))
-        talk(note("cli.mount-written", fix=typed(["runs", "import", str(map_), "RECORDING"]), path=map_))
+        talk(note("cli.mount-written", fix=typed("runs", "import", str(map_), "RECORDING"), path=map_))
     options.kept(found.updated(file), update)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from baqueano.cli import Verbs, numbers, options
-from baqueano.cli.next_line import typed
 from baqueano.cli.terminal import answer, busy, progress, steps, talk, tell
+from baqueano.command_line import typed
 from baqueano.diagnostics import Verdict, fault, nearest, note
 
 
@@ -77,7 +77,7 @@ def identification(
         found = identification(seeds, seed, backend, processors(), each, cases=cases or CASES, keep=keep)
     answer(found, as_json)
     with busy(note("cli.drawing")):
-        whole = replace(page_of_identification(found), reproduce=typed(sys.argv[1:]))
+        whole = replace(page_of_identification(found), reproduce=typed(*sys.argv[1:]))
         written = whole.save(page or Path("study-identification.html"))
     talk(note("cli.report", page=written))
     if found.seeds < seeds:

@@ -6,6 +6,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import talk, tell
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault, note
 
 host = click.argument("host")
@@ -46,7 +47,7 @@ def card(
         tell(note("cli.no-network"))
     elif own:
         tell(note("cli.own-network", ssid=network.ssid, password=network.password))
-    tell(note("cli.card-written", fix=f"baqueano robot setup {user}@{name}.local"))
+    tell(note("cli.card-written", fix=typed("robot", "setup", f"{user}@{name}.local")))
 
 
 @click.command(
@@ -72,7 +73,7 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
         talk(note("cli.no-vehicle-file"))
     install(host, folder, machine, vehicle=file if own else None, say=tell, dry=dry)
     if not dry:
-        tell(note("cli.is-a-vehicle", fix=f"baqueano robot doctor {host}", host=host))
+        tell(note("cli.is-a-vehicle", fix=typed("robot", "doctor", host), host=host))
 
 
 @click.command(help="Take everything away again that setup installed at HOST. Its runs stay.")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
@@ -108,7 +109,7 @@ def unknowns(
     u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
     frozen = frozen_columns(list(wanted), u)
     if (wanted and len(frozen) == len(wanted)) or not np.any(u):
-        raise UsageError(fault("runs.all-still", f"baqueano runs calibrate {runs[0].name}"))
+        raise UsageError(fault("runs.all-still", typed("runs", "calibrate", runs[0].name)))
     blocks, wanted = with_room(blocks, list(wanted), rate_hz, u, past_of(runs))
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
     free = [one for k, one in enumerate(wanted) if k not in frozen]

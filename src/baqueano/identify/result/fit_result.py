@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.result import Result, shortened
-from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest, note
+from baqueano.diagnostics import Diagnostic, Verdict, by_weight, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.parameters.free import described, entries
@@ -263,7 +263,8 @@ def marks(row: dict[str, Any]) -> str:
 
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     """Return the verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
-    reasons, unseen, notes = map(grouped, (fit.reasons, fit.unobservable, fit.never + fit.notes))
+    found = (fit.reasons, fit.unobservable, fit.never + fit.notes)
+    reasons, unseen, notes = (grouped(by_weight(one)) for one in found)
     if len(reasons) == 1:
         lines = [f"{fit.verdict}: {reasons[0]}"]
     else:

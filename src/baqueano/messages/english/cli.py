@@ -9,10 +9,8 @@ TEMPLATES: dict[str, str] = {
     "cli.not-compiled": "{error}. Or let Python compute: {fix}",
     "cli.output": "the output",
     "cli.system": "{place}: {error}. Make room or choose another place, then: {fix}",
-    "cli.block-raised": "{place} raised {error}. Correct it, then: {fix}",
-    "cli.block-raised-and-ended": (
-        "{place} raised {error}. A block may not end the program. Correct it, then: {fix}"
-    ),
+    "cli.block-raised": "{place} raised {error}. Change that line.",
+    "cli.block-raised-and-ended": "{place} raised {error}. A block may not end the program: change that line.",
     "cli.unforeseen": (
         "Unexpected error: {error} ({file}, line {line}). Run the same command with --debug and send us the output."
     ),
@@ -23,7 +21,9 @@ TEMPLATES: dict[str, str] = {
     "next.put-right": "Type: {fix}",
     "next.near-file": "Did you mean {meant}? Type: {fix}",
     "next.options": "All options: {fix}",
-    "next.again": "Correct it, then: {fix}",
+    "next.decimal-comma": "Numbers are written with a decimal point here. Type: {fix}",
+    "next.runs": "To see the runs: {fix}",
+    "next.map": "To see a map: {fix}",
     "next.no-file": "{folder} does not contain *{suffix}. Give the path of one in its place.",
     "next.files": "In {folder} there are {files}. Give the path of one in its place.",
     "next.files-and-more": "In {folder} there are {files} and {more} more. Give the path of one in its place.",
@@ -199,6 +199,7 @@ TEMPLATES: dict[str, str] = {
     "cli.recovered": "{path}: {duration_s:.2f} s saved",
     "cli.cut": "{path}: {duration_s:.2f} s",
     "cli.imported": "{count} runs: {first} to {last}, {duration_s:.0f} s",
+    "cli.drafted": "{path}: a draft of the map. Write the units that it lacks (?), then: {fix}",
     "cli.next-fit": "next: {fix}   (baqueano new NAME makes one to begin with)",
     "cli.mount-written": "written into {path}; next: {fix}, which uses it",
     "cli.averaging": "averaging over all times",

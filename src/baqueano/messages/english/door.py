@@ -29,10 +29,7 @@ TEMPLATES: dict[str, str] = {
     "remote.silent": (
         "{host} said nothing for {within_s:g} s. Is its service up? Type there: systemctl status baqueano"
     ),
-    "remote.closed": (
-        "{host}: the connection was closed. The vehicle stops by itself. To see why, type: baqueano robot status "
-        "{host}"
-    ),
+    "remote.closed": "{host}: the connection was closed. The vehicle stops by itself. To see why, type: {fix}",
     "remote.run-name": '{host} names a run "{run}", expected a plain name as lap.mcap. Nothing was written.',
     "remote.run-too-long": (
         "{run} at {host} has {size_mb:.0f} MB, and {free_mb:.0f} MB are free here; no run is longer than "

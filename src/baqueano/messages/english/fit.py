@@ -171,6 +171,6 @@ TEMPLATES: dict[str, str] = {
     ),
     "unseen-runs.off-once": (
         "{subject} of {run} is off by {here:.3g}{unit} from {from_s:.0f} s to {to_s:.0f} s, but not elsewhere. Did "
-        "something happen there? Cut it with baqueano runs cut, or fit to such a run"
+        "something happen there? Cut it off with baqueano runs cut {run} --to {from_s:.0f}, or fit to such a run"
     ),
 }

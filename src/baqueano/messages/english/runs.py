@@ -214,12 +214,11 @@ TEMPLATES: dict[str, str] = {
         'Map "{found}" does not exist. {near}. These come with baqueano; else give the path of a .toml file.'
     ),
     "map.recording": (
-        "{path} is a recording, not a map: a map is a TOML file that assigns the columns. baqueano runs import --help "
-        "shows one; write it, then type: {fix}"
+        "{path} is a recording, not a map: a map is a TOML file that assigns the columns. To have a draft of one: {fix}"
     ),
     "map.recording-or-wrong": (
         "{path} is a recording, not a map, or wrong at line {line}, column {column}: a map is a TOML file that assigns "
-        "the columns. baqueano runs import --help shows one; write it, then type: {fix}"
+        "the columns. To have a draft of one: {fix}"
     ),
     "map.unknown-key": "{map} {place}: unknown key. {near}.",
     "map.missing": "{map} {place} is missing; write {expected}.",

@@ -34,4 +34,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "tune.too-many": "{dimensions} gains at once: expected at most {most}. Name fewer, and fix the rest.",
     "lab.scipy-for-tuning": "scipy is not installed, and tuning needs it. Type: {fix}",
+    "compare.diverged": "The estimate diverged at {t_s:.1f} s. Its figures are of the time before.",
+    "compare.no-covariance": (
+        "The covariance is not positive definite at {ticks} of {of} ticks, first at {from_s:.2f} s, so it "
+        "gives no probability."
+    ),
 }

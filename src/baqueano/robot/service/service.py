@@ -181,7 +181,8 @@ class Service:
         try:
             mission = Mission.of_json(asked) if isinstance(asked, str) else asked
             path = self._path(mission.kind)
-            self.machine.go("manual" if mission.kind == "teach" and mission.route is None else "mission")
+            by_hand = mission.kind in ("drive", "teach") and mission.route is None
+            self.machine.go("manual" if by_hand else "mission")
         except BaqueanoError as error:
             self.patience(HANGING_S)
             self.operator.free()

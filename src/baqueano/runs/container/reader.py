@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, cause_of
 from baqueano.runs.container import memory_limit, messages
@@ -75,10 +76,10 @@ def read_bytes(path: Path) -> bytes:
             )
         data = path.read_bytes()
     except IsADirectoryError:
-        raise FileError(fault("runs.folder", f"baqueano runs ls --runs {path}", path=path)) from None
+        raise FileError(fault("runs.folder", typed("runs", "ls", "--runs", path), path=path)) from None
     except FileNotFoundError:
         raise FileError(
-            fault("runs.absent", f"baqueano runs ls --runs {path.parent}", missing=path)
+            fault("runs.absent", typed("runs", "ls", "--runs", path.parent), missing=path)
         ) from None
     except OSError as error:
         raise FileError(fault("runs.not-read", path=path, error=error.strerror or error)) from error
@@ -139,7 +140,7 @@ class _Assembly:
                 raise FileError(
                     fault(
                         "runs.not-ours",
-                        f"baqueano runs import MAP.toml {self.path.name}",
+                        typed("runs", "import", "MAP.toml", self.path),
                         path=self.path,
                         held=held,
                     )
@@ -314,7 +315,7 @@ class _Assembly:
         return FileError(
             fault(
                 "runs.foreign-topic",
-                f"baqueano runs import MAP.toml {self.path.name}",
+                typed("runs", "import", "MAP.toml", self.path),
                 path=self.path,
                 topic=topic,
                 error=why,

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import text
@@ -139,7 +140,7 @@ class RunWriter:
             raise FileError(
                 fault(
                     "runs.disk-full",
-                    f"baqueano runs recover {self.path.name}",
+                    typed("runs", "recover", self.path),
                     path=self.path,
                     error=self.failure.strerror or self.failure,
                 )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.contracts.result import shortened
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError
@@ -134,7 +135,7 @@ def import_run(
     found = import_runs(m, files, vehicle_text)
     if len(found) > 1:
         raise FileError(
-            fault("import.several-runs", "baqueano runs import", map=m.path.name, count=len(found))
+            fault("import.several-runs", typed("runs", "import", m.path), map=m.path.name, count=len(found))
         )
     return found[0]
 
@@ -193,6 +194,8 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
         text = f"{first} ticks before the first command were left out"
         usual = first == 1 and m.in_force == "from"
         found.append(Doubt("no command yet", "info", int(t_ns[0]), text, usual=usual))
+    if all(one.constant == 0.0 for one in m.command.entries):
+        found.append(Doubt("no command", "info", int(t_ns[0]), "no command: the vehicle stands", usual=True))
     found += cross_checks.look(run, m)
     judged = cross_checks.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
     events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.advice}") for d in judged)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.doubt import Doubt
@@ -237,7 +238,10 @@ def _found(m: ColumnMap, spec: FileSpec) -> Path:
     if spec.path is None:
         raise FileError(
             fault(
-                "import.no-path", f"baqueano runs import {m.path.stem} FILE", map=m.path.name, file=spec.name
+                "import.no-path",
+                typed("runs", "import", m.path.stem, "FILE"),
+                map=m.path.name,
+                file=spec.name,
             )
         )
     return _matching(m, spec)[0]

@@ -26,6 +26,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import FileError, cause_of
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
@@ -37,6 +38,7 @@ ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
 ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
 LONGEST = 1_000_000  # characters of a map; a recording may have any number
+AT_REST: dict[str, Any] = {"in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3}
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
 
 
@@ -94,7 +96,7 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
-    fix, words = f"baqueano runs import MAP.toml {path}", str(error)
+    fix, words = typed("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
     where = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place in its text alone
     if where is None:
         return fault("map.recording", fix, path=path)
@@ -127,14 +129,16 @@ class _Parser:
         tables = self.needed(top, "files", note("expect.files"))
         files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
         self.file_names = list(files)
-        signal, names, in_force, wheels = self.command(
-            self.needed(top, "command", note("expect.table", key="command"))
-        )
         sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
         ticks = top.get("ticks", {}) if len(files) == 1 else self.needed(
             top, "ticks", note("expect.ticks")
         )  # fmt: skip
         self.keys("ticks", ticks, {"file": str})
+        if "command" not in top and sensors:  # of a vehicle that stands
+            top["command"] = AT_REST | ticks
+        signal, names, in_force, wheels = self.command(
+            self.needed(top, "command", note("expect.table", key="command"))
+        )
         return ColumnMap(
             str(top.get("name", self.path.stem)), self.path, self.text, top.get("start_ns", 0),
             frozenset(map(str, top.get("accept", []))), files, self.file_of("ticks", ticks), names,

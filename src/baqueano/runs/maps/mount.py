@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
@@ -81,7 +82,10 @@ def write_mount(path: Path | str, run: "Run", found: dict[str, float], halves: d
     if _truth_of(run.metadata.get("map_text", ""), run.name) != before or not before:
         raise UsageError(
             fault(
-                "map.other-truth", f"baqueano runs import {path.name} RECORDING", map=path.name, run=run.name
+                "map.other-truth",
+                typed("runs", "import", path.name, "RECORDING"),
+                map=path.name,
+                run=run.name,
             )
         )
     lever = found.get("lever_arm_m[0]", 0.0), found.get("lever_arm_m[1]", 0.0)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.command_line import typed
 from baqueano.diagnostics import Verdict
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
@@ -58,7 +59,7 @@ def page_of_identification(study: Identification) -> Page:
             Section("Parameters", "", [Table(_columns(single, PARAMETERS))]),
             Section("Figures", "", parts),
         ],
-        reproduce=f"baqueano study identification --seeds {study.asked}",
+        reproduce=typed("study", "identification", "--seeds", study.asked),
     )
 
 

@@ -1,0 +1,181 @@
+"""The table of a comparison in 80 columns: sections of figures, a column for each run; columns that do not fit stand in
+a block below."""
+
+from collections.abc import Callable, Iterator, Sequence
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.compare.filter_consistency import JOINT, STATES
+
+if TYPE_CHECKING:
+    from baqueano.compare.comparison import Comparison, JudgedPath
+    from baqueano.compare.consistency import Band
+
+WIDTH = 80  # letters of a line
+COLUMN, LEAST_COLUMN = 18, 8  # letters of a run's column
+DEGREES = 180.0 / np.pi
+ALIGNED = {"none": "", "start": ", aligned at the start", "rigid": ", aligned rigidly"}
+
+
+class TableLine(NamedTuple):
+    """A figure of each run."""
+
+    label: str
+    unit: str
+    of: "Callable[[JudgedPath], Any]"
+
+
+def table(found: "Comparison") -> str:
+    """Return the figures that are known of at least one run of a block."""
+    sections = [
+        (title, [(line.label, line.unit, [_cell(line.of(one)) for one in found.runs]) for line in lines])
+        for title, lines in _sections(found)
+    ]
+    rows = [row for _, lines in sections for row in lines if any(cell != "-" for cell in row[2])]
+    left = max((len(label) for label, _, _ in rows), default=0) + 2
+    unit = max((len(unit) for _, unit, _ in rows), default=0)
+    heads = [wrap(one.name, COLUMN) or [""] for one in found.runs]
+    wide = [
+        max(LEAST_COLUMN, *map(len, head), *(len(cells[k]) for _, _, cells in rows))
+        for k, head in enumerate(heads)
+    ]
+
+    def line(label: str, its_unit: str, cells: Sequence[str], part: Sequence[int]) -> str:
+        columns = "".join(f"  {cell:>{wide[k]}}" for k, cell in zip(part, cells, strict=True))
+        return f"{label:{left}} {its_unit:{unit}}{columns}".rstrip()
+
+    blocks = []
+    for part in _parts(wide, WIDTH - left - 1 - unit):
+        high = max(len(heads[k]) for k in part)
+        top = [[""] * (high - len(heads[k])) + heads[k] for k in part]
+        lines = [line("", "", [head[row] for head in top], part) for row in range(high)]
+        for title, its in sections:
+            shown = [(f"  {a}" if title else a, b, [cells[k] for k in part]) for a, b, cells in its]
+            shown = [row for row in shown if any(cell != "-" for cell in row[2])]
+            lines += [title] * bool(title and shown) + [line(*row, part) for row in shown]
+        blocks.append("\n".join(lines))
+    return "\n\n".join(blocks)
+
+
+def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
+    """Yield the columns that fit beside each other."""
+    first = 0
+    while first < len(wide):
+        last = first + 1
+        while last < len(wide) and sum(w + 2 for w in wide[first : last + 1]) <= room:
+            last += 1
+        yield range(first, last)
+        first = last
+
+
+def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
+    over = f"over {found.over_s:g} s"
+    yield (
+        "",
+        [
+            TableLine("duration", "s", lambda j: j.duration_s),
+            TableLine("the estimate diverged at", "s", lambda j: j.diverged_s),
+        ],
+    )
+    yield (
+        f"estimate − truth, rms{ALIGNED[found.alignment]}",
+        [
+            TableLine("position (ATE)", "m", lambda j: j.ate_m),
+            TableLine("position, at the end", "m", lambda j: j.end_error_m),
+            TableLine("heading", "°", lambda j: j.ate_heading_rad * DEGREES),
+            TableLine(f"drift {over} (RPE)", "m", lambda j: j.rpe_m),
+            TableLine(f"drift of the heading {over}", "°", lambda j: j.rpe_heading_rad * DEGREES),
+            TableLine("speed", "m/s", lambda j: j.speed_error_m_s),
+            TableLine("yaw rate", "rad/s", lambda j: j.yaw_rate_error_rad_s),
+        ],
+    )
+    if found.of_drives:
+        yield from _of_the_vehicle()
+    yield from _of_the_filter(found)
+
+
+def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
+    """Yield how well and how evenly it drove; of a replay this says nothing of the estimator."""
+    for title, kind in (
+        ("vehicle across its reference, true", "true"),
+        ("the same, as estimated", "estimate"),
+    ):
+        yield title, [*_distances(f"across_{kind}"), *_paces(f"pace_{kind}")]
+    yield "vehicle across the path of the first run", _distances("across_first")
+    yield (
+        "command",
+        [
+            TableLine("changes of sign, forward", "1/s", lambda j: j.sign_changes_per_s),
+            TableLine("ticks at a limit", "%", lambda j: 100.0 * j.at_limit),
+        ],
+    )
+
+
+def _distances(name: str) -> list[TableLine]:
+    return [
+        TableLine("distance, rms", "m", lambda j: getattr(j, name).rms_m),
+        TableLine("distance, 95 %", "m", lambda j: getattr(j, name).p95_m),
+        TableLine("distance, largest", "m", lambda j: getattr(j, name).max_m),
+    ]
+
+
+def _paces(name: str) -> list[TableLine]:
+    return [
+        TableLine("speed error, rms", "m/s", lambda j: getattr(j, name).error_m_s),
+        TableLine("speed error, of the mean", "%", lambda j: 100.0 * getattr(j, name).error),
+        TableLine("speed about its 1 s mean", "%", lambda j: 100.0 * getattr(j, name).uneven),
+    ]
+
+
+def _of_the_filter(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
+    channels = max((len(one.consistency.channels) for one in found.runs), default=0)
+    yield (
+        "NEES, 1 if consistent",
+        [
+            *(
+                TableLine(JOINT[k].removeprefix("the "), "", lambda j, k=k: _band(getattr(j.consistency, k)))
+                for k in JOINT
+                if k != "nis"
+            ),
+            *(TableLine(k, "", lambda j, k=k: _band(j.consistency.states[k])) for k in STATES),
+        ],
+    )
+    yield (
+        "NIS, 1 if consistent",
+        [
+            TableLine("all innovations", "", lambda j: _band(j.consistency.nis)),
+            *(TableLine(f"innovation {k}", "", lambda j, k=k: _of_channel(j, k)) for k in range(channels)),
+            TableLine("correlation at lag 1", "", lambda j: j.consistency.correlation),
+        ],
+    )
+    names = dict.fromkeys(one.name for judged in found.runs for one in judged.refusals)
+    yield "refused by the estimator", [TableLine(k, "", lambda j, k=k: _refused(j, k)) for k in names]
+    known = [one.verdict for one in found.runs if one.verdict != "not reported"]
+    yield "covariance", [TableLine("verdict", "", lambda j: j.verdict)] if known else []
+
+
+def _refused(judged: "JudgedPath", name: str) -> str:
+    """ "540 of 1501" of a number; "-" where the estimator does not count, or none arrived."""
+    found = [one for one in judged.refusals if one.name == name and one.arrived]
+    return f"{found[0].refused} of {found[0].arrived}" if found else "-"
+
+
+def _of_channel(judged: "JudgedPath", k: int) -> str:
+    channels = judged.consistency.channels
+    return _band(channels[k]) if k < len(channels) else "-"
+
+
+def _band(band: "Band") -> str:
+    mean, low, high = (_short(x) for x in (band.mean, band.low, band.high))
+    return f"{mean} [{low}, {high}]" if np.isfinite(band.mean) else "-"
+
+
+def _short(x: float) -> str:
+    """Return a NEES in as few letters as tell it."""
+    return f"{x:.2f}" if abs(x) < 10.0 else f"{x:.1f}" if abs(x) < 100.0 else f"{x:.3g}"
+
+
+def _cell(value: Any) -> str:
+    return value if isinstance(value, str) else f"{value:.3g}" if np.isfinite(value) else "-"

@@ -1,0 +1,132 @@
+"""A draft of a map, from the names of the columns of a CSV file; `unit = "?"` stands where no name says the unit."""
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from baqueano.errors import FileError
+from baqueano.runs.maps.units import unit
+from baqueano.runs.tables.table import LogTable, read_table
+
+UNKNOWN = "?"
+SPELT = {  # ends of names → unit
+    "ms": "ms", "us": "us", "ns": "ns", "s": "s", "sec": "s", "mm": "mm", "cm": "cm", "m": "m", "deg": "deg",
+    "rad": "rad", "dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rads": "rad/s", "rps": "turn/s", "rpm": "rpm",
+    "g": "g", "mg": "mg", "m_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "m_s": "m/s", "mps": "m/s",
+    "mm_s": "mm/s", "cm_s": "cm/s", "v": "V", "mv": "mV",
+}  # fmt: skip
+TIME = r"(^|_)(t|time|timestamp|stamp|elapsed|millis|micros)(_|$)"
+LEFT, RIGHT = r"(^|_)(left|izquierda|l)(_|$)", r"(^|_)(right|derecha|r)(_|$)"
+COMMAND, SPEED = r"pwm|duty|cmd|command|throttle", r"rpm|speed|vel|encoder|wheel|rps"
+IMU = (
+    r"(^|_)(ax|acc(el)?_x)(_|$)",
+    r"(^|_)(ay|acc(el)?_y)(_|$)",
+    r"gyro(_z)?(_|$)|(^|_)(gz|omega|yaw_rate)(_|$)",
+)
+POSE = (r"(^|_)x(_|$)", r"(^|_)y(_|$)", r"(^|_)(yaw|psi|theta|heading)(_|$)")
+KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
+FULL = 255.0  # counts of a duty of 8 bits
+
+
+def draft(path: Path | str) -> str:
+    """Return a map in TOML for the CSV file at `path`. FileError where its columns cannot be read."""
+    path = Path(path)
+    table = read_table(path, {})
+    left = list(table.columns)
+    return "\n".join([f'format = 1\nname = "{path.stem}"', *_tables(table, left), *_rest(left)]) + "\n"
+
+
+def _tables(table: LogTable, left: list[str]) -> Iterator[str]:
+    """Yield each table of the map, and take its columns out of `left`."""
+    yield "\n[files.log]"
+    if time := _take(left, TIME):
+        yield f'time = "{time}"\ntime_unit = "{_time_unit(table, time)}"'
+    else:
+        yield "rate_hz = 0.0                        # no column looks like a time: rows a second"
+    commands = [_take(left, f"(?=.*({COMMAND})).*{side}") for side in (LEFT, RIGHT)]
+    commands = commands if all(commands) else []
+    single = [] if commands else [one for one in list(left) if re.search(COMMAND, _plain(one))]
+    if commands:
+        yield '\n[command]\nin_force = "from"                    # "until": the command of a row held up to its time'
+        yield f"wheels = [\n{_listed(_command(table, one) for one in commands)}\n]"
+    elif single:
+        left[:] = [one for one in left if one not in single]
+        yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{one!r}" for one in single)}]'
+        yield f"u = [\n{_listed(_command(table, one) for one in single)}\n]"
+    else:
+        yield "\n# no column looks like a command: without [command] the vehicle stands"
+    wheels = [_take(left, f"(?=.*({SPEED})).*{side}") for side in (LEFT, RIGHT)]
+    if all(wheels):
+        yield f"\n[sensors.wheels]\nz = [\n{_listed(_wheel(one) for one in wheels)}\n]"
+    for title, key, names in (("sensors.imu", "z", IMU), ("truth", "eta", POSE)):
+        columns = [_take(left, name) for name in names]
+        if any(columns):
+            kinds = KINDS["imu" if key == "z" else key]
+            entries = _listed(_entry(one, kind) for one, kind in zip(columns, kinds, strict=True))
+            yield f"\n[{title}]\n{key} = [\n{entries}\n]"
+
+
+def _rest(left: Sequence[str]) -> list[str]:
+    return [f"\n# columns without a place: {', '.join(left)}"] if left else []
+
+
+def _plain(name: str) -> str:
+    """Return a column's name in small letters, its words parted by _."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _take(left: list[str], pattern: str) -> str:
+    """Return the first column of that name, taken out of `left`; "" without one."""
+    found = next((one for one in left if re.search(pattern, _plain(one))), "")
+    if found:
+        left.remove(found)
+    return found
+
+
+def _unit(name: str, measures: str) -> str:
+    """Return the unit that the end of a name says."""
+    words = _plain(name).split("_")
+    for said in ("_".join(words[-2:]), words[-1]):
+        known = unit(SPELT.get(said, ""))
+        if len(words) > 1 and known is not None and known.measures == measures:
+            return SPELT[said]
+    return UNKNOWN
+
+
+def _time_unit(table: LogTable, column: str) -> str:
+    """Return the unit of a time, by its name or by its steps."""
+    said = _unit(column, "time")
+    if said != UNKNOWN:
+        return said
+    try:
+        step = float(np.median(np.diff(table.numbers(column))))
+    except FileError:
+        return "iso8601"
+    return "s" if step < 1.0 else "ms" if step < 1000.0 else "us"
+
+
+def _command(table: LogTable, column: str) -> str:
+    most = float(np.nanmax(np.abs(table.numbers(column)), initial=0.0))
+    if most <= 1.0:
+        return f'{{ column = "{column}", unit = "1" }}'
+    of = FULL if most <= FULL else most
+    return f'{{ column = "{column}", unit = "raw", scale = {1.0 / of:.6g} }},   # 1 at {of:g}: is this full duty?'
+
+
+def _wheel(column: str) -> str:
+    said = _unit(column, "angular rate")
+    if said != UNKNOWN:
+        return f'{{ column = "{column}", unit = "{said}", radius_m = 0.0 }},   # the radius of the wheel'
+    return _entry(column, "speed")
+
+
+def _entry(column: str, measures: str) -> str:
+    return (
+        f'{{ column = "{column}", unit = "{_unit(column, measures)}" }}' if column else "{ constant = nan }"
+    )
+
+
+def _listed(entries: Iterator[str]) -> str:
+    return "\n".join(f"  {one}" if "#" in one else f"  {one}," for one in entries)

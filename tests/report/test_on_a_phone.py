@@ -1,0 +1,90 @@
+"""A page on a phone: figures with letters that can be read, tables as cards, nothing beyond its card."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.drive import repeat
+from baqueano.guides.shapes import circle
+from baqueano.report import figures
+from baqueano.report.of_run import page_of_run
+from baqueano.report.page import NARROW_IN, Page, Section, Table, draw
+from baqueano.vehicle_file import load
+
+POINTS_PER_IN, PHONE_PX, LEAST_PX = (
+    72.0,
+    334.0,
+    6.5,
+)  # the width that a card leaves of 390 px; of the smallest letters
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return repeat(load("small"), circle(0.3, 0.3), laps=3)
+
+
+def lines_of(svg):
+    return set(re.findall(r">([^<>]+)</text>", svg))
+
+
+def test_a_figure_is_drawn_again_as_narrow_as_a_phone_with_the_same_words():
+    t = np.linspace(0.0, 10.0, 50)
+    drawn = draw(figures.over_time([("a [m]", {"truth": (t, t), "estimate": (t, -t)})]), "c").svg
+    wide, narrow = drawn.split("<svg")[1:]
+    width = float(re.search(r'width="([\d.]+)pt"', narrow)[1])
+    assert width == pytest.approx(NARROW_IN * POINTS_PER_IN, rel=0.01)
+    assert 9.0 * PHONE_PX / width >= LEAST_PX
+    assert {"a [m]", "truth", "estimate", "time [s]"} <= lines_of(wide) & lines_of(narrow)
+
+
+def test_the_two_shapes_of_a_figure_share_no_id():
+    t = np.linspace(0.0, 10.0, 50)
+    wide, narrow = (
+        set(re.findall(r'id="([mp][0-9a-f]{8,})"', one))
+        for one in draw(figures.over_time([("a", {"truth": (t, t)})]), "c").svg.split("<svg")[1:]
+    )
+    assert wide
+    assert not wide & narrow
+
+
+def test_a_table_of_many_columns_becomes_cards_that_name_each_value():
+    rows = [{"parameter": "mass", "estimate": 1.0, "± sd": 0.1, "unit": "kg", "note": ""}]
+    text = Page("t", "", "", [], [Section("s", "", [Table(rows), Table([{"a": 1}])])]).html()
+    assert text.count('<table class="cards">') == 1
+    assert '<td data-heading="± sd" class="number">0.1</td>' in text
+
+
+def test_only_the_last_lap_has_a_corridor(drive):
+    from baqueano.report.of_estimate import paths
+
+    def patches(run):
+        return len(re.findall(r"\bz\b", paths(run)[0].svg.split("patch_3")[1][:200_000]))
+
+    one = drive.cut(0.0, drive.duration_s / 3.0)
+    assert patches(drive) < 1.5 * patches(one)
+
+
+def test_the_report_of_two_estimators_draws_and_judges_both(drive):
+    log = drive.estimate
+    off = log._replace(eta=log.eta + np.array([0.1, 0.0, 0.0]))
+    other = replace(drive, name="other", estimate=off, metadata=drive.metadata | {"kind": "replay"})
+    text = page_of_run(other, beside=drive).html()
+    assert "Two estimators, one drive" in text
+    assert len(re.findall(f">{drive.name}</text>", text)) >= 4  # the path and the errors, both shapes
+    assert "at a limit" not in text
+
+
+def test_a_diverged_estimate_is_drawn_until_then(drive):
+    log = drive.estimate
+    eta = log.eta.copy()
+    eta[500:, 0] = 1e16
+    text = page_of_run(replace(drive, estimate=log._replace(eta=eta))).html()
+    assert "The estimate diverged at 5.0 s" in text
+    assert "1e16" not in text
+    assert not re.search(r">\d+(\.\d+)?e1\d<|>1e1\d<", text)
+
+
+def test_residuals_and_innovations_are_drawn_over_time(drive):
+    assert "Innovations over time" in page_of_run(drive).html()
