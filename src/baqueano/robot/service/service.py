@@ -313,11 +313,9 @@ class Service:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise FileError(
-                fault(
-                    "service.no-run-there", f"ls -ld {self.folder}", folder=self.folder, error=error.strerror
-                )
-            ) from error
+            fix = f"ls -ld {self.folder}"
+            why = fault("service.no-run-there", fix, folder=self.folder, error=error.strerror)
+            raise FileError(why) from error
         stem = f"{datetime.now():%Y%m%d-%H%M%S}-{kind}"
         for k in range(100):
             path = self.folder / (f"{stem}.mcap" if k == 0 else f"{stem}-{k}.mcap")

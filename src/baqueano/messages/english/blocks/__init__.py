@@ -1,0 +1,1 @@
+"""English sentences about blocks, and about the engine that compiles them."""

@@ -1,0 +1,1 @@
+"""English sentences of the real vehicle and of its door."""
