@@ -157,7 +157,9 @@ def test_an_unknown_back_end_in_the_environment_is_told(baqueano, monkeypatch):
     monkeypatch.setenv("BAQUEANO_BACKEND", "rust")
     end = baqueano("runs", "ls")
     assert end.code == 2
-    assert dict(end.why.figures) == {"found": "rust", "known": "auto, c, python, numpy"}
+    assert dict(end.why.figures) == {
+        "variable": "BAQUEANO_BACKEND", "found": "rust", "known": "auto, c, python, numpy",
+    }  # fmt: skip
 
 
 def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, monkeypatch):

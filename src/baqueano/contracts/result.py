@@ -1,4 +1,4 @@
-"""What every result offers its reader: a short print, a card in a notebook, a figure, and a data frame.
+"""The face of every result: a short print, a card in a notebook, a figure, and a data frame.
 
 A class that derives from `Result` has `table()`, the whole for people, and `rows()`, flat dicts for machines. What
 draws stands in `report`, above all results, and is loaded by its name when somebody asks for it.

@@ -1,4 +1,4 @@
-"""What a number that disagrees looks like, and which of sensor and model is off."""
+"""Describe a number that disagrees, and say which of sensor and model is off."""
 
 from dataclasses import dataclass
 

@@ -44,7 +44,7 @@ STYLE = """
 
 @dataclass(frozen=True)
 class Card:
-    """What stands on a card."""
+    """Contents of a card."""
 
     title: str
     verdict: str = ""

@@ -1,4 +1,4 @@
-"""What a page shows of an estimate: its path and corridor, its errors, its innovations, another one beside it."""
+"""Sections of a page on an estimate: its path and corridor, its errors, its innovations, another one beside it."""
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def said_of_path(one: JudgedPath, alignment: str) -> str:
 
 
 def _laps(found: Corridor) -> float:
-    """How many laps a corridor is long, 0 without one."""
+    """Return the length of a corridor in laps, 0 without one."""
     return float(found.t_s[-1]) / found.lap_s if np.isfinite(found.lap_s) and len(found.t_s) else 0.0
 
 

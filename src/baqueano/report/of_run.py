@@ -95,7 +95,7 @@ def refused(counts: tuple[Refusals, ...]) -> list[Section]:
 
 
 def sensors_of(run: Run) -> Drawing:
-    """What the sensors said, a panel per number."""
+    """Return the readings of the sensors, a panel per number."""
     panels = []
     for name, channel in run.sensors.items():
         t = seconds(channel.t_ns, run.t_ns[0])

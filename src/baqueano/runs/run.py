@@ -136,7 +136,7 @@ class Run(Result):
         return show(self).rows()
 
     def table(self) -> str:
-        """What the run holds: topics, rates, gaps, events."""
+        """Return the contents of the run: topics, rates, gaps, events."""
         from baqueano.runs.show import show
 
         return show(self).table()

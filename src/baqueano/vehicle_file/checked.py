@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CheckedBlock(Result):
-    """What is wrong with a block."""
+    """Findings of the checks of a block."""
 
     block: str
     room: str

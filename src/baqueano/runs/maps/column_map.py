@@ -358,7 +358,7 @@ class _Parser:
         return spec
 
     def needed(self, spec: dict[str, Any], key: str, what: Diagnostic) -> Any:
-        """What stands under `key`, and must not be left out."""
+        """Return the value of `key`, which is required."""
         if not spec.get(key):
             raise self.wrong(key, spec.get(key), what)
         return spec[key]

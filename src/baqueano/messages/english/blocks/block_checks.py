@@ -18,13 +18,14 @@ TEMPLATES: dict[str, str] = {
     "when.large-command": "at a command of 1e9",
     "when.clock": "with a clock that begins at {begin_ns:.2g} ns",
     "check.no-commands": (
-        "{place}: {subject} has no commands: write commands: ClassVar[int] = 3, the length of its command."
+        "{place}: {subject} lacks commands: write commands: ClassVar[int] = 3, the length of its command."
     ),
     "check.no-drivetrain": (
-        "{place}: {subject} has no drivetrain: estimators ask it what the body feels. Give it Drivetrain(commands=n)."
+        "{place}: {subject} lacks a drivetrain: estimators ask it what the body feels. Give it "
+        "Drivetrain(commands=n)."
     ),
-    "check.no-attribute": "{place}: {subject} has no {name}.",
-    "check.no-method": "{place}: {subject} has no {name}().",
+    "check.no-attribute": "{place}: {subject} lacks {name}.",
+    "check.no-method": "{place}: {subject} lacks {name}().",
     "check.not-frozen": (
         "{place}: {subject} can be changed after it is built. Write @dataclass(frozen=True, slots=True, eq=False) "
         "above it, so that a replay meets the same block."
@@ -52,8 +53,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "check.not-symmetric": "{place}: {subject} gives a {what} that is not symmetric ({when}).",
     "check.eigenvalue": (
-        "{place}: {subject} gives a {what} with the eigenvalue {smallest:.3g} ({when}): a covariance has none below 0. "
-        "The form of Joseph keeps it so: (I - K H) P (I - K H)ᵀ + K Q Kᵀ."
+        "{place}: {subject} gives a {what} with the eigenvalue {smallest:.3g} ({when}): those of a "
+        "covariance are 0 or more. The form of Joseph keeps it so: (I - K H) P (I - K H)ᵀ + K Q Kᵀ."
     ),
     "check.raises": "{place}: {subject} raises {error} ({when}).",
     "check.raises-on-line": "{place}: {subject} raises {error} on line {line} ({when}).",
@@ -107,8 +108,8 @@ TEMPLATES: dict[str, str] = {
     "outside.random": "noise comes from outside, drawn from the seed of the run",
     "outside.machine": "a block knows no files and no machine; parameters come from the vehicle file",
     "outside.files": "a block knows no files; parameters come from the vehicle file",
-    "outside.talks": "a block talks to nobody; what it is told comes with the tick",
-    "outside.threads": "a block has no life of its own; step() is called at every tick",
+    "outside.talks": "a block exchanges data with the loop alone: its inputs come with the tick",
+    "outside.threads": "a block runs only when the loop calls step(), once a tick",
     "outside.starts": "a block starts nothing",
     "outside.prints": "a block prints nothing; what it says goes into its output",
     "outside.asks": "a block asks nobody",

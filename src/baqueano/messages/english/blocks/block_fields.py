@@ -12,8 +12,8 @@ TEMPLATES: dict[str, str] = {
     "cov.not-finite": "{name}[{i}][{j}] = {found}: expected a finite number.",
     "cov.not-symmetric": "{name} is not symmetric: [{i}][{j}] = {one:g} but [{j}][{i}] = {other:g}. {offer}",
     "cov.eigenvalue": (
-        "{name} has the eigenvalue {smallest:.3g}; a covariance has none below 0. [{i}][{j}] = {entry:g} is too "
-        "large for the diagonal entries {first:g} and {second:g}. {offer}"
+        "{name} has the eigenvalue {smallest:.3g}; those of a covariance are 0 or more. [{i}][{j}] = "
+        "{entry:g} is too large for the diagonal entries {first:g} and {second:g}. {offer}"
     ),
     "ekf.mode": 'mode = "{found}": expected one of {known}.',
     "ekf.positive": (
@@ -21,7 +21,7 @@ TEMPLATES: dict[str, str] = {
         "greater than 0. To take every measurement, set gate_sigma = inf."
     ),
     "ekf.initial-std": "initial_std = {found}: expected 9 numbers greater than 0, for (η, ν, ν̇).",
-    "field.use": 'use = "{found}": the vehicle has no such sensor; it has {known}.',
+    "field.use": 'use = "{found}": the vehicle lacks this sensor; it has {known}.',
     "unscented.no-acceleration": "{vehicle} lacks nu_dot, its acceleration, which is a state: take ekf.",
     "route.shapes": (
         "the route has t_s {t_s}, eta {eta}, nu {nu}: expected (m,), (m, 3), (m, 3) with the same m "

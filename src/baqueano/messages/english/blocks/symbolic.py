@@ -13,7 +13,7 @@ TEMPLATES: dict[str, str] = {
     "trace.product-shapes": "{place}\n    shapes {left} and {right} do not fit in a product",
     "trace.solve-shapes": "{place}\n    np.linalg.solve with shapes {left} and {right}",
     "trace.norm": "{place}\n    np.linalg.norm knows only square roots of sums of squares here",
-    "trace.singular": "{place}\n    a singular matrix: column {column} has no pivot",
+    "trace.singular": "{place}\n    a singular matrix: column {column} lacks a pivot",
     "trace.decides": (
         "{place}\n    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that is known "
         "only at run time: write np.where(condition, a, b), np.clip, np.maximum or np.abs; join conditions with "
@@ -50,13 +50,13 @@ TEMPLATES: dict[str, str] = {
         "theta, carry and inputs name {lanes} lanes, inputs {ticks} ticks: one of each is expected"
     ),
     "tree.another": "another tree than in the example at {path}",
-    "path.not-a-path": '"{path}" is no path: write names with dots and indices in brackets, "a.b[0,2]"',
+    "path.not-a-path": '"{path}" is not a path: write names with dots and indices in brackets, "a.b[0,2]"',
     "path.index": '"{path}": an index is one or more whole numbers, not [{found}]',
     "path.shape": '"{path}" has shape {expected}, not {found}',
     "engine.no-ticks": "no ticks: without one the back end numpy does not know the outputs",
     "engine.cost": "a cost is one number a tick; this step puts out {numbers}",
     "engine.theta-vector": "theta has shape {found}, expected (p,)",
-    "engine.no-theta": "this scan has no theta: give scan(..., theta=) an example of it",
+    "engine.no-theta": "this scan lacks theta: give scan(..., theta=) an example of it",
     "engine.theta-missing": "theta is missing: expected {parameters} parameters, {expected}",
     "engine.theta-shape": "theta has shape {found}, expected {expected} with p = {parameters}",
     "engine.no-parameters": "no derivatives without parameters: give scan(..., theta=) an example of them",
@@ -75,8 +75,8 @@ TEMPLATES: dict[str, str] = {
     "trace.numpy": "{place}\n    {kind}: {error}",
     "trace.another-carry": "{whose} returned another carry than it is given: {cause}",
     "tree.dtype": "{path} is an array of {dtype}: expected numbers",
-    "path.no-such-name": '"{path}": {kind} has no {found}. {near}',
+    "path.no-such-name": '"{path}": {kind} lacks {found}. {near}',
     "compiler.absent": "no C compiler: install gcc or clang, or type: {fix}",
-    "compiler.no-command": "BAQUEANO_CC = '{found}': there is no such command",
+    "compiler.no-command": "BAQUEANO_CC = '{found}': this command does not exist",
     "compiler.given-up": "Python is used instead of C, which is slower: {cause}",
 }

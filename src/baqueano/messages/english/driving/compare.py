@@ -2,9 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "compare.not-a-list": "alignment is a {kind}: several runs go into a list, as compare([one, other]).",
-    "compare.no-runs": (
-        "there is no run to compare: give one or more, e.g. baqueano compare runs/0001-repeat.mcap"
-    ),
+    "compare.no-runs": ("the list of runs is empty: give one or more, as baqueano compare last"),
     "compare.times": (
         "over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0."
     ),

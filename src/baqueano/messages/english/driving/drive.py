@@ -15,23 +15,23 @@ TEMPLATES: dict[str, str] = {
         "driving by keys needs a terminal; here the input is a file or a pipe. Over ssh, type: ssh -t"
     ),
     "marks.too-few": "{name} has {marks} marks: press m on the mark before a lap and after it, standing.",
-    "marks.no-gyro": "{name} has no gyro, so its marks tell no scale of one.",
+    "marks.no-gyro": "{name} lacks a gyro, so its marks give no scale of one.",
     "marks.no-turn": (
         "{name}: no turn is left between the marks, as those of an eight cancel, and that tells no scale. Drive "
         "a circle, or a rectangle, one way round."
     ),
     "marks.no-whole-turn": (
-        "{subject}: between two marks the gyro counts {turned_deg:.0f}°, which is no whole number of turns within "
-        "{within_percent:.0f} %, or more than {most}. Press m only when the vehicle stands on the same mark with "
-        "the same heading."
+        "{subject}: between two marks the gyro counts {turned_deg:.0f}°, which is not a whole number of "
+        "turns within {within_percent:.0f} %, or more than {most}. Press m only when the vehicle stands "
+        "on the same mark with the same heading."
     ),
     "marks.stood-too-short": (
         "{name}: the vehicle stood for {stood_s:.1f} s, too short to know the zero of its gyro. Let it stand 2 s "
         "on the mark, then drive."
     ),
     "first-drive.no-imu": (
-        "{name} has no sensor imu: a first drive stops on the gyro, so it needs one. Add [sensors.imu] to the "
-        "vehicle file. Or type --known, and stand by the switch."
+        "{name} lacks a sensor imu: a first drive stops on the gyro, so it needs one. Add [sensors.imu] "
+        "to the vehicle file. Or type --known, and stand by the switch."
     ),
     "first-drive.limit": (
         "{vehicle}: [command] limit = {limit}: expected the largest size of each command, finite, one of them "
@@ -40,7 +40,7 @@ TEMPLATES: dict[str, str] = {
     "first-drive.no-estimates": "{name} holds no estimates of a first drive.",
     "mission.kind": 'a mission of kind "{kind}": expected one of {known}.',
     "mission.version": "this mission is of another version: update baqueano on both sides.",
-    "mission.damaged": "this is no mission ({kind}: {error}).",
+    "mission.damaged": "this is not a mission ({kind}: {error}).",
     "mission.two-files": "two files of blocks are called {name}: give one of them another name.",
     "mission.no-driver": "a lesson needs a route, or somebody who drives.",
     "mission.file-name": "a block in the file {name}: expected a plain name that ends in .py.",
@@ -61,9 +61,9 @@ TEMPLATES: dict[str, str] = {
     "drive.step-numbers": (
         "step {number} of the drive is {found}: expected a time above 0 s and {commands} finite numbers."
     ),
-    "drive.no-steps": "the drive has no step: give at least one (seconds, command).",
-    "route.no-estimates": "{name} has no estimated path to make a route of.",
-    "route.no-motion": "{name}: the vehicle did not move, so there is no route in it.",
+    "drive.no-steps": "the drive lacks a step: give at least one (seconds, command).",
+    "route.no-estimates": "{name} lacks an estimated path, so it gives no route.",
+    "route.no-motion": "{name}: the vehicle did not move, so the run gives no route.",
     "route.open": (
         "{name} ends {gap_m:.2f} m and {gap_deg:.0f}° from where it began; a closed route comes back within "
         "{close_m} m and {close_deg:.0f}°. Drive back to the mark, or teach it as an open route."
@@ -72,7 +72,9 @@ TEMPLATES: dict[str, str] = {
     "pad.lacks": '--pad {path}: "{name}" has {lack}. --pad alone looks for the pad.',
     "pad.no-stick": "no stick",
     "pad.no-front-buttons": "no front buttons",
-    "pad.none": "--pad: no game pad is plugged in: of {folder}/event* there is none. Plug one in, or drive by keys.",
+    "pad.none": (
+        "--pad: no game pad is plugged in: {folder}/event* does not exist. Plug one in, or drive by keys."
+    ),
     "pad.not-among": (
         "--pad: no game pad is plugged in: of {folder}/event* looked at {looked}. Plug one in, or drive by keys."
     ),
@@ -88,8 +90,8 @@ TEMPLATES: dict[str, str] = {
     "wiring.backwards-right": "the right motor runs backwards: change its two wires",
     "first-drive.nothing-moved": "nothing moved with {command}: is the motor connected, the battery charged?",
     "first-drive.ended-early": (
-        "nothing moved with up to {tried_percent:.0f} % of {command}, and then the drive was over, because the vehicle "
-        "had left its spot or it took too long: put it back and start again"
+        "nothing moved with up to {tried_percent:.0f} % of {command}, and then the drive ended: the "
+        "vehicle had left its spot, or it took too long. Put it back and start again"
     ),
     "mission.lacks": 'a mission of kind "{kind}" without {name}: it needs one.',
 }

@@ -9,8 +9,8 @@ TEMPLATES: dict[str, str] = {
         "no vehicles: give vary = {{path: values}}, a row per vehicle, or vehicles = how many."
     ),
     "simulate.no-covariance": (
-        "{name}: no parameter has a covariance yet, so there is nothing to draw from. Run `baqueano identify`, "
-        "or say what varies: vary = {{path: values}}."
+        "{name}: no parameter has a covariance yet, so nothing can be drawn. Fit it, or say what varies:"
+        " vary = {{path: values}}."
     ),
     "simulate.vehicles": "vehicles = {vehicles}: say how many to draw, 1 or more.",
     "simulate.signal-shape": (
@@ -23,7 +23,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "simulate.pose": "{name} = {found}: expected three finite numbers.",
     "simulate.no-number": (
-        'there is no number at "{path}" of this vehicle: {cause}. Name it as in the vehicle file, for example '
+        'this vehicle lacks a number at "{path}": {cause}. Name it as in the vehicle file, for example '
         '"model.friction.linear".'
     ),
 }

@@ -2,8 +2,8 @@
 
 TEMPLATES: dict[str, str] = {
     "study.recordings-missing": (
-        "recordings are missing: {missing}: there is no such file in {folders}. They do not come with baqueano; "
-        "set BAQUEANO_DATA to the folder that holds {first}"
+        "recordings are missing: {folders} lack {missing}. They do not come with baqueano; set "
+        "BAQUEANO_DATA to the folder that holds {first}"
     ),
     "demo.refused": "the fit of the demo was refused: {cause}",
 }

@@ -24,7 +24,7 @@ TEMPLATES: dict[str, str] = {
         "{kind} names no gain to look for. Write each as a field with unit and bounds, from baqueano.parameter: "
         'k: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, default=3.0)'
     ),
-    "tune.no-such-gain": "{kind} has no gain {found}: it has {known}.",
+    "tune.no-such-gain": "{kind} lacks the gain {found}: it has {known}.",
     "tune.bounds": (
         'bounds["{name}"] = ({low:g}, {high:g}): expected two finite numbers, the smaller one first.'
     ),

@@ -11,7 +11,7 @@ TEMPLATES: dict[str, str] = {
     "damage.field": "a field of {size} bytes in a record with {left} left",
     "damage.not-utf8": "a text that is not UTF-8",
     "damage.map-entries": "a map of more than {most} entries",
-    "damage.end": "an end of the data that is none",
+    "damage.end": "a damaged end of the data",
     "damage.no-checksum": "a message without a checksum",
     "damage.chunk-ends": "a chunk that ends inside a record",
     "damage.record-beyond": "a record that reaches beyond its chunk",
@@ -38,8 +38,8 @@ TEMPLATES: dict[str, str] = {
         "then: the difference is one tick of delay"
     ),
     "expect.u-or-wheels": (
-        "either u = [ … ], an entry per command, or for a left and a right wheel wheels = [left, right], which "
-        "become u_x = (l + r)/2, u_y = 0, u_psi = (r - l)/2"
+        "either u = [ … ], an entry per command, or wheels = [left, right]. These become u_x = (l + "
+        "r)/2, u_y = 0, u_psi = (r - l)/2"
     ),
     "expect.delimiter": 'one character, as delimiter = ";" or "\\t"',
     "expect.rate": "the rows of a second, above 0",
@@ -77,7 +77,7 @@ TEMPLATES: dict[str, str] = {
     "expect.names": "{count} names, one per entry of u",
     "expect.one-of": "{key} = one of {allowed}",
     "expect.time-of-bag": 'time = "bag" (when it was recorded) or time = "header.stamp"',
-    "expect.time": 'time = "COLUMN", or rate_hz = … of a file that has no column of time',
+    "expect.time": 'time = "COLUMN", or rate_hz = … of a file without a column of time',
     "expect.entries": "{count} entries ({measures})",
     "expect.some-entries": "some entries",
     "expect.unit-of": 'unit = "…" ({known})',

@@ -36,8 +36,10 @@ TEMPLATES: dict[str, str] = {
         "{longest_gb} GB. Make room, and type it again"
     ),
     "remote.run-otherwise": "{host} sent {run} otherwise than it said. Type it again.",
-    "remote.no-ssh": "{host} cannot be reached: there is no ssh on this machine. Install OpenSSH.",
-    "remote.no-sockets": "{path}: this system has no sockets in files. Name the vehicle by its host name.",
+    "remote.no-ssh": "{host} cannot be reached: ssh is missing on this machine. Install OpenSSH.",
+    "remote.no-sockets": (
+        "{path}: this system does not support sockets in files. Name the vehicle by its host name."
+    ),
     "remote.stop-not-heard": (
         "{host} did not say that it heard the stop. Type it again, or use the switch of the vehicle."
     ),
@@ -47,16 +49,16 @@ TEMPLATES: dict[str, str] = {
         "status {host}"
     ),
     "remote.unreachable": "{host} cannot be reached: {cause}. To see why: {command}",
-    "door.unknown-word": "{found} is none of {known}",
-    "door.no-run": "there is no run {run}",
+    "door.unknown-word": "{found} is not one of {known}",
+    "door.no-run": "run {run} does not exist",
     "door.runs-already": "{path}: a service runs already on this vehicle. Type: {fix}",
     "ssh.host": (
-        'HOST "{host}": expected the name of a vehicle that ssh reaches, which begins with a letter or a digit '
-        "and has no space. Type it as pilot@rover.local"
+        'HOST "{host}": expected the name of a vehicle that ssh reaches, which begins with a letter or a'
+        " digit and is one word. Type it as pilot@rover.local"
     ),
     "ssh.no-hardware": (
-        "{host} has no hardware to look after: expected a vehicle that ssh reaches, pilot@rover.local, or "
-        "nothing, for what is plugged in here. Drives are what it can do: baqueano experiment --robot {host}"
+        "{host} is not hardware: expected a vehicle that ssh reaches, pilot@rover.local, or nothing, for"
+        " what is plugged in here. It can only drive: baqueano experiment --robot {host}"
     ),
     "ssh.not-a-host": (
         "{host}: expected a vehicle that ssh reaches, pilot@rover.local. The port of an Uno that is plugged in "

@@ -33,9 +33,9 @@ TEMPLATES: dict[str, str] = {
         "Put the vehicle at rest and try again; else try another IMU."
     ),
     "imu.no-bus": (
-        "There is no {path}: I2C is off, or this is not the robot: from a laptop end the line in its HOST. On a "
-        "Raspberry Pi put dtparam=i2c_arm=on,i2c_arm_baudrate=400000 into /boot/firmware/config.txt, and start "
-        "it again."
+        "{path} is missing: I2C is off, or this is not the robot: from a laptop end the line in its "
+        "HOST. On a Raspberry Pi put dtparam=i2c_arm=on,i2c_arm_baudrate=400000 into "
+        "/boot/firmware/config.txt, and start it again."
     ),
     "imu.bus-not-allowed": (
         "{path} may not be opened by this user. Type: sudo usermod -aG i2c $USER, and log in again."
@@ -58,8 +58,8 @@ TEMPLATES: dict[str, str] = {
         "{limit:g}. Put it down, motors off, and repeat."
     ),
     "imu.axes": (
-        "IMU axes = {axes}: expected the chip's axes that point ahead, to the left and up, each letter once and "
-        'no mirror image, as ("x", "y", "z") or ("x", "-y", "-z") for a chip upside down.'
+        "IMU axes = {axes}: expected the chip's axes that point ahead, left and up. Each letter stands "
+        'once, without a mirror image, as ("x", "y", "z") or ("x", "-y", "-z") for a chip upside down.'
     ),
     "imu.setting": "IMU {name} = {value}: expected one of {words}.",
     "service.no-run-there": "{folder} cannot take a run: {error}. Type: {fix}",
@@ -69,13 +69,13 @@ TEMPLATES: dict[str, str] = {
         "plug it in again, and name the folder of its small partition: baqueano robot card /media/you/bootfs"
     ),
     "card.no-boot": (
-        "{folder} is no boot partition of a Raspberry Pi: expected cmdline.txt and config.txt in it. It is the "
-        "small partition of the card, called bootfs."
+        "{folder} is not a boot partition of a Raspberry Pi: expected cmdline.txt and config.txt in it. "
+        "It is the small partition of the card, called bootfs."
     ),
     "card.no-public-key": (
-        "{place} is no public ssh key: expected one line, ssh-ed25519 AAAA… It ends in .pub."
+        "{place} is not a public ssh key: expected one line, ssh-ed25519 AAAA… It ends in .pub."
     ),
-    "card.no-key": "there is no ssh key: looked for {known}. Type: ssh-keygen -t ed25519, and this again",
+    "card.no-key": "an ssh key is missing: looked for {known}. Type: ssh-keygen -t ed25519, and this again",
     "card.name": "--name {name}: expected small letters, digits and - between them, 63 at most: robot-1",
     "card.user": "--user {user}: expected small letters and digits, a letter first, and not root: ana",
     "card.network-name": "the network's name has {bytes} bytes, expected 1 to 32.",
@@ -83,15 +83,15 @@ TEMPLATES: dict[str, str] = {
     "card.country": "--country {country}: expected two capital letters, as AR, DE, US: Wi-Fi is off without.",
     "setup.file-not-read": "{host}: {path} could not be read, for the reason above. Type: {fix}",
     "setup.no-place-for-calibration": (
-        "{host}: {key} = {found} was calibrated there, and your vehicle file has no place for it: expected the "
-        "table of that key. Put it in; or, to lose the calibration: ssh {host} rm {path}"
+        "{host}: {key} = {found} was calibrated there, and your vehicle file cannot hold it: expected "
+        "the table of that key. Put it in; or, to lose the calibration: ssh {host} rm {path}"
     ),
     "setup.no-answer": (
         "{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: {fix}"
     ),
     "setup.32-bit": (
-        "{host} is a {computer}: numpy has no wheel for 32-bit systems. Write the 64-bit Raspberry Pi OS Lite on "
-        "its card (a Pi 3, 4, 5 or Zero 2 runs it), and: baqueano robot card"
+        "{host} is a {computer}: numpy lacks a wheel for 32-bit systems. Write the 64-bit Raspberry Pi "
+        "OS Lite on its card (a Pi 3, 4, 5 or Zero 2 runs it), and: baqueano robot card"
     ),
     "setup.old-python": (
         "{host} has Python {major}.{minor}, expected {least_major}.{least_minor} or newer. Write a newer "
@@ -112,16 +112,16 @@ TEMPLATES: dict[str, str] = {
     "uno.number-range": (
         "{frame}.{path} = {number}: the firmware takes {least} to {most}. Give a value in that range."
     ),
-    "flash.bad-line": "{path}: line {line} is no line of an Intel hex file, or is damaged.",
+    "flash.bad-line": "{path}: line {line} is damaged, or not from an Intel hex file.",
     "flash.not-hex": "{path}: no Intel hex file can be read there: {error}.",
     "flash.size": "{path} holds {bytes} bytes: expected 1 to {most_bytes}, what an Uno has room for.",
     "flash.no-avrdude": (
-        "avrdude is not installed here. Type: sudo apt-get install avrdude. Where there is no internet, plug the "
+        "avrdude is not installed here. Type: sudo apt-get install avrdude. Without internet, plug the "
         "Uno into a computer that has it, and type there: baqueano robot flash"
     ),
     "flash.too-slow": f"{{where}}: avrdude was not done after {{within_s:g}} s. {REMEDY}",
     "flash.failed": f"{{where}}: avrdude did not write it: {{said}} {REMEDY}",
-    "uno.refused-number": "the Uno was told {question}, and says {said}: it refused one of the numbers.",
+    "uno.refused-number": "the Uno rejected the settings: sent {question}, stored {said}.",
     "uno.answer-not-whole": (
         "the Uno's answer to {question} did not come whole within {within_s:g} s: the line is noisy. Look at its "
         "cable, and at the capacitors across the motors"
@@ -162,9 +162,9 @@ TEMPLATES: dict[str, str] = {
         "Mount it flat or on edge, and type the same line again."
     ),
     "calibrate.lifted-over-corner": (
-        "it was lifted over a corner: gravity moved by {first_m_s2:.1f} m/s² along one axis of the chip and by "
-        "{second_m_s2:.1f} along another, expected less than {clear:.2f} of it. Lift the front straight over the "
-        "rear; a chip that sits at 45° has no axis that points ahead: turn it on the vehicle."
+        "it was lifted over a corner: gravity moved by {first_m_s2:.1f} m/s² along one axis of the chip "
+        "and by {second_m_s2:.1f} along another, expected less than {clear:.2f} of it. Lift the front "
+        "straight over the rear; at 45° none of the chip's axes points ahead: turn it on the vehicle."
     ),
     "calibrate.motor-does-not-turn": (
         "motor {side}, {direction}: the vehicle did not turn even at full duty. Is the battery on, are the "
