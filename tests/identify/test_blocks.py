@@ -9,7 +9,8 @@ import pytest
 from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.identify import fit as module
 from baqueano.identify.covariance.information import Information, covariance_of, information
-from baqueano.identify.covariance.sandwich import BLOCK_S, LEAST, _by_blocks, covariance, left_out
+from baqueano.identify.covariance.quantiles import QUANTILE_95, students
+from baqueano.identify.covariance.sandwich import BLOCK_S, LEAST, covariance, left_out
 from baqueano.identify.residuals.simulation import HUBER
 from baqueano.identify.result.assemble import fit_of
 from baqueano.runs.run import Run, TruthLog
@@ -50,23 +51,11 @@ def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
             x = x[np.abs(here) < HUBER]
             without[np.ix_(index, index)] -= x.T @ x
             moves.append(np.linalg.solve(without[np.ix_(kept, kept)], g[kept]))
-    told = left_out(problem, theta, kept, info.bread)
-    assert told is not None
+    expected = np.transpose(moves) @ moves * (students(0.975, len(moves) - 1) / QUANTILE_95) ** 2
+    told = covariance(problem, theta, kept, info)
     assert left_out(problem, theta, kept, info.bread, by_piece=True) is None  # too few of them
-    size = np.sqrt(np.sum(np.square(moves), axis=0))
-    np.testing.assert_allclose(told / size, moves / size, atol=1e-6)
-
-
-def test_blocks_that_disagree_tell_the_errors_of_what_is_shared_and_others_change_nothing():
-    rng, cov = np.random.default_rng(0), np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
-    root = np.linalg.cholesky(cov[:2, :2])
-    alike = rng.normal(size=(400, 2)) @ root.T / 20.0  # Σ_b d_b d_bᵀ is about cov
-    np.testing.assert_array_equal(_by_blocks(cov, alike), cov)
-    np.testing.assert_array_equal(_by_blocks(cov, 0.5 * alike), cov)
-    wide = _by_blocks(cov, 3.0 * alike)
-    np.testing.assert_allclose(np.diagonal(wide)[:2], np.sum((3.0 * alike) ** 2, axis=0), rtol=0.01)
-    assert wide[2, 2] == cov[2, 2]  # a run's own
-    np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
+    root = np.sqrt(np.diagonal(expected))
+    np.testing.assert_allclose(told / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
 
 def test_of_too_few_blocks_the_errors_are_those_of_single_ticks(case, driven):

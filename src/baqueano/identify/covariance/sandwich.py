@@ -1,18 +1,19 @@
 """Covariance of what a robust fit found: one sandwich, filled with the scores of blocks of time.
 
     A = Σ_t ψ' ∂r ∂rᵀ,   A_b = Σ_t∈b ψ' ∂r ∂rᵀ,   s_b = Σ_t∈b ψ ∂r                                         (1)
-    d_b = (A − A_b)⁻¹ s_b,   cov = (t_{n−1}/z)² Σ_b d_b d_bᵀ + Σ_e d_e d_eᵀ                                (2)
+    d_b = (A − A_b)⁻¹ s_b,   cov = (t_{n−1}/z)² Σ_b d_b d_bᵀ + Σ_e d_e d_eᵀ                               (2)
     longer blocks where they disagree with shorter ones:   tr cov⁻¹ cov' / k > 1 + SURE √(2/(n k))        (3)
 
-d_b is by how much the fit, or a regression, moves without block b. A − A_b in place of A corrects for small samples: a
-fit draws scores to 0, the most where few rows count for much (jackknife, CR3). The blocks are single ticks
-(information.py), then BLOCK_S, then the pieces of a run: (3) asks the n longer ones over the k shared entries, whose
-errors they are then, by Student's t: n blocks know their own scatter to 1/√(2n). What is coloured inside of a block,
-or comes with the motions that a model lacks, is in (2). A block that tells nearly all that is known of something, a
-tape at the end, cannot be left out. Of pieces ∂r is without what their start makes up for (data/segments.py). d_e =
-A⁻¹ σ_e ∂g/∂e is the same of a scale or a zero that is held and known to σ_e (scale_uncertainty.py). Where σ is that of
-slow motion (noise_level.py, (4)), no error is below A⁻¹. What was tried: docs/derivations/sandwich.md. Sources: Liang
-and Zeger 1986; Quenouille 1956, Tukey 1958; Künsch 1989; Bell and McCaffrey 2002 for CR3.
+d_b is by how much the fit moves without block b of BLOCK_S, or a regression without a batch. A − A_b in place of A
+corrects for small samples: a fit draws scores to 0, the most where few rows count for much (jackknife, CR3); Student's
+t in place of z, as n blocks know their own scatter to 1/√(2n). What is coloured inside of a block, or comes with the
+motions that a model lacks, is in (2) whatever it is. d_e = A⁻¹ σ_e ∂g/∂e is the same of a scale or a zero that is held
+and known to σ_e only (scale_uncertainty.py). Of runs in pieces ∂r is without what the start of the piece makes up for
+(data/segments.py); a pose is coloured all along a piece, so (3) asks the n pieces over the k shared entries. Of fewer
+than FEWEST blocks, or where one tells nearly all that is known of something, a tape at the end, the blocks are single
+ticks (information.py). Where σ is that of slow motion (noise_level.py, (4)), no error is below A⁻¹. What was tried:
+docs/derivations/sandwich.md.
+Sources: Liang and Zeger 1986; Quenouille 1956, Tukey 1958; Künsch 1989; Bell and McCaffrey 2002 for CR3.
 """
 
 from collections.abc import Iterator
@@ -38,10 +39,12 @@ MOST_OF_PIECE = 0.99  # that a piece may
 
 def covariance(problem: Residuals, theta: np.ndarray, kept: np.ndarray, info: Information) -> np.ndarray:
     """Return the covariance (k, k) of the entries `kept` of θ (p,) by the blocks of the runs.  (2), (3)"""
-    cov = covariance_of(info, kept)
-    for by_piece in (False, True) if _cut(problem) else (False,):
-        moves = left_out(problem, theta, kept, info.bread, by_piece)
-        cov = cov if moves is None else _by_blocks(cov, moves[:, kept < problem.layout.shared])
+    blocks = left_out(problem, theta, kept, info.bread)
+    cov = covariance_of(info, kept) if blocks is None else _summed(blocks)
+    if _cut(problem) and (pieces := left_out(problem, theta, kept, info.bread, by_piece=True)) is not None:
+        k, other = int(np.sum(kept < problem.layout.shared)), _summed(pieces)
+        disagree = np.trace(np.linalg.solve(cov[:k, :k], other[:k, :k])) / max(k, 1)
+        cov = other if disagree > 1.0 + SURE * np.sqrt(2.0 / (len(pieces) * max(k, 1))) else cov
     if problem.slow_noise:
         white = np.diagonal(inverse(info.bread[np.ix_(kept, kept)]))
         wider = np.sqrt(np.maximum(white / np.maximum(np.diagonal(cov), 1e-300), 1.0))
@@ -49,25 +52,17 @@ def covariance(problem: Residuals, theta: np.ndarray, kept: np.ndarray, info: In
     return cov
 
 
-def _by_blocks(cov: np.ndarray, moves: np.ndarray) -> np.ndarray:
-    """Return `cov` (p, p) with the errors of its first k entries by their d_b (n, k), correlations kept, if these
-    disagree with it.  (3)"""
-    (n, k), blocks = moves.shape, moves.T @ moves
-    if not k or not np.trace(np.linalg.solve(cov[:k, :k], blocks)) / k > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
-        return cov
-    ratio = np.ones(len(cov))
-    ratio[:k] = np.sqrt(np.diagonal(blocks) / np.maximum(np.diagonal(cov)[:k], 1e-300))
-    ratio[:k] *= students(0.975, n - 1) / QUANTILE_95
-    return cov * np.outer(ratio, ratio)
+def _summed(moves: np.ndarray) -> np.ndarray:
+    """Return Σ_b d_b d_bᵀ (k, k) of moves d_b (n, k), wider by Student's quantile, as n are few.  (2)"""
+    return moves.T @ moves * (students(0.975, len(moves) - 1) / QUANTILE_95) ** 2
 
 
 def left_out(
     problem: Residuals, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray, by_piece: bool = False
 ) -> np.ndarray | None:
     """Return d_b (n, k) of the entries `kept` of θ with the information `bread` (p, p), of runs that are cut that
-    without their starts; if `by_piece`, each piece is a block. None of fewer blocks than FEWEST, or than a run has
-    entries, of a model that ran away, or where a block has more than MOST_KNOWN, a piece more than MOST_OF_PIECE, of
-    what is known of something.  (1)"""
+    without their starts; if `by_piece`, each piece is a block. None of too few blocks, of a model that ran away, or
+    where a block has more than MOST_KNOWN, a piece more than MOST_OF_PIECE, of what is known of something.  (1)"""
     A = bread[np.ix_(kept, kept)]
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     whole = np.linalg.inv(A / np.outer(root, root))
@@ -79,7 +74,6 @@ def left_out(
     for (r, d, index), record in zip(slopes_of(problem, theta), problem.records, strict=True):
         inside = place[index] >= 0
         at = place[index[inside]]
-        fewest = fewest if by_piece else max(fewest, len(at) + 1)
         s, A_b = _blocks(r, d, edges_of(record, block_s, len(r)))
         s, A_b = s[:, inside] / root[at], A_b[:, inside][:, :, inside] / np.outer(root[at], root[at])
         moves.append(without_each(s, A_b, whole, at) / root)
