@@ -1,7 +1,8 @@
-"""Covariance of a fit by the scores of blocks of its runs."""
+"""What blocks of a run tell of errors: the jackknife, and when it is believed."""
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,7 @@ import pytest
 from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.identify import fit as module
 from baqueano.identify.covariance.information import Information, covariance_of, information
-from baqueano.identify.covariance.quantiles import QUANTILE_95, students
-from baqueano.identify.covariance.sandwich import BLOCK_S, LEAST, covariance, left_out
+from baqueano.identify.covariance.jackknife import BLOCK_S, LEAST, jackknife, no_smaller
 from baqueano.identify.residuals.simulation import HUBER
 from baqueano.identify.result.assemble import fit_of
 from baqueano.runs.run import Run, TruthLog
@@ -51,21 +51,23 @@ def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
             x = x[np.abs(here) < HUBER]
             without[np.ix_(index, index)] -= x.T @ x
             moves.append(np.linalg.solve(without[np.ix_(kept, kept)], g[kept]))
-    expected = np.transpose(moves) @ moves * (students(0.975, len(moves) - 1) / QUANTILE_95) ** 2
-    told = covariance(problem, theta, kept, info)
-    assert left_out(problem, theta, kept, info.bread, by_piece=True) is None  # too few of them
+    off = np.array(moves) - np.mean(moves, axis=0)
+    expected = (len(moves) - 1) / len(moves) * off.T @ off
+    told = jackknife(problem, theta, kept, info.bread)
+    assert told is not None
+    assert jackknife(problem, theta, kept, info.bread, by_piece=True) is None  # the runs are whole
     root = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(told / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
 
-def test_of_too_few_blocks_the_errors_are_those_of_single_ticks(case, driven):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "fit_by_simulation", lambda finished: finished)
-        found = identify(driven(0, 13.0), case)
-    problem, theta, kept = found.task.problem, found.found.solution.theta, np.flatnonzero(found.sight.kept)
-    np.testing.assert_array_equal(
-        covariance(problem, theta, kept, found.info), covariance_of(found.info, kept)
-    )
+def test_blocks_that_disagree_widen_what_is_shared_and_those_that_do_not_change_nothing():
+    problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01), lead=0)])
+    cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
+    said = [no_smaller(problem, cov, told, 2) for told in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
+    assert all(np.array_equal(one, cov) for one in said)
+    wide = no_smaller(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
+    np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third is a run's own
+    np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
 
 
 def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outliers_too():
@@ -132,8 +134,8 @@ def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch
         found = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
     problem, theta, kept = found.task.problem, found.found.solution.theta, np.flatnonzero(found.sight.kept)
     ways = {"by_piece": False}, {"by_piece": True}
-    assert all(left_out(problem, theta, kept, found.info.bread, **way) is not None for way in ways)
+    assert all(jackknife(problem, theta, kept, found.info.bread, **way) is not None for way in ways)
     slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]
     slopes[2][1][-1] = np.inf
     monkeypatch.setattr(problem, "sensitivities", lambda theta: slopes)
-    assert all(left_out(problem, theta, kept, found.info.bread, **way) is None for way in ways)
+    assert all(jackknife(problem, theta, kept, found.info.bread, **way) is None for way in ways)

@@ -9,7 +9,6 @@ from baqueano.cli.driving.targets import Here
 from baqueano.drive import first_drive, rough
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.covariance.information import covariance_of
 from baqueano.identify.design import designed, room_of
 from baqueano.identify.design import plan as planning
 from baqueano.identify.result import assemble as summary
@@ -46,7 +45,7 @@ def test_error_bars_shrink_from_round_to_round(commissioned, small, truth):
     """Those that take the noise for the same all along the run: what the design makes smaller."""
     _, runs, _ = commissioned
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summary, "covariance", lambda problem, theta, kept, info: covariance_of(info, kept))
+        patch.setattr(summary, "no_smaller", lambda problem, cov, told, k, by_piece: cov)
         fits = [identify(runs[:k], small, options=FitOptions(diagnose=False)) for k in (2, 3)]
     for name in SURE:
         first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)

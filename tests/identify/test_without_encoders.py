@@ -7,6 +7,8 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
+from baqueano.identify.covariance.information import Information
+from baqueano.identify.covariance.jackknife import with_blocks
 from baqueano.identify.covariance.scale_uncertainty import of_tolerance, scales_of, zero_of
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
 from baqueano.identify.residuals.noise_level import profile_of_slow
@@ -241,6 +243,21 @@ def test_noise_that_grows_with_speed_is_weighed_by_speed():
     ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
     assert np.all((ratio > 0.8) & (ratio < 1.3))
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
+
+
+def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_largest_is_told():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(4, 4))
+    A = root @ root.T + 4.0 * np.eye(4)
+    info = Information(A, A, np.zeros((1, 4)), False, np.zeros(1), 100)
+    kept = np.array([0, 2, 3])
+    at = np.ix_(kept, kept)
+    inverse = np.linalg.inv(A[at])
+    np.testing.assert_allclose(with_blocks(info, kept, inverse).meat, A, rtol=1e-10)
+    np.testing.assert_allclose(with_blocks(info, kept, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10)
+    np.testing.assert_allclose(with_blocks(info, kept, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
+    coloured = info._replace(meat=2.0 * A)
+    np.testing.assert_allclose(with_blocks(coloured, kept, inverse).meat[at], 2.0 * A[at], rtol=1e-10)
 
 
 def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out():

@@ -25,8 +25,8 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
+from baqueano.identify.covariance.clusters import batch_covariance, regress
 from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.covariance.sandwich import batch_covariance, regress
 from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
 from baqueano.signals import seconds

@@ -21,7 +21,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import without_encoders
 from baqueano.identify.by_innovations import fit_by_innovations, fit_by_simulation
-from baqueano.identify.covariance.scale_uncertainty import moved_by_zeros
+from baqueano.identify.covariance.scale_uncertainty import covariance_by_zeros
 from baqueano.identify.data.record import beginning
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import PATH, best_search_of_all, bounds_of, duty_step
@@ -120,13 +120,13 @@ def concluded(
     found, sight, info = without_the_unseen(task, found, parameters.free)
     whole = task._replace(low=parameters.low, high=parameters.high, problem=found.problem)
     found = bounds_of(whole, found)
-    held = options.biases and acts_alone(data.file.vehicle)
-    ended = found.problem, found.solution.theta, sight.kept, info.bread
-    systematic = moved_by_zeros(*ended, data.file) if held else np.zeros((0, len(info.bread)))
     end = FinishedFit(
         data.file, parameters.blocks, whole, list(parameters.wanted), list(parameters.frozen), found, sight, info,
-        systematic, data.note, data.findings, options.diagnose,
+        data.note, data.findings, options.diagnose,
     )  # fmt: skip
+    if options.biases and acts_alone(data.file.vehicle):
+        by_zero = covariance_by_zeros(found.problem, found.solution.theta, sight.kept, info.bread, data.file)
+        end = end._replace(systematic=by_zero)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 
 

@@ -1,12 +1,13 @@
 """A vehicle from its commands and its IMU alone: no encoder, no camera.
 
 The simulation is led by the gyro (gyro_aided.py) and each channel weighed by what it knows of slow motion
-(noise_level.py). Free are, beside what the model asks for, the place of the IMU along the vehicle, which acts on a_x by
-−l ν_ψ² and on a_y by l ν̇_ψ, and of a car the delay of the commands. The scales of gyro and accelerometers cannot be
-known from the IMU itself: twice the gyro's scale and half the speed fit as well. They are held, and so is the zero of a
-car's gyro, which looks like a steering that is a little off; what they may be off by goes into the error bars
-(scale_uncertainty.py). Another yaw rate that leads makes another delay likely, so that both are searched in turn until
-they stay: a fit that is repeated from its own answer ends there.
+(noise_level.py). Free are, beside what the model asks for, the place of the IMU along the vehicle, which acts on a_x
+by −l ν_ψ² and on a_y by l ν̇_ψ, and of a car the delay of the commands. The scales of gyro and accelerometers cannot
+be known from the IMU itself: twice the gyro's scale and half the speed fit as well. They are held, and so is the zero
+of a car's gyro, which looks like a steering that is a little off; what they may be off by goes into the error bars
+(scale_uncertainty.py), and so does what parts of the run disagree about (jackknife.py). Another yaw rate that leads
+makes another delay likely, so that both are searched in turn until they stay: a fit that is repeated from its own
+answer ends there.
 
 Figures: `baqueano study without-encoders` of a real car, benchmarks/coverage_without_encoders.py of simulated ones, of
 which viscous drag is 2 % too high. A vehicle of two wheels gains nothing; a recording at 10 Hz whose a_y scatters by
@@ -15,7 +16,6 @@ which viscous drag is 2 % too high. A vehicle of two wheels gains nothing; a rec
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,14 +23,15 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import information
-from baqueano.identify.covariance.scale_uncertainty import moved_by_scales, scales_of, zero_of
+from baqueano.identify.covariance.information import Information, information
+from baqueano.identify.covariance.jackknife import jackknife, with_blocks
+from baqueano.identify.covariance.scale_uncertainty import scales_of, with_systematic, zero_of
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.identifiable import FinishedFit, without_the_unseen
+from baqueano.identify.identifiability.identifiable import FinishedFit, Seen, without_the_unseen
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     DELAY,
@@ -95,15 +96,12 @@ def without_encoders(
     within, found = _settled(task)
     found, sight, info = without_the_unseen(within, found, parameters.free)
     found = bounds_of(task, found)
-    at = np.flatnonzero(sight.kept)
-    assert isinstance(found.problem, GyroAidedResiduals)
-    slope = partial(found.problem.slope, found.solution.theta)
-    systematic = moved_by_scales(slope, scales, zero, at, info.bread)
+    info = _with_all_errors(found, sight, info, (scales, zero))
     left = found.problem.left(found.solution.theta)
     found = found._replace(sigma=spread(left, found.problem.has, floor))
     end = FinishedFit(
         data.file, blocks, task._replace(problem=found.problem), list(parameters.wanted), list(parameters.frozen),
-        found, sight, info, systematic, data.note, data.findings,
+        found, sight, info, data.note, data.findings,
     )  # fmt: skip
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
@@ -145,6 +143,17 @@ def _still(before: np.ndarray, found: Search) -> bool:
     """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
     moved = found.solution.theta - before
     return float(moved @ information(found.problem, found.solution.theta).bread @ moved) < STILL**2
+
+
+def _with_all_errors(
+    found: Search, sight: Seen, info: Information, unknown: tuple[np.ndarray, float]
+) -> Information:
+    """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
+    problem, theta, kept = found.problem, found.solution.theta, np.flatnonzero(sight.kept)
+    assert isinstance(problem, GyroAidedResiduals)
+    cov = jackknife(problem, theta, kept, info.bread)
+    info = info if cov is None else with_blocks(info, kept, cov)
+    return with_systematic(info, lambda *changed: problem.slope(theta, *changed), *unknown)
 
 
 def gyro_leads(

@@ -12,10 +12,17 @@ Bartlett's taper over L = 5 s, or a tenth of a shorter run, keeps B positive. (2
 the same all along the run: with 25 parameters and a minute of driving that costs far less than Newey and
 West's sums of scores, which are drawn to 0 by the fit itself. Whether residuals are coloured is told by the
 sum of their autocorrelation over the first ticks, against its scatter for white noise.
-Blocks of many ticks, of which the errors of a fit are made: sandwich.py.
+Of a run in pieces (segments.py) the pieces tell more than (2), whose L is a tenth of a piece while a pose that drifts
+is coloured all along it. Each piece is drawn to the data by a start of its own, the shared parameters by all, so
+that sums of scores over pieces are as good as independent, whatever the colour inside:
+
+    cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
+
+over K pieces and q shared parameters, correlations kept; white residuals leave it at (1). Of fewer pieces, and of a
+colour too faint to be told, covariance/jackknife.py knows.
 Of a channel with FEW measurements, a tape or a mark, ψ² tells nothing: the fit draws a single one to 0. There it
 is taken for 1, its mean if σ is right.
-Sources: Huber 1981, 6.3; Newey and West 1987 for the taper.
+Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
 """
 
 from typing import Any, NamedTuple
@@ -29,6 +36,7 @@ from baqueano.identify.residuals.simulation import HUBER, Residuals
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed
 FAR = 1e100  # slopes beyond it are those of a model that ran away; their squares still are numbers
+MANY = 2  # pieces for each shared parameter: of fewer, sums of scores are drawn to 0 by the fit
 COLOUR = 0.15  # of the variance: the least sum of autocorrelation that counts as colour
 
 
@@ -41,6 +49,10 @@ class Information(NamedTuple):
     coloured: bool  # whether B is that of (2)
     colour: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
     samples: int
+    scores: np.ndarray | None = (
+        None  # (K, p) s_k of (3); None where each run is whole, or the residuals white
+    )
+    shared: int = 0  # q
 
 
 def information(problem: Residuals, theta: np.ndarray) -> Information:
@@ -68,8 +80,21 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
         channels[:, index] += channel
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
+    scores = _by_piece(problem, pieces) if coloured else None
     samples = int(sum(has.sum() for has in problem.has))
-    return Information(A, B, channels, coloured, colour, samples)
+    return Information(A, B, channels, coloured, colour, samples, scores, problem.layout.starts)
+
+
+def _by_piece(problem: Residuals, pieces: list[Any]) -> np.ndarray | None:
+    """s_k (K, p) of (3); None where the runs are whole, or the pieces too few to tell."""
+    layout, count = problem.layout, len(pieces)
+    if count == max(layout.runs) + 1 or count < MANY * layout.starts:
+        return None
+    scores = np.zeros((count, problem.size))
+    for k, (r, d, index) in enumerate(pieces):
+        if np.max(np.abs(d), initial=0.0) < FAR and np.isfinite(r).all():
+            scores[k, index] = np.einsum("tm,tmp->p", np.clip(r, -HUBER, HUBER), d)
+    return scores
 
 
 def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +105,7 @@ def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:
-    """Covariance (k, k) of the entries `kept` of θ, the others held.  (1), (2)"""
+    """Covariance (k, k) of the entries `kept` of θ, the others held.  (1), (3)"""
     at = np.ix_(kept, kept)
     scale = np.sqrt(np.diagonal(info.bread)[kept])
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -89,6 +114,12 @@ def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:
     half = np.linalg.solve(A, _root(B))
     cov = half @ half.T  # A⁻¹ B A⁻¹
     cov = cov * (info.samples / max(1, info.samples - len(kept)))
+    if info.scores is not None:
+        count = len(info.scores)
+        moves = np.linalg.solve(A, (info.scores[:, kept] / scale).T)
+        told = np.sum(moves**2, axis=1) * (count / (count - info.shared))
+        wider = np.sqrt(np.maximum(told / np.maximum(np.diagonal(cov), 1e-300), 1.0))
+        cov = cov * np.outer(wider, wider)
     return cov / np.outer(scale, scale)
 
 

@@ -1,19 +1,20 @@
 """What scales and a zero that are not fitted do to a fit.
 
-    θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε,      d_s = σ_s A⁻¹ g_s                               (1)
+    θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε                                                       (1)
+    B ← B + Σ_c σ_c² g_c g_cᵀ                                                                             (2)
 
 g is the gradient of the cost, A its information. A scale that is off by ε is a measurement that is off by the part
 ε, a zero that is off by ε one that is off by ε: g_s is taken from measurements that are changed by ± STEP, at the θ
-of the fit. d_s is one more term of the covariance, beside those of blocks (sandwich.py).
+of the fit. With (2) in the place of B the covariance A⁻¹ B A⁻¹ gains exactly (1) of each, whatever else is held.
 A data sheet's tolerance ± a, of which nothing else is known, counts as a uniform distribution, σ = a/√3 (Guide
 to the expression of uncertainty in measurement, 4.3.7).
 
 Of a car whose fit has other sensors too, the zero of the gyro is held. With W the weights of its readings,
 
-    d = σ v,   v = A⁻¹ g,   g = Σ_t ψ'(r_t) W_t ∂r_t                                                      (2)
-    σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (3)
+    cov ← cov + σ² v vᵀ,   v = A⁻¹ g,   g = Σ_t ψ'(r_t) W_t ∂r_t                                          (3)
+    σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (4)
 
-σ is the error of the zero at rest where that was measured, else (3), which is what the run knows of the zero beside
+σ is the error of the zero at rest where that was measured, else (4), which is what the run knows of the zero beside
 all that is fitted, and by how much it asks for another one; at most that of the data sheet.
 """
 
@@ -26,8 +27,8 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import inverse
-from baqueano.identify.covariance.sandwich import slopes_of
+from baqueano.identify.covariance.information import Information, inverse
+from baqueano.identify.covariance.jackknife import slopes_of
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.symbolic import get
 
@@ -106,12 +107,12 @@ def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
     return known if np.isfinite(known) else None
 
 
-def moved_by_zeros(
+def covariance_by_zeros(
     problem: Residuals, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray, file: "VehicleFile"
 ) -> np.ndarray:
-    """Return by how much (e, p) one σ of each gyro's zero that is held moves the entries `kept` (p,) bool of θ, of the
-    information `bread` (p, p).  (2), (3)"""
-    out, at, end = [], np.flatnonzero(kept), 0
+    """Return the covariance (p, p) that zeros of gyros, which are held, give to the entries `kept` (p,) of θ, of the
+    information `bread` (p, p); of a zero that is in θ itself none.  (3), (4)"""
+    cov, at, end = np.zeros_like(bread), np.flatnonzero(kept), 0
     free = {*problem.shape.shared, *problem.shape.own}
     gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]
     for name, size in zip(problem.names, problem.sizes, strict=True):
@@ -124,42 +125,33 @@ def moved_by_zeros(
             inside = W * (np.abs(r) < HUBER)
             g[index] += inside @ d[:, end - 1]
             asks, power = asks + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inside @ W)
-        if np.isfinite(g).all() and np.isfinite(bread[np.ix_(at, at)]).all():  # the model did not run away
-            v, measured = _moved(g, at, bread), _measured_zero(file, name)
-            sd = _shown_zero(asks, power - float(g[at] @ v[at])) if measured is None else measured
-            out.append(sd * v)
-    return np.array(out).reshape(-1, len(bread))
+        A = bread[np.ix_(at, at)]
+        if not (np.isfinite(g).all() and np.isfinite(A).all()):
+            continue  # a model that ran away
+        v, measured = inverse(A) @ g[at], _measured_zero(file, name)
+        sd = _shown_zero(asks, power - float(g[at] @ v)) if measured is None else measured
+        cov[np.ix_(at, at)] += sd**2 * np.outer(v, v)
+    return cov
 
 
 def _shown_zero(asks: float, power: float) -> float:
-    """σ of a zero that nobody measured.  (3)"""
+    """σ of a zero that nobody measured.  (4)"""
     sheet = of_tolerance(ZERO_RAD_S)
     return min(sheet, float(np.hypot(asks / power, power**-0.5))) if power > sheet**-2 else sheet
 
 
-def moved_by_scales(
-    slope: Callable[[int, float, float], np.ndarray],
-    scales: np.ndarray,
-    zero: float,
-    kept: np.ndarray,
-    bread: np.ndarray,
-) -> np.ndarray:
-    """Return by how much (e, p) one σ of each of the `scales` (m,) and of the gyro's `zero` [rad/s] moves θ, of the
-    information `bread` (p, p) on the entries `kept` (k,).  (1)
+def with_systematic(
+    info: Information, slope: Callable[[int, float, float], np.ndarray], scales: np.ndarray, zero: float
+) -> Information:
+    """The information with the standard deviations of `scales` (m,) and of the gyro's `zero` [rad/s].  (2)
 
     `slope(c, scale, shift)` is the gradient (p,) when channel c is divided by `scale` and raised by `shift`.
     """
-    ways = [(sd, (int(c), STEP, 0.0)) for c, sd in enumerate(scales)] + [(zero, (GYRO, 0.0, STEP))]
-    out = []
-    for sd, (c, part, shift) in ways:
-        if sd > 0.0:
-            g = (slope(c, 1.0 + part, shift) - slope(c, 1.0 - part, -shift)) / (2.0 * STEP)
-            out.append(sd * _moved(g, kept, bread))
-    return np.array(out).reshape(-1, len(bread))
-
-
-def _moved(g: np.ndarray, kept: np.ndarray, bread: np.ndarray) -> np.ndarray:
-    """A⁻¹ g (p,) over the entries `kept`, 0 for the others."""
-    out = np.zeros(len(bread))
-    out[kept] = inverse(bread[np.ix_(kept, kept)]) @ g[kept]
-    return out
+    meat = info.meat.copy()
+    for c in np.flatnonzero(scales > 0.0):
+        g = (slope(int(c), 1.0 + STEP, 0.0) - slope(int(c), 1.0 - STEP, 0.0)) / (2.0 * STEP)
+        meat += scales[c] ** 2 * np.outer(g, g)
+    if zero > 0.0:
+        g = (slope(GYRO, 1.0, STEP) - slope(GYRO, 1.0, -STEP)) / (2.0 * STEP)
+        meat += zero**2 * np.outer(g, g)
+    return info._replace(meat=meat)

@@ -184,12 +184,12 @@ class FinishedFit(NamedTuple):
     found: Search
     sight: Seen
     info: Information
-    systematic: np.ndarray  # (e, p) by how much σ of each of what was held moves θ
     said: Diagnostic | None = None  # what was done before the search
     doubts: tuple[Diagnostic, ...] = ()  # about the data
     ask: bool = True  # what is not in the model
     floor: bool = False  # whether one that moves explains what a simulation leaves
     filtered: bool = False  # whether θ is that of the innovations
+    systematic: np.ndarray | None = None  # (p, p) covariance of θ by what was held where it was measured
 
     @property
     def told(self) -> list[int]:

@@ -54,8 +54,6 @@ class GuidedMotion(NamedTuple):
 class GyroAidedResiduals(Residuals):
     """The residuals (2), (3) of several runs as a function of one θ; only of an IMU."""
 
-    slow_noise = True
-
     def __init__(
         self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:

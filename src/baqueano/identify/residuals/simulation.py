@@ -63,8 +63,6 @@ class Residuals:
     A residual of one's own is a subclass with another `difference`.
     """
 
-    slow_noise = False  # whether σ is that of slow motion: noise_level.py, (4)
-
     @staticmethod
     def difference(sensor: Any, z: np.ndarray, h: np.ndarray) -> np.ndarray:
         """Return the residual (m,) of a reading `z` (m,) of a sensor and the model's `h` (m,), before its weight."""

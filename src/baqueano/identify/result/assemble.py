@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.information import COLOUR, covariance_of, inverse
-from baqueano.identify.covariance.sandwich import covariance
+from baqueano.identify.covariance.jackknife import jackknife, no_smaller
 from baqueano.identify.data.added_channels import MOUNT, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import afterwards, widened
@@ -156,12 +156,14 @@ def _covariance(end: FinishedFit) -> np.ndarray:
     kept = np.flatnonzero(end.sight.kept)
     full = np.full((len(end.sight.kept), len(end.sight.kept)), np.nan)
     if len(kept):
-        if end.filtered:  # the innovations of a filter are white
-            cov = covariance_of(end.info, kept)
-        else:
-            cov = covariance(end.task.problem, end.found.solution.theta, kept, end.info)
-        held = end.systematic[:, kept]
-        full[np.ix_(kept, kept)] = cov + held.T @ held
+        cov = covariance_of(end.info, kept)
+        if not end.filtered:  # the innovations of a filter are white
+            problem, theta = end.task.problem, end.found.solution.theta
+            k = int(np.sum(kept < problem.layout.shared))
+            for by_piece in (False, True):
+                blocks = jackknife(problem, theta, kept, end.info.bread, alike=True, by_piece=by_piece)
+                cov = no_smaller(problem, cov, blocks, k, by_piece)
+        full[np.ix_(kept, kept)] = cov if end.systematic is None else cov + end.systematic[np.ix_(kept, kept)]
     return full
 
 

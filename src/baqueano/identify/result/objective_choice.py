@@ -24,9 +24,8 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.covariance.information import inverse
+from baqueano.identify.covariance.jackknife import FEWEST, LEAST, block_of, edges_of, slopes_of
 from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.covariance.sandwich import FEWEST, block_of, edges_of, slopes_of, without_each
 from baqueano.identify.data.segments import slopes_without_start
 from baqueano.identify.estimation.prediction_error import BETA, Likely, Prediction, Slopes, slope, weight
 from baqueano.identify.residuals.simulation import HUBER, Residuals
@@ -217,8 +216,9 @@ def _without(blocks: Sequence[_Block], kept: np.ndarray) -> np.ndarray:
         at = place[block.at[inside]]
         g[k, at], A[k][np.ix_(at, at)] = block.g[inside], block.A[np.ix_(inside, inside)]
     root = np.sqrt(np.maximum(np.diagonal(A.sum(axis=0)), 1e-300))
-    g, A, out = g / root, A / np.outer(root, root), np.zeros((len(blocks), len(place)))
-    out[:, kept] = without_each(g, A, inverse(A.sum(axis=0)), np.arange(len(kept))) / root
+    g, A = g / root, A / np.outer(root, root)
+    rest, out = A.sum(axis=0) + LEAST * np.eye(len(root)) - A, np.zeros((len(blocks), len(place)))
+    out[:, kept] = np.linalg.solve(rest, g[:, :, None])[:, :, 0] / root
     return out
 
 

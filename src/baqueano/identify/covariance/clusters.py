@@ -1,0 +1,48 @@
+"""Error bars of a regression whose residuals are coloured, and how far they may be trusted.
+
+    x̂ = arg min Σ_i ρ(y_i − h_i(x)),   A = Σ_i ρ''_i ∂h_iᵀ ∂h_i                                            (1)
+    s_b = Σ_{i in batch b} ρ'_i ∂h_iᵀ,   cov x̂ = A⁻¹ (Σ_b s_b s_bᵀ) A⁻¹ B/(B − p)                        (2)
+    interval: x̂ ± t_{B−p} √cov                                                                             (3)
+
+Residuals of neighbouring windows share their samples and the vehicle's own slow errors. Sums over batches that
+are longer than both are as good as independent, whatever the colour inside: (2) is the sandwich with batches
+for clusters. With few batches its scatter is not small, so the quantile is Student's.
+Source: Liang and Zeger 1986; Cornish and Fisher for Student's quantile (3e-3 from 7 degrees of freedom on; exact
+below 5).
+"""
+
+import numpy as np
+
+from baqueano.identify.residuals.simulation import HUBER
+
+
+def batch_covariance(
+    slopes: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
+) -> np.ndarray:
+    """(p, p) of (2): `slopes` (N, p) of what was regressed on, `residuals` and `weights` (N,), `batch` (N,) the
+    number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, and have no ρ''. Infinite
+    where a direction has no slope."""
+    p, count = slopes.shape[1], len(np.unique(batch))
+    scale = np.sqrt(np.maximum(np.sum(slopes**2, axis=0), 1e-300))
+    J = slopes / scale
+    A = J[weights >= 1.0].T @ J[weights >= 1.0]
+    values, vectors = np.linalg.eigh(A)
+    if count <= p or values[0] < 1e-10 * values[-1]:
+        return np.full((p, p), np.inf)
+    scores = np.zeros((int(batch.max()) + 1, p))
+    np.add.at(scores, batch, (weights * residuals)[:, None] * J)
+    half = (vectors / values) @ vectors.T @ scores.T  # A⁻¹ s_b
+    return half @ half.T / np.outer(scale, scale) * (count / (count - p))
+
+
+def regress(slopes: np.ndarray, y: np.ndarray, rounds: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    """Huber's regression of y (N,) on `slopes` (N, p): estimate (p,) and weights (N,)."""
+    weights = np.ones(len(y))
+    x = np.zeros(slopes.shape[1])
+    for _ in range(rounds):
+        root = np.sqrt(weights)
+        x = np.linalg.lstsq(root[:, None] * slopes, root * y, rcond=None)[0]
+        left = np.abs(y - slopes @ x)
+        sigma = max(1.4826 * float(np.median(left)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
+        weights = np.minimum(1.0, HUBER * sigma / np.maximum(left, 1e-300))
+    return x, weights
