@@ -85,7 +85,7 @@ def recoveries(moments: int) -> None:
             began = b.clock.now
             b.chip.brown_out()
             samples, _, _ = drive(
-                b, device, 2.0, lambda s, e: s and [x for x in e if x.said.code == "imu.started"]
+                b, device, 2.0, lambda s, e: s and [x for x in e if x.message.code == "imu.started"]
             )
             waits.append((samples[-1][0] - began) / 1e6)
         print(
@@ -99,7 +99,7 @@ def recoveries(moments: int) -> None:
     b, device = bench()
     began, b.bus.held = b.clock.now, True
     _, events, longest = drive(b, device, 3.0)
-    events_text = ", ".join(f"{e.said.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
+    events_text = ", ".join(f"{e.message.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
     began, b.bus.held = b.clock.now, False
     samples, _, _ = drive(b, device, 1.0)
     print(
@@ -110,7 +110,7 @@ def recoveries(moments: int) -> None:
     began = b.clock.now
     b.chip.freeze()
     samples, events, _ = drive(b, device, 1.2)
-    events_text = ", ".join(f"{e.said.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
+    events_text = ", ".join(f"{e.message.code} {(e.t_ns - began) / 1e9:.2f} s" for e in events)
     print(f"frozen: {len(samples)} samples believed; {events_text}")
 
 

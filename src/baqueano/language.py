@@ -8,7 +8,6 @@ import gettext
 import os
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 LANGUAGES = {"en": "English", "es": "español"}
 VARIABLE = "BAQUEANO_LANG"
@@ -47,7 +46,7 @@ def translated(words: str, context: str = "") -> str:
     return catalogue.pgettext(context, words) if context else catalogue.gettext(words)
 
 
-def number(value: Any) -> Any:
+def number(value: object) -> object:
     """Return a number that formats itself as the current language writes it; anything else as it is.
 
     >>> f"{number(0.25):.1f}"

@@ -1,12 +1,25 @@
-"""Words of others on a terminal: a robot's, a file's. A character that does not print is shown by its code, \\x1b.
+"""Words on a terminal: lines to type, and words of a robot or a file, in which codes show what does not print, \\x1b.
 
 A control character moves the cursor, writes over lines that stand, renames the window, answers in the name of the
 user (C0, C1, DEL); a mark of direction turns letters round (bidi); a line separator begins a line.
 """
 
+import os
+import shlex
+import subprocess
 import unicodedata
 from collections.abc import Iterable
 from typing import Any
+
+
+def typed(*words: object) -> str:
+    """Return a command of baqueano as one types it.
+
+    >>> typed("runs", "show", "my runs/0001.mcap")
+    "baqueano runs show 'my runs/0001.mcap'"
+    """
+    line = ["baqueano", *map(str, words)]
+    return subprocess.list2cmdline(line) if os.name == "nt" else shlex.join(line)
 
 
 def printable(text: str) -> str:

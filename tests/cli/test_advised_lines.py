@@ -9,8 +9,8 @@ import pytest
 
 import baqueano as package
 from baqueano.cli import VERBS, command_of
-from baqueano.command_line import typed
 from baqueano.messages import templates
+from baqueano.printable import typed
 
 SOURCE = Path(package.__file__).parent
 WORD = r"\{[^}]*\}|[A-Z][A-Z_]*(?:\.[a-z]+)?|--[a-z-]+"  # of a line within a sentence

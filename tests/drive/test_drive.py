@@ -34,9 +34,9 @@ FILE = SimpleNamespace(
     vehicle=VEHICLE,
     sensors=SENSORS,
     envelope=None,
-    estimator=lambda: Ekf(VEHICLE, SENSORS, R),
-    controller=lambda: Pd(alpha=8.0, beta=20.0, gamma=1.0),
-    guide=lambda route: Repeat.along(route),
+    estimator=lambda kind=None: Ekf(VEHICLE, SENSORS, R),
+    controller=lambda kind=None: Pd(alpha=8.0, beta=20.0, gamma=1.0),
+    guide=lambda route, kind=None: Repeat.along(route),
     supervisor=lambda: Supervisor(LIMIT),
 )
 ROUTE = circle(0.3, 0.3)
@@ -222,7 +222,7 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
     sensors = sensor_slots(("imu", "mark"))(SENSORS.imu, Mark())
     with_mark = SimpleNamespace(
         **vars(FILE)
-        | {"sensors": sensors, "estimator": lambda: Ekf(VEHICLE, sensors, R, use=("imu", "mark"))}
+        | {"sensors": sensors, "estimator": lambda kind=None: Ekf(VEHICLE, sensors, R, use=("imu", "mark"))}
     )
     again = replay(run, with_mark)
     assert again.events[0].text == "the run holds nothing of the sensor mark: it is silent"

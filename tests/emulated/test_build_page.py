@@ -38,7 +38,7 @@ def test_the_lines_of_the_page_set_the_bridge_and_the_encoders_and_tell_what_is_
     assert len(lines) == 2
     monkeypatch.chdir(tmp_path)
     with on_pty(firmware) as live:
-        monkeypatch.setattr(serial_port, "found", lambda port: live.path)
+        monkeypatch.setattr(serial_port, "find_port", lambda port: live.path)
         for line in lines:
             with pytest.raises(SystemExit) as ended:
                 main([*shlex.split(line, comments=True)[1:], *(["1"] if "--watch" in line else [])])

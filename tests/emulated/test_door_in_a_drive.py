@@ -74,7 +74,7 @@ def test_what_is_no_mission_is_told_and_ends_nothing(service, text):
     service.patience = waits.append
     done, run = drive(service, text)
     assert run is None
-    assert (done["code"], done["why"].code) == (2, "error.UsageError")
+    assert (done["code"], done["why"].code) == (2, "mission.damaged")
     assert waits == [PREPARING_S, HANGING_S]
     assert service.machine.state is DoorState.READY
     assert drive(service, spin().json())[0]["why"] is None

@@ -35,7 +35,7 @@ class Freeze:
         robot.read = self.kept
         self.late = b""
         place, name = {
-            "before read": (robot.uno, "heard"),
+            "before read": (robot.uno, "receive"),
             "after read": (robot.imu, "events"),
             "before write": (robot.uno, "drive"),
             "between write and log": (service.operator, "marked"),

@@ -1,6 +1,7 @@
 """A run in pieces: the same parameters, honest errors, and poses that a whole run could not be held to."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -101,7 +102,7 @@ def test_a_slip_that_the_lead_forgets_does_not_lead_the_search_astray(small, see
 def test_cores_sum_as_one_does(case, driven, monkeypatch):
     runs = [driven(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
-    monkeypatch.setattr("baqueano.identify.parallel.ENOUGH", 10**9)
+    monkeypatch.setattr(import_module("baqueano.identify.parallel"), "ENOUGH", 10**9)
     alone = identify(runs, case, FREE)
     np.testing.assert_array_equal(together.estimate, alone.estimate)
     np.testing.assert_array_equal(together.cov, alone.cov)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from baqueano.compare.filter_consistency import STATES
+from baqueano.monitor import REFUSED, Refusals, counted
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.of_fit import page_of_fit
 from baqueano.report.of_run import page_of_run
@@ -63,8 +64,9 @@ def test_ne8_a_page_fetches_nothing_and_runs_nothing():
 
 
 def test_refused_readings_are_counted_and_a_run_without_counts_has_no_such_section():
-    counted = replace(a_run(), events=(Event(0, "info", "refused", "imu[2]: 12 of 400"),))
-    (table,) = parts_of(page_of_run(counted))["Refused readings"]
+    counts = Event(0, "info", REFUSED, "", counted([Refusals("imu[2]", 12, 400)]))
+    run = replace(a_run(), events=(counts,))
+    (table,) = parts_of(page_of_run(run))["Refused readings"]
     assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "refused [%]": 3.0}]
     assert "Refused readings" not in parts_of(page_of_run(a_run()))
 

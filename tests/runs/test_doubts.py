@@ -191,7 +191,7 @@ def test_held_samples_are_told(lab):
     assert doubt.text.startswith(
         "[sensors.imu]: 80% of the rows repeat the one before: held, new about every 5.0 rows"
     )
-    assert "write new_when" in doubt.text
+    assert "write new_when" in doubt.advice
 
 
 def test_a_vehicle_that_stands_is_not_a_held_sample(lab):

@@ -1,6 +1,7 @@
 """Thousands of vehicles are each the vehicle that would have been simulated alone."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def test_each_vehicle_is_the_one_simulated_alone(vehicle):
 def test_the_number_of_chunks_changes_nothing(vehicle, monkeypatch):
     mass = np.linspace(0.5, 0.9, 21)
     whole = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
-    monkeypatch.setattr("baqueano.simulate.many.CHUNK", 8)
+    monkeypatch.setattr(import_module("baqueano.simulate.many"), "CHUNK", 8)
     parts = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
     np.testing.assert_array_equal(whole.eta, parts.eta)
 

@@ -169,7 +169,7 @@ def test_a_parameter_that_is_known_badly_is_not_named_for_it():
 
 def test_the_page_holds_table_and_figures():
     text = page_of_identification(study_of(8)).html()
-    assert text.count("<svg") == 3
+    assert text.count('<svg class="wide"') == 3
     assert "--seeds 8" in text
 
 

@@ -58,5 +58,5 @@ def test_rows_table_and_page_say_what_was_found(study):
     assert "a → b" in table
     assert "throttle from -0.41 to 0.57 leaves what the model was fitted to" in table
     page = page_of_recordings(None, study).html()
-    assert page.count("<svg") == 6
+    assert page.count('<svg class="wide"') == 6
     assert "Fitted on b, judged on a: the path" in page

@@ -11,10 +11,10 @@ import click
 
 from baqueano.cli.arguments import Option
 from baqueano.cli.next_line import next_line
-from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, from_outside, in_users_file, named
 from baqueano.messages import text
+from baqueano.printable import typed
 
 NO, USAGE, BAD_FILE = 1, 2, 3
 

@@ -11,8 +11,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault
+from baqueano.printable import typed
 
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])

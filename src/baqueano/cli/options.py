@@ -9,9 +9,9 @@ import click
 
 from baqueano.cli import BACKENDS, numbers
 from baqueano.cli.terminal import talk
-from baqueano.command_line import typed
 from baqueano.diagnostics import fault, note
 from baqueano.language import translated as _
+from baqueano.printable import typed
 
 if TYPE_CHECKING:
     from baqueano.compare import Comparison

@@ -70,7 +70,7 @@ def shortened(head: Sequence[str], rows: Sequence[str], tail: Sequence[str], lin
     >>> print(shortened(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], lines=4))
     gains
     a 1
-    3 lines more: .table()
+    3 more lines: .table()
     USABLE
     """
     room = max(1, lines - len(head) - len(tail))

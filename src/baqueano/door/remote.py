@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
@@ -30,7 +29,7 @@ from baqueano.door.states import DoorState
 from baqueano.door.wire import decoded, encoded
 from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
 from baqueano.messages import text
-from baqueano.printable import printable
+from baqueano.printable import printable, typed
 from baqueano.runs import Run, read_run
 from baqueano.runs.appearing import appearing
 from baqueano.runs.folder import is_name

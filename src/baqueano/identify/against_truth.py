@@ -11,7 +11,7 @@ of the point that does not slip sideways. Both are linear but in o, whose slope 
 over the window: Gauss-Newton from the best of a grid. Without a gyro, o comes from (2).
 
 T = 2 s: far longer than the filters inside a gyro and a camera, which shift and shrink what changes fast, and
-short enough that a minute has many windows. Error bars: sandwich.py, batches of 5 s or an eighth of the run.
+short enough that a minute has many windows. Error bars: clusters.py, batches of 5 s or an eighth of the run.
 A path length of the camera against that of the odometer would be simpler and wrong: the camera's noise makes
 its path longer, frame by frame.
 """

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
@@ -30,6 +29,7 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import with_numbers
 from baqueano.identify.result.verdict import short
 from baqueano.messages import text
+from baqueano.printable import typed
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -27,6 +26,7 @@ from baqueano.identify.against_truth import GAP_S, Calibration, Known, TruthSign
 from baqueano.identify.covariance.quantiles import QUANTILE_95, students
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
+from baqueano.printable import typed
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -3,9 +3,9 @@
 from importlib.resources import files
 from pathlib import Path
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.printable import typed
 from baqueano.project.notebook import notebook
 from baqueano.vehicle_file import VehicleFile, garage_names, load, parse
 

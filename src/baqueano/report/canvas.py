@@ -7,7 +7,7 @@ import io
 from textwrap import fill
 from typing import Any
 
-from matplotlib import rc_context
+from matplotlib import rc_context, rcParams
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
@@ -28,7 +28,8 @@ class Canvas(Figure):
 
     def savefig(self, fname: Any, **options: Any) -> None:
         """Write it as its ending or `format` says; letters stay letters."""
-        with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "baqueano"}):
+        salt = rcParams["svg.hashsalt"] or "baqueano"
+        with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": salt}):
             super().savefig(fname, **options)
 
     def _repr_png_(self) -> bytes:

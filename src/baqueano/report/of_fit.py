@@ -1,16 +1,20 @@
 """Sections about a fit: the estimates, the agreement of the model with the data, the residuals."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.command_line import typed
-from baqueano.diagnostics import Verdict, by_weight
+from baqueano.diagnostics import Verdict, by_weight, fault
+from baqueano.errors import UsageError
 from baqueano.identify.result.channel_units import percent
 from baqueano.identify.result.fit_result import Fit, marks, rounded
 from baqueano.messages import ended, texts
+from baqueano.printable import typed
 from baqueano.report import figures
-from baqueano.report.page import Headline, Page, Section, Table, draw
+from baqueano.report.of_run import page_of_run
+from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
+from baqueano.runs import Run
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -64,7 +68,7 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
     known = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
     names = [short(n) for n, k in zip(fit.names, known, strict=True) if k]
-    parts: list[Any] = [Table(rows)]
+    parts: list[Table | Drawing] = [Table(rows)]
     if known.any():
         beside = None if truth is None else truth[known]
         drawing = figures.estimates(names, fit.estimate[known], fit.sd[known], beside)
@@ -192,7 +196,7 @@ def _of_run(fit: Fit, run: str) -> Section:
         (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
         for c, r in zip(channels, residual.T, strict=True)
     ], height_in=1.4)  # fmt: skip
-    parts: list[Any] = [
+    parts: list[Table | Drawing] = [
         draw(few, f"Sensors and model, {shown}. The model has seen only the commands."),
         draw(over_time, "Residuals over time, in standard deviations: 95 % of white ones lie in the band."),
         draw(
@@ -226,3 +230,24 @@ def label(channel: Any) -> str:
 def short(name: str) -> str:
     """The end of a dotted path."""
     return name.removeprefix("model.")
+
+
+def report(result: Run | Fit, path: str | Path | None = None, alignment: str = "none") -> Page:
+    """Return the page about a run or a fit, and write it to `path`, if that is given. `alignment` as in
+    `compare`. UsageError for another result, or where matplotlib or jinja2 is missing.
+
+    >>> from baqueano.simulate import simulate
+    >>> from baqueano.vehicle_file import load
+    >>> page = report(simulate(load("small"), [[0.5, 0.0, 0.1]] * 100))
+    >>> [section.title for section in page.sections]
+    ['Path', 'Speed', 'Commands', 'Measurements', 'What the run holds']
+    """
+    if isinstance(result, Run):
+        page = page_of_run(result, alignment)
+    elif isinstance(result, Fit):
+        page = page_of_fit(result)
+    else:
+        raise UsageError(fault("front.no-page", found=type(result).__name__))
+    if path is not None:
+        page.save(path)
+    return page

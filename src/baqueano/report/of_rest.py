@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.messages import texts
+from baqueano.printable import typed
 from baqueano.report.lab import panel, styled
 from baqueano.report.page import Headline, Page, Section, Table, draw
 

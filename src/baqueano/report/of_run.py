@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.compare import compare, evenness
 from baqueano.compare.divergence import until_diverged
 from baqueano.diagnostics import Verdict
 from baqueano.monitor import REFUSED, Refusals
+from baqueano.printable import typed
 from baqueano.report import figures
 from baqueano.report.of_estimate import beside_each_other, errors, knows, paths, said_of_path
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw

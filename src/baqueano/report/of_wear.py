@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.messages import text
+from baqueano.printable import typed
 from baqueano.report.lab import panels, styled
 from baqueano.report.page import Headline, Page, Section, Table, draw
 

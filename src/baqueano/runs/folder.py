@@ -12,11 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.messages import text
-from baqueano.printable import in_lines
+from baqueano.printable import in_lines, typed
 from baqueano.runs.container.reader import read_run
 
 if TYPE_CHECKING:

@@ -29,6 +29,8 @@ from baqueano.sensors.sampling import place_of
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
+ABEAM = 1e-9  # of the way of a tick: a tag is abeam within the rounding of a place
+
 
 class TagsState(NamedTuple):
     """State of a reader of tags."""
@@ -94,7 +96,8 @@ class Tags:
         place = self.h(motion)
         way, before, now = place - state.before, state.before - self.points_m, place - self.points_m  # (n, 2)
         beside = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way
-        nearest = (before @ way < 0.0) & (now @ way >= 0.0) & (beside <= self.radius_m * np.hypot(*way))
+        passed = (before @ way < 0.0) & (now @ way >= -ABEAM * (way @ way))
+        nearest = passed & (beside <= self.radius_m * np.hypot(*way))
         read = np.where(nearest & (state.ready > 0.0), 1.0, 0.0)
         has: Value = np.max(read)
         away = np.min(np.sum(now**2, axis=1)) > self.radius_m**2

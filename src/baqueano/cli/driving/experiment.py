@@ -11,9 +11,9 @@ from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Place, placed
 from baqueano.cli.terminal import answer, busy, clocked, talk
-from baqueano.command_line import typed
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
+from baqueano.printable import typed
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run

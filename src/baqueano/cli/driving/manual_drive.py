@@ -13,8 +13,8 @@ import click
 from baqueano.cli import options
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import talk
-from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.printable import typed
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject

@@ -16,9 +16,9 @@ from baqueano.cli.driving.manual_drive import (
 )
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
-from baqueano.command_line import typed
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
+from baqueano.printable import typed
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

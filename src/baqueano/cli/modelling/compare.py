@@ -4,8 +4,8 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, talk
-from baqueano.command_line import typed
 from baqueano.diagnostics import note
+from baqueano.printable import typed
 
 
 @click.command(help="Errors and consistency of one or more RUNS: by number, name, path, or 'last'.")

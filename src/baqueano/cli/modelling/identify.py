@@ -131,7 +131,7 @@ def command(
         tell(beside.table())
     _written(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
-        from baqueano.command_line import typed
+        from baqueano.printable import typed
         from baqueano.report.of_fit import page_of_fit
 
         with busy(note("cli.drawing")):

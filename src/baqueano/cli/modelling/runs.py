@@ -8,8 +8,8 @@ import click
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import Listed
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
-from baqueano.command_line import typed
 from baqueano.diagnostics import fault, note
+from baqueano.printable import typed
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

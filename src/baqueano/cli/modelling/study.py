@@ -8,8 +8,8 @@ import click
 
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.terminal import answer, busy, progress, steps, talk, tell
-from baqueano.command_line import typed
 from baqueano.diagnostics import Verdict, fault, nearest, note
+from baqueano.printable import typed
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; judge by recordings.")

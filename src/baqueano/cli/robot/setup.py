@@ -6,8 +6,8 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.terminal import talk, tell
-from baqueano.command_line import typed
 from baqueano.diagnostics import fault, note
+from baqueano.printable import typed
 
 host = click.argument("host")
 

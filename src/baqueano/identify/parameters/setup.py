@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
@@ -34,6 +33,7 @@ from baqueano.identify.parameters.free import (
     with_numbers,
     with_room,
 )
+from baqueano.printable import typed
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import Signal, begun, shown, tells_pose
 from baqueano.signals import ByName, Motion

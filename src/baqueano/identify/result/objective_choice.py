@@ -1,6 +1,6 @@
 """Which of the two costs to believe: θ̂ of the simulation error or θ̃ of the innovations.
 
-    θ_b − θ = (A − A_b)⁻¹ g_b        of either answer, without block b of BLOCK_S (sandwich.py)           (1)
+    θ_b − θ = (A − A_b)⁻¹ g_b        of either answer, without block b of BLOCK_S (jackknife.py)          (1)
     D_b = C_b(θ̃_b) − C_b(θ̂_b),      z = Σ D_b / √(n var D_b)   over n blocks                              (2)
     t_i = (θ̂ − θ̃)_i / √((n − 1)/n Σ_b (δ_b − δ̄)_i²),   δ_b = θ̂_b − θ̃_b                                   (3)
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, cause_of
+from baqueano.printable import typed
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
 from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unsealed

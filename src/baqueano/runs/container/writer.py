@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import text
+from baqueano.printable import typed
 from baqueano.runs.container.messages import LAST_NS
 from baqueano.runs.container.packing import Packing
 from baqueano.runs.container.run_file import RunFile

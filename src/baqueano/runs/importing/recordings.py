@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.contracts.result import shortened
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
+from baqueano.printable import typed
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.doubt import Doubt

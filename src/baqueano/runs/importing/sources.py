@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError
+from baqueano.printable import typed
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.importing.timing import rows_in_order, times
 from baqueano.runs.maps.column_map import data_folders

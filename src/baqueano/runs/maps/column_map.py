@@ -26,9 +26,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import FileError, cause_of
+from baqueano.printable import typed
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
 from baqueano.runs.maps.mount import KEYS, mount_of
 from baqueano.runs.maps.units import canonical, near_units, unit, units_of

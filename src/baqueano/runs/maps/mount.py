@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.command_line import typed
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
+from baqueano.printable import typed
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject

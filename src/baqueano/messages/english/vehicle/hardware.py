@@ -112,7 +112,7 @@ TEMPLATES: dict[str, str] = {
     "uno.number-range": (
         "{frame}.{path} = {number}: the firmware takes {least} to {most}. Give a value in that range."
     ),
-    "flash.bad-line": "{path}: line {line} is damaged, or not from an Intel hex file.",
+    "flash.bad-line": "{path}: line {line} is damaged, or is not from an Intel hex file.",
     "flash.not-hex": "{path}: no Intel hex file can be read there: {error}.",
     "flash.size": "{path} holds {bytes} bytes: expected 1 to {most_bytes}, what an Uno has room for.",
     "flash.no-avrdude": (
