@@ -63,7 +63,7 @@ def parsed(words):
         command, rest = command.commands[rest[0]], rest[1:]
     if "--help" in rest:
         return None
-    return command.make_context("baqueano", rest)
+    return command.make_context("baqueano", rest, help_option_names=["-h", "--help"])  # click keeps them
 
 
 LINES = list(advised())

@@ -29,7 +29,7 @@ def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(told, tmp_path
     assert end.code == 1
     assert end.why.code == "cli.fit-refused-held-out"
     assert str(end.why.figures["reasons"]).startswith("for imu[")
-    assert "REFUSED: of imu[" in end.out
+    assert "REFUSED: for imu[" in end.out
     assert (tmp_path / "my.toml").read_text() == before
 
 

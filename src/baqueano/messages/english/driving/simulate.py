@@ -9,8 +9,8 @@ TEMPLATES: dict[str, str] = {
         "no vehicles: give vary = {{path: values}}, a row per vehicle, or vehicles = how many."
     ),
     "simulate.no-covariance": (
-        "{name}: no parameter has a covariance yet, so nothing can be drawn. Fit it, or say what varies:"
-        " vary = {{path: values}}."
+        "{name}: no parameter has a covariance yet, so nothing can be drawn. Fit it: baqueano identify RUNS "
+        "--update, or say what varies: vary = {{path: values}}."
     ),
     "simulate.vehicles": "vehicles = {vehicles}: say how many to draw, 1 or more.",
     "simulate.signal-shape": (
