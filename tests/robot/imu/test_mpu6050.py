@@ -161,9 +161,9 @@ def test_close_puts_the_chip_to_sleep(bench):
         ({"accel_range_g": 3}, "accel_range_g = 3: expected one of 2, 4, 8, 16"),
         ({"gyro_range_dps": 300}, "gyro_range_dps = 300: expected one of 250, 500, 1000, 2000"),
         ({"mode": "dmp"}, "mode = 'dmp': expected one of fifo, burst"),
-        ({"axes": ("x", "y", "-z")}, "no mirror image"),
-        ({"axes": ("x", "x", "z")}, "each letter once"),
-        ({"axes": ("x", "y")}, "ahead, to the left and up"),
+        ({"axes": ("x", "y", "-z")}, "without a mirror image"),
+        ({"axes": ("x", "x", "z")}, "Each letter stands once"),
+        ({"axes": ("x", "y")}, "ahead, left and up"),
     ],
 )
 def test_settings_that_no_chip_has_are_refused(wrong, said):
