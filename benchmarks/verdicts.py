@@ -1,4 +1,4 @@
-"""How often is the sentence about a filter's consistency wrong, and how often does it speak? Cases with known truth.
+"""Count how often the sentence about a filter's consistency is wrong, and how often it speaks. Cases with known truth.
 
     python -m benchmarks.verdicts --drives 720   (--smallest: that it runs)
 
@@ -31,7 +31,7 @@ RIGHT = {"too sure": lambda k: k > 1.0, "too cautious": lambda k: k < 1.0, "cons
 
 
 class JudgedDrive(NamedTuple):
-    """What is said of one drive."""
+    """Verdict on one drive."""
 
     kappa: float  # true variances over those that the filter believes in
     verdict: str
@@ -51,7 +51,7 @@ def logged(
 
 
 def judged(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[JudgedDrive]:
-    """Return what is said of drives with an IMU alone, and with both sensors."""
+    """Return the verdicts on drives with an IMU alone, and with both sensors."""
     out, rng = [], np.random.default_rng(0)
     for use in (limit.IMU_ALONE, limit.BOTH):
         sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])

@@ -77,5 +77,5 @@ __getattr__ = front_door(
 
 
 def __dir__() -> list[str]:
-    """Return what is offered here, for whoever types `bq.` and a tab."""
+    """Return the public names, for the completion of `bq.`."""
     return [*__all__, "__version__"]

@@ -201,8 +201,8 @@ def topics(writer, channel):
 @pytest.mark.parametrize(
     ("fill", "chunk_size", "said"),
     [
-        (commands(9000, 1000), 2**18, ("runs.unpacks-to-much", {})),
-        (commands(6000, 1000), 2**26, ("runs.unpacks-to-much", {})),
+        (commands(9000, 1000), 2**18, ("runs.unpacks-too-much", {})),
+        (commands(6000, 1000), 2**26, ("runs.unpacks-too-much", {})),
         (events(30_000, "a" * 300 + "\N{GRINNING FACE}"), 2**18, ("damage.memory", {})),
         (estimates, 2**18, ("damage.memory", {"size": "3.2 GB"})),
         (topics, 2**18, ("runs.topics", {"count": 1501, "most": 1000})),

@@ -1,4 +1,4 @@
-"""What blocks promise each other, tried out: `check_estimator(block)` and its sisters return diagnostics for
+"""Checks of the promises of blocks: `check_estimator(block)` and its sisters return diagnostics for
 the author, and none if all is well.
 
     pure            an argument, or the block itself, never changes

@@ -164,7 +164,7 @@ def _reference(trial: Trial, reference: Reference, t_ns: int, when: Diagnostic) 
 def check_supervisor(
     block: object, sensors: SensorBlocks | None = None, commands: int = 3
 ) -> list[Diagnostic]:
-    """Return what is wrong with a supervisor, for its author: whatever comes in, what goes out is safe."""
+    """Return the faults of a supervisor, for its author: its commands are safe for every input."""
     trial = Trial(block)
     sensors = a_sensor() if sensors is None else sensors
     try:

@@ -14,7 +14,7 @@ def source_text(kind: type) -> str:
     """Return the text of the file or of the notebook's cell in which a class is written; "" where Python does not know
     it, as for one that was typed into a terminal."""
     file = _file_of(kind)
-    linecache.checkcache(file)  # a file may have changed; a cell is kept by whoever runs it
+    linecache.checkcache(file)  # a file may have changed; a notebook keeps its cells
     return "".join(linecache.getlines(file))
 
 

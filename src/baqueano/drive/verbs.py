@@ -193,7 +193,7 @@ def blocks_of(
 
 
 def _with_gains(vehicle_file: VehicleFile) -> Controller | None:
-    """Return the controller; None where the file has no gains for it."""
+    """Return the controller; None where the file lacks its gains."""
     try:
         return vehicle_file.controller()
     except FileError as error:

@@ -153,5 +153,5 @@ def unused(runs: Sequence[Run], file: "VehicleFile") -> list[str]:
 
 
 def _kind(name: str, channel: Channel) -> str:
-    """What a sensor of that name, else of so many channels, is likely to be."""
+    """Return the likely kind of a sensor, by its name, else by its number of channels."""
     return name if name in KINDS else BY_SIZE.get(channel.z.shape[1], "…")

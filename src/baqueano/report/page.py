@@ -80,7 +80,7 @@ class Section:
 
 @dataclass(frozen=True, repr=False)
 class Page:
-    """A complete report. `verdict` is the word in the coloured badge, "" for none."""
+    """A complete report. `verdict` is the word in the badge, "" for none."""
 
     title: str
     subtitle: str

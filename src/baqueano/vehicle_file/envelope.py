@@ -77,11 +77,7 @@ class Watch:
         """Count commands (N, n) and the measurements (M, m) of each sensor.  (1)"""
         inside, n = self.envelope, self.envelope.commands
         if n and u.shape[1] != n:
-            raise UsageError(
-                fault(
-                    "vehicle.commands-differ", "--vehicle FILE", found=u.shape[1], expected=inside.names[:n]
-                )
-            )
+            raise UsageError(fault("vehicle.commands-differ", "--vehicle FILE", found=u.shape[1], expected=n))
         for k, name in enumerate(inside.names):
             sensor, _, entry = name.rstrip("]").partition("[")
             x = u[:, k] if k < n else sensors[sensor][:, int(entry)] if sensor in sensors else np.zeros(0)

@@ -79,12 +79,12 @@ def afterwards(
         # no fit to hold the axes against: what the search began with says how they should go
         known = {one.code for one in found}
         found += [one for one in axes.checked(problem, end.task.first) if one.code not in known]
-        return before + axes.told(end, found), {}
+        return before + axes.with_mount(end, found), {}
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate, sigma = np.where(kept[:s], theta[:s], np.nan), end.found.sigma
     found += against_file.checked(end.blocks, problem.shape.shared, estimate, sd[:s], told, sigma, labels)
     left_over, off = structure.checked(end.blocks, problem, theta, kept, sd)
-    return before + axes.told(end, found + left_over), off
+    return before + axes.with_mount(end, found + left_over), off
 
 
 def widened(cov: np.ndarray, names: Sequence[str], off: Mapping[str, float]) -> np.ndarray:

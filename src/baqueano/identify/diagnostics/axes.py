@@ -103,9 +103,9 @@ WAYS = (
 )  # fmt: skip
 
 
-def told(end: "FinishedFit", found: list[Diagnostic]) -> list[Diagnostic]:
-    """`found` about a finished search, and which way an IMU is mounted where that is the
-    reason: then it stands before the doubts about axes and signs that say the same, in place of the others."""
+def with_mount(end: "FinishedFit", found: list[Diagnostic]) -> list[Diagnostic]:
+    """Return `found` about a finished search, led by the mount of an IMU where that is the reason: it then takes the
+    place of diagnostics about other axes and signs."""
     task, blocks = end.task, end.blocks
     if type(task.problem) is not Residuals or all(one.severity == Severity.INFO for one in found):
         return found
@@ -118,7 +118,7 @@ def told(end: "FinishedFit", found: list[Diagnostic]) -> list[Diagnostic]:
 
 
 def _astray(task: Task, name: str) -> bool:
-    """Whether some channel of the IMU does not follow what the file's numbers say of it, or another's more."""
+    """Return True if a channel of the IMU does not follow its prediction, or follows that of another more."""
     found = relations(*of_sensor(task.problem, task.first, name))
     rho = np.array([[one.correlation for one in row] for row in found])
     own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
@@ -127,7 +127,7 @@ def _astray(task: Task, name: str) -> bool:
 
 
 def _named(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
-    """The way that leaves less and does as the file says, and the sentence for it."""
+    """Return the mount with smaller residuals that acts as the file says, and its diagnostic."""
     task, blocks = end.task, end.blocks
     records = [beginning(record, MOST_ROWS) for record in task.problem.records]
     at = sum(task.problem.sizes[: task.problem.names.index(name)])

@@ -76,7 +76,7 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
 
 
 def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
-    """What a_y = v ω_z / r says: which of them is wrong, it does not know.  (4)"""
+    """Test a_y = v ω_z / r, which cannot say which of them is wrong.  (4)"""
     slope = abs(curve.relation.slope) or np.nan
     found = _found(name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=other))
     if found is None:
@@ -155,7 +155,7 @@ def _windows(one: Log, other: Log) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def implausible(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
-    """What no small vehicle does, or its file does not allow."""
+    """Find commands and readings beyond any small vehicle, or beyond the limits of its file."""
     found = _commands(run, file)
     for name, block in sensors.items():
         if (

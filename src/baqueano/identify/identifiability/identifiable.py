@@ -198,7 +198,7 @@ class FinishedFit(NamedTuple):
 
     @property
     def free(self) -> list[Free]:
-        """Those of `wanted` that are in θ."""
+        """Return those of `wanted` that are in θ."""
         return [self.wanted[k] for k in self.told]
 
     def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:

@@ -6,7 +6,7 @@
 y are the innovations of the filter (augmented_ekf.py) with their covariance S; beyond FAR standard deviations they
 count as FAR. The interval of (1) is that of drawing blocks of BLOCK_S with replacement: innovations of a real vehicle
 are not white. A number agrees where its interval reaches from 1/CLOSE to CLOSE. Where one does not, the own runs do not
-show the noise of this vehicle. Then it is found again over all runs (filter_noise.py); what still disagrees is told.
+show the noise of this vehicle. Then it is found again over all runs (filter_noise.py); what disagrees still is named.
 The drives of (2) are those of simulated_nees.py. A state agrees within CLOSE_ON_DRIVES, each drive a block.
 """
 
@@ -83,11 +83,11 @@ def accepted(
     """Return the filter whose noise is to be written: `ekf` if the `unseen` runs agree with it, else that of
     `found_again()`, the noise over all runs; and one sentence."""
     runs, kernel = ", ".join(run.name for run in unseen), _filtered(ekf, backend)
-    told = [one for one in nis_of(ekf, unseen, kernel) if one.verdict != FilterBelief.CANNOT_TELL]
-    if not told:
+    judged = [one for one in nis_of(ekf, unseen, kernel) if one.verdict != FilterBelief.CANNOT_TELL]
+    if not judged:
         return ekf, Accepted(note("noise.too-short", runs=runs), False)
-    off, code = [one for one in told if one.disagrees], "noise.holds"
-    figures: JsonObject = {"runs": runs, "nis": _figures(told)}
+    off, code = [one for one in judged if one.disagrees], "noise.holds"
+    figures: JsonObject = {"runs": runs, "nis": _figures(judged)}
     if off:
         ekf, code = found_again(), "noise.found-again"
         kernel, names = _filtered(ekf, backend), {one.name for one in off}

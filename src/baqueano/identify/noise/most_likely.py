@@ -176,7 +176,7 @@ def _size(fit: "Fit", run: Run) -> np.ndarray:
 
 
 class Before(NamedTuple):
-    """What the prediction carries."""
+    """State of the prediction."""
 
     drivetrain: Tree
     effort: np.ndarray  # (n,) at the end of the step before

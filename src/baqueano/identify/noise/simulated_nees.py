@@ -43,7 +43,7 @@ class SimulatedState(NamedTuple):
 
 
 class DrawnTick(NamedTuple):
-    """What one tick takes from outside."""
+    """Inputs of one tick."""
 
     u: np.ndarray  # (commands,)
     walk: np.ndarray  # (PARTS, 2, 3) unit normals, as all here

@@ -83,7 +83,7 @@ def believed(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _steps(block: Tree) -> np.ndarray:
-    """(m,) steps of a sensor's converter, 0 where none is told."""
+    """Return the steps (m,) of a sensor's converter, 0 where it has none."""
     if not has_field(block, "accel_step"):
         return np.zeros(block.size)
     return np.array([block.accel_step, block.accel_step, block.gyro_step])

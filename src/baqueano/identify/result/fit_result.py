@@ -149,7 +149,7 @@ class Fit(Result):
         return shortened([head], rows, verdict_lines(self)[:3])
 
     def table(self, reported: bool = False) -> str:
-        """For people; what is said below it is a part of the whole. `reported`: the whole is in a report,
+        """Return the table for people, and the gravest diagnostics below it. `reported`: all are in a report,
         which need not be asked for."""
         wide = max(len(short(name)) for name in self.names)
         lines = [f"{'parameter':{wide}}  {'estimate':>12}   {'± sd':>10}  unit"]
@@ -246,7 +246,7 @@ def rounded(value: float, sd: float | None) -> float:
 
 
 def marks(row: dict[str, Any]) -> str:
-    """What a row of `Fit.rows()` should not be read without, "" for nothing."""
+    """Return the marks of a row of `Fit.rows()`, "" without any."""
     value, sd = row["estimate"], row["sd"]
     if value is None:
         return "not seen"

@@ -52,7 +52,7 @@ def read_run(path: Path | str) -> Run:
     except TooLarge as error:
         raise FileError(
             fault(
-                "runs.unpacks-to-much", f"mcap decompress {path.name} -o whole.mcap", path=path, error=error
+                "runs.unpacks-too-much", f"mcap decompress {path.name} -o whole.mcap", path=path, error=error
             )
         ) from None
     foreign = METADATA not in contents.metadata and not contents.problems

@@ -7,7 +7,7 @@ TEMPLATES: dict[str, str] = {
     "runs.foreign-topic": (
         "{path}: topic {topic} was not written by baqueano ({error}). Bring such a file in with a map: {fix}"
     ),
-    "runs.unpacks-to-much": (
+    "runs.unpacks-too-much": (
         "{path} {error}. It is damaged, or was made to fill the memory. If you trust it, give it unpacked: {fix}"
     ),
     "runs.too-large": "{path} has {size}; a run of at most {largest} is read. Cut it: {fix}",
