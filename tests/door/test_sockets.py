@@ -20,7 +20,7 @@ from tests.codes import refused
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
 
-PATIENCE_S = 60.0  # until what does not come counts as hung
+PATIENCE_S = 20.0  # until what does not come counts as hung
 
 
 class Person:

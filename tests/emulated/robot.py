@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.imu.settings import ImuSettings
-from baqueano.robot.service.service import body_of
+from baqueano.robot.service.configuration import body_of
 from baqueano.robot.uno.link import Uno
 from baqueano.sensors.imu import STANDARD_GRAVITY
 from baqueano.signals import Motion

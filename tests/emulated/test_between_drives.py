@@ -15,7 +15,8 @@ from baqueano.door.states import DoorState
 from baqueano.errors import FileError
 from baqueano.messages import text
 from baqueano.robot.service import service as service_module
-from baqueano.robot.service.service import CLOSING_S, HANGING_S, PREPARING_S, config_of
+from baqueano.robot.service.configuration import config_of
+from baqueano.robot.service.service import CLOSING_S, HANGING_S, PREPARING_S
 from baqueano.robot.uno.frames import ResetCause, StateFlag
 from baqueano.runs import RunWriter
 from tests.emulated.bad_line import BadLine

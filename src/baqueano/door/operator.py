@@ -3,6 +3,8 @@
     SILENCE_S without a word of the holder      the vehicle stops, unless the mission goes on unattended        (1)
     a set-point older than SILENCE_S            is no set-point                                                 (2)
 
+A holder who drives through a page is silent sooner: between its hand and the vehicle stands one process more.
+
 The words come from another thread than the loop's; both ends of this mailbox may be used at any time.
 """
 
@@ -33,6 +35,7 @@ class Operator:
         self._u: np.ndarray | None = None
         self._u_ns = -(1 << 62)
         self._holder: Any = None
+        self._silence_s = SILENCE_S  # of that holder
         self._missions: deque[tuple[str, bool, str]] = deque(maxlen=1)
         self._stop: Diagnostic | None = None
         self._quit, self.clear_asked = False, False  # the last: somebody takes a stop away
@@ -46,11 +49,12 @@ class Operator:
         if who is self._holder:
             self._heard_ns = self._now_ns()
 
-    def hold(self, who: object) -> None:
-        """`who` drives from now on; SafetyStop while somebody else does."""
+    def hold(self, who: object, silence_s: float | None = None) -> None:
+        """`who` drives from now on, and is gone after a silence of `silence_s`; SafetyStop while somebody else does."""
         with self._lock:
             self._nobody_but(who)
             self._holder = who
+            self._silence_s = SILENCE_S if silence_s is None else silence_s
         self.sign_of_life(who)
 
     def release(self, who: object) -> None:
@@ -58,6 +62,15 @@ class Operator:
         with self._lock:
             if self._holder is who:
                 self._holder = None
+
+    def holds(self, who: object) -> bool:
+        """Return True if `who` drives."""
+        return who is self._holder
+
+    @property
+    def taken(self) -> bool:
+        """Return True while a mission is driven, or waits."""
+        return self._taken
 
     def may_ask(self, who: object) -> None:
         """SafetyStop where a mission of `who` would be refused just now: one is driven, or waits, or somebody else
@@ -71,11 +84,13 @@ class Operator:
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
             self._nobody_but(who)
 
-    def ask(self, who: object, mission: str, attended: bool = True, name: str = "") -> None:
+    def ask(
+        self, who: object, mission: str, attended: bool = True, name: str = "", silence_s: float | None = None
+    ) -> None:
         """A mission in JSON, to be driven when the vehicle is ready; SafetyStop as `may_ask`. Who asks knows it again
-        by its `name`."""
+        by its `name`; `silence_s` as in `hold`."""
         self.may_ask(who)
-        self.hold(who)
+        self.hold(who, silence_s)
         self._taken, self._quit = True, False
         self._missions.append((mission, attended, name))
 
@@ -107,7 +122,7 @@ class Operator:
     def command(self, n: int) -> np.ndarray:
         """The command (n,) that is wanted now, zeros if it is old.  (2)"""
         u = self._u
-        fresh = u is not None and len(u) == n and self._now_ns() - self._u_ns <= SILENCE_S * 1e9
+        fresh = u is not None and len(u) == n and self._now_ns() - self._u_ns <= self._silence_s * 1e9
         return u.copy() if fresh and u is not None else np.zeros(n)
 
     @property
@@ -124,7 +139,7 @@ class Operator:
         if self._stop is not None:
             return self._stop
         silent_s = (self._now_ns() - self._heard_ns) * 1e-9
-        if attended and silent_s > SILENCE_S:
+        if attended and silent_s > self._silence_s:
             return stop(StopReason.HOLDER_SILENT, silent_ms=1e3 * min(silent_s, 99.0))
         return None
 

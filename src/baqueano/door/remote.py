@@ -7,7 +7,6 @@ HOST is what ssh takes, user@name:port too; "here" is the vehicle itself, and a 
 """
 
 import base64
-import os
 import queue
 import shlex
 import shutil
@@ -304,7 +303,7 @@ def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
         line.connect(str(path))
     except OSError as error:
         line.close()
-        raise RobotUnreachable(_nobody(path, error)) from error
+        raise RobotUnreachable(nobody_there(path, error)) from error
     with line, line.makefile("wb") as to, line.makefile("rb") as of:
         remote = Remote(to, of, str(path))  # pyright: ignore[reportArgumentType]
         try:
@@ -335,7 +334,8 @@ def stop(host: str, why: Diagnostic) -> "JsonObject":
         return remote.state
 
 
-def _nobody(path: Path, error: OSError) -> Diagnostic:
+def nobody_there(path: Path, error: OSError) -> Diagnostic:
+    """Return the fault of a socket behind which no service listens."""
     return fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
 
 
@@ -369,25 +369,3 @@ def _ssh(host: str) -> list[str]:
     """ssh that gives up by itself when the network is gone."""
     options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
     return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *there(host), ATTACH]
-
-
-def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
-    """Joins a pair of pipes to the socket of the service until one side ends."""
-    line = socket.socket(socket.AF_UNIX)
-    try:
-        line.connect(str(path))
-    except OSError as error:
-        raise RobotUnreachable(_nobody(path, error)) from error
-
-    def back() -> None:
-        with suppress(OSError, ValueError):
-            while data := line.recv(1 << 16):
-                going.write(data)
-                going.flush()
-
-    backwards = threading.Thread(target=back, daemon=True)
-    backwards.start()
-    with line, suppress(OSError):
-        while data := os.read(coming.fileno(), 1 << 16):
-            line.sendall(data)
-        line.shutdown(socket.SHUT_RDWR)

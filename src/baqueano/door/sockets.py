@@ -1,9 +1,9 @@
-"""The door of the service: a socket in the file system, one line of JSON for each word, any number of people.
+"""The door of the service: connections of any number of people, one line of JSON for each word.
 
-    to the vehicle     mission {mission, attended, id, door}, hand {u}, beat, mark, end, stop {why}, clear,
-                       runs, fetch {run}, ping {token}
+    to the vehicle     mission {mission, attended, id, door, by}, hand {u}, beat, mark, end, stop {why}, clear,
+                       runs, fetch {run}, ping {token}, watch {hz, fields}, and those of the service itself
     from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
-                       pong {token}, heard {do}
+                       pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
 
 `why`, `said` and `about` are diagnostics (wire.py). `door` is the version of the words: a mission of another one is
 refused, a stop never is; the `why` of a `no` is a sentence, which each version understands.
@@ -12,134 +12,219 @@ Every connection hears of every drive; its owner recognises its `id`, a text of 
 the last state at once: while a mission is prepared there is no other. A stop is answered by `heard` when the service
 has it. A mission is decoded by the service, when it is driven: what is refused costs the one who drives no tick.
 
-Only the user of the service and its group can open the socket; from elsewhere one comes by ssh (remote.py). A line
-that is too long, is no JSON or asks for what there is not, is answered by `no` and ends nothing. One who does not read
-what is sent to him is let go: he holds up nobody.
+Only the user of the service and its group can open the socket; from elsewhere one comes by ssh (remote.py), and a
+parent process by the pipes of its child (pipes.py). Each turn of the door reads from everybody, takes the stops among
+what came, and answers the other lines in equal shares. A line that is too long, is no JSON or asks for what there is
+not, is answered by `no` and ends nothing. One who does not read what is sent to him is let go: he holds up nobody.
 """
 
-import base64
 import json
 import os
 import selectors
 import socket
 import threading
-from collections.abc import Callable
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
+from baqueano.door.files import RunFiles
+from baqueano.door.frames import MOST_HZ, Frames
+from baqueano.door.guests import LONG, LONGEST, Guest
 from baqueano.door.wire import encoded
 from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError, named
 from baqueano.messages import text
-from baqueano.runs.folder import is_name
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.door.operator import Operator
 
-LONGEST = 64 << 20  # bytes of a line: an hour of commands
-PENDING = 8 << 20  # bytes that wait for one who does not read
-CHUNK = 48 << 10  # bytes of a file in a line
+MOST_GUESTS = 32
+FOR_STOPS = 4  # more connections, for SHORT_S each: a stop is taken though all other places are occupied
+SHORT_S, STOPPED_S = 1.0, 15.0  # until a stop is said; after it, until the vehicle was seen to stand
+SHARE = 128  # lines that are answered in a turn, of all guests together
 LONGEST_ID = 64  # letters
-LONG = 64 << 10  # bytes of a line that can only be a mission
-LOOK_S = 0.05
-
-
-class Guest:
-    """A connection."""
-
-    def __init__(self, line: socket.socket) -> None:
-        self.line = line
-        self.coming, self.going = bytearray(), bytearray()
-        self.lock = threading.Lock()
-
-    def say(self, message: "JsonObject") -> None:
-        """Puts a message into what waits for it."""
-        with self.lock:
-            self.going += encoded(message)
-
-    @property
-    def asleep(self) -> bool:
-        """Return True if too much waits for it."""
-        return len(self.going) > PENDING
+LOOK_S = 5.0  # at the longest: what is told wakes the door
+BREATH_S = 0.001  # after a turn with many lines: the loop's thread comes first
+SENT_AHEAD = 16 << 10  # bytes that the system takes for one who does not read: frames in there grow old
+HIDDEN_S = 0.3  # silence of a page that drives, which stops the vehicle
+Words = Mapping[str, Callable[[Guest, "JsonObject"], object]]
 
 
 class Door:
-    """Listen at `path` in a thread of its own, and hand the messages to `operator`."""
+    """Listen at `path`, if there is one, in a thread of its own, and hand the messages to `operator`. `words` are those
+    of the service itself, each with what it does in the door's thread."""
 
-    def __init__(self, path: Path, operator: "Operator", folder: Path) -> None:
-        self.path, self.operator, self.folder = path, operator, folder
+    def __init__(
+        self, path: Path | None, operator: "Operator", folder: Path, words: Words | None = None
+    ) -> None:
+        self.path, self.operator, self.frames = path, operator, Frames()
+        self._words, self._files = dict(words or {}), RunFiles(folder, self._ring)
         self._guests: set[Guest] = set()
+        self._until: dict[Guest, float] = {}  # of those who came when all places were occupied
         self._state: JsonObject = {}  # the last one sent
-        self._telling = threading.Lock()  # so that a new connection misses none
+        self._told: deque[JsonObject] = deque()
+        self._coming: deque[socket.socket] = deque()
+        self._busy = 0  # lines that were answered in the last turn
         self._done = threading.Event()
+        self._listener = None if path is None else _listening(path)
+        self._bell, self._ear = socket.socketpair()
         self._selector = selectors.DefaultSelector()
-        self._listener = _listening(path)
-        self._selector.register(self._listener, selectors.EVENT_READ)
+        for end in (self._bell, self._ear):
+            end.setblocking(False)
+        for end in (self._ear, *([] if self._listener is None else [self._listener])):
+            self._selector.register(end, selectors.EVENT_READ)
         self._thread = threading.Thread(target=self._work, name="door", daemon=True)
         self._thread.start()
 
     def tell(self, message: "JsonObject") -> None:
-        """Sends a message to everybody; never waits."""
-        with self._telling:
-            if message["is"] == "state":
-                self._state = message = message | {"door": VERSION}
-            for guest in self._guests:
-                guest.say(message)
+        """Send a message to everybody; never waits. It is encoded in the door's thread."""
+        self._told.append(message)
+        self._ring()
+
+    def welcome(self, line: socket.socket) -> None:
+        """Take a connection that somebody else has made."""
+        self._coming.append(line)
+        self._ring()
 
     def close(self) -> None:
         """Lets everybody go."""
         self._done.set()
+        self._ring()
         self._thread.join()
         for guest in list(self._guests):
             self._leave(guest)
-        self._listener.close()
-        self.path.unlink(missing_ok=True)
+        for end in (self._bell, self._ear):
+            end.close()
+        if self._listener is not None and self.path is not None:
+            self._listener.close()
+            self.path.unlink(missing_ok=True)
+        self._selector.close()
+
+    def _ring(self) -> None:
+        with suppress(OSError):  # full: it wakes anyway
+            self._bell.send(b".")
 
     def _work(self) -> None:
         while not self._done.is_set():
-            for key, _ in self._selector.select(LOOK_S):
+            ready = self._selector.select(self._patience())
+            self._tell_all()
+            for key, _ in ready:
                 if key.fileobj is self._listener:
-                    self._welcome()
+                    self._accept()
+                elif key.fileobj is self._ear:
+                    with suppress(OSError):
+                        self._ear.recv(4096)
                 else:
                     self._hear(key.data)
+            while self._coming:
+                self._seat(self._coming.popleft())
+            self._answer_all()
+            self._show_all()
             for guest in list(self._guests):
                 self._send(guest)
+            for guest in [one for one, until in self._until.items() if time.monotonic() > until]:
+                self._turn_away(guest)
+        self._tell_all()
+        for guest in list(self._guests):
+            self._send(guest)
 
-    def _welcome(self) -> None:
-        try:
-            line, _ = self._listener.accept()
-        except OSError:
-            return
+    def _patience(self) -> float:
+        """Return how long nothing may happen [s]."""
+        if self._busy >= SHARE // 2:
+            time.sleep(BREATH_S)
+        if self._coming or self._told or any(guest.lines for guest in self._guests):
+            return 0.0
+        fastest = max((guest.hz for guest in self._guests), default=0.0)
+        if fastest <= 0.0:
+            return SHORT_S if self._until else LOOK_S
+        now = time.monotonic()
+        return max(0.0, (int(now * fastest) + 1) / fastest - now)
+
+    def _tell_all(self) -> None:
+        while self._told:
+            message = self._told.popleft()
+            if message["is"] in ("state", "done"):
+                self._files.changed(message.get("run") if message["is"] == "state" else None)
+            if message["is"] == "state":
+                self._state = message = message | {"door": VERSION}
+            line = encoded(message)
+            for guest in self._guests:
+                guest.send_line(line)
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        with suppress(OSError):
+            self._seat(self._listener.accept()[0])
+
+    def _seat(self, line: socket.socket) -> None:
         line.setblocking(False)
+        with suppress(OSError):
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENT_AHEAD)
         guest = Guest(line)
-        with self._telling:
-            self._guests.add(guest)
-            if self._state:
-                guest.say(self._state)
+        if len(self._guests) - len(self._until) >= MOST_GUESTS:
+            if len(self._until) >= FOR_STOPS:
+                self._leave(min(self._until, key=self._until.__getitem__))
+            self._until[guest] = time.monotonic() + SHORT_S
+        elif self._state:
+            guest.say(self._state)
+        self._guests.add(guest)
         self._selector.register(line, selectors.EVENT_READ, guest)
 
-    def _hear(self, guest: Guest) -> None:
-        try:
-            data = guest.line.recv(1 << 20)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data or len(guest.coming) + len(data) > LONGEST:
-            self._leave(guest)
-            return
-        searched = len(guest.coming)
-        guest.coming += data
-        while (end := guest.coming.find(b"\n", searched)) >= 0:
-            rest = guest.coming[end + 1 :]
-            line, guest.coming, searched = guest.coming, rest, 0
-            del line[end:]
-            self._answer(guest, line)
+    def _turn_away(self, guest: Guest) -> None:
+        """All places are occupied, and this is not a stop."""
+        self._refuse(guest, note("door.full", Severity.ERROR, most=MOST_GUESTS), 1)
+        self._last_words(guest)
 
-    def _answer(self, guest: Guest, line: bytearray) -> None:
+    def _last_words(self, guest: Guest) -> None:
+        with suppress(OSError):
+            guest.send()
+        self._leave(guest)
+
+    def _hear(self, guest: Guest) -> None:
+        """Read what came, and take the stops in it."""
+        if guest not in self._guests:
+            return
+        try:
+            for line in guest.receive():
+                self._answer(guest, line)
+            if guest.coming > LONG:
+                self._may_be_long(guest)
+        except OSError:
+            self._leave(guest)
+
+    def _may_be_long(self, guest: Guest) -> None:
+        """Let a guest go whose line is longer than any mission that it may ask for now. One at a time may ask for a
+        long one, and only while nothing drives."""
+        try:
+            self.operator.may_ask(guest)
+            others = any(one.coming > LONG for one in self._guests if one is not guest)
+            if others or guest.coming > LONGEST:
+                raise Invalid(fault("door.too-long", most_kb=LONG >> 10))
+        except (BaqueanoError, Invalid) as error:
+            self._refuse(guest, error.diagnostic, getattr(error, "exit_code", 2))
+            self._last_words(guest)
+
+    def _answer_all(self) -> None:
+        """Answer lines in equal shares."""
+        self._busy, busy = 0, [guest for guest in self._guests if guest.lines]
+        for guest in busy:
+            if guest in self._until:
+                self._turn_away(guest)
+                continue
+            number = min(len(guest.lines), max(1, SHARE // len(busy)))
+            self._busy += number
+            for _ in range(number):
+                self._answer(guest, guest.next())
+            if guest.dropped and not guest.lines:
+                self._refuse(guest, note("door.too-many", Severity.ERROR, dropped=guest.dropped), 1)
+                guest.dropped = 0
+
+    def _answer(self, guest: Guest, line: bytes) -> None:
         try:
             if len(line) > LONG:  # to decode it holds up every thread: not where it would be refused
                 self.operator.may_ask(guest)
@@ -164,72 +249,103 @@ class Door:
             "end": lambda: self.operator.end(guest),
             "stop": lambda: self._stop(guest, _reason(said.get("why"))),
             "clear": lambda: setattr(self.operator, "clear_asked", True),
-            "runs": lambda: guest.say({"is": "runs", "runs": self._runs()}),
-            "fetch": lambda: self._fetch(guest, str(said["run"])),
+            "runs": lambda: guest.say({"is": "runs", "runs": self._files.names()}),
+            "fetch": lambda: self._files.fetch(guest, str(said["run"]), self._stays),
+            "watch": lambda: self._watch(guest, said),
         }
-        if what not in words:
-            raise Invalid(fault("door.unknown-word", found=repr(what), known=words))
-        words[what]()
+        if what in self._words:
+            self._words[what](guest, said)
+        elif what in words:
+            words[what]()
+        else:
+            raise Invalid(fault("door.unknown-word", found=repr(what), known=[*words, *self._words]))
 
     def _ask(self, guest: Guest, said: "JsonObject") -> None:
         """A mission of another version would end with words that nobody there understands."""
         if (theirs := said.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(theirs), ours=VERSION))
-        name = str(said.get("id", ""))[:LONGEST_ID]
-        self.operator.ask(guest, str(said["mission"]), bool(said.get("attended", True)), name)
+        name, attended = str(said.get("id", ""))[:LONGEST_ID], bool(said.get("attended", True))
+        mission = str(said["mission"]) if "mission" in said else json.dumps(said)
+        self.operator.ask(guest, mission, attended, name, HIDDEN_S if said.get("by") == "page" else None)
 
     def _stop(self, guest: Guest, why: Diagnostic) -> None:
         self.operator.stop(why)
         guest.say({"is": "heard", "do": "stop"})
+        if guest in self._until:
+            self._until[guest] = time.monotonic() + STOPPED_S
 
-    def _runs(self) -> list[str]:
-        """The runs that are whole, or will never be: not the one that is written just now."""
-        names = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
-        return sorted(name for name in names if is_name(name) and name != self._state.get("run"))
+    def _watch(self, guest: Guest, said: "JsonObject") -> None:
+        """Frames of the ticks from now on; `hz` 0 ends them."""
+        hz, names = float(said["hz"]), said.get("fields")
+        guest.hz, guest.drive = (min(hz, MOST_HZ) if hz > 0.0 else 0.0), -1
+        guest.names = None if names is None else tuple(map(str, names))
+        drive, _ = self.frames.drive()
+        if drive is not None and not any(one.hz > 0.0 for one in self._guests if one is not guest):
+            drive.skip()
+        self._introduce(guest)
 
-    def _fetch(self, guest: Guest, name: str) -> None:
-        """A run in pieces, the next when the one before has gone; the last has `left` 0, of an empty run too."""
-        path = self.folder / name
-        if not is_name(name) or path.is_symlink() or not path.is_file():
-            raise Invalid(fault("door.no-run", run=repr(name)))
-        file = path.open("rb")
+    def _introduce(self, guest: Guest) -> None:
+        """Say what the columns are of the drive that goes on, once."""
+        drive, words = self.frames.drive()
+        if drive is None or drive.number == guest.drive or guest.hz <= 0.0:
+            return
+        guest.shown = drive.looked if guest.drive < 0 else 0
+        guest.drive = drive.number
+        known = [column.name for column in drive.columns]
+        guest.columns = (
+            None if guest.names is None else tuple(known.index(n) for n in guest.names if n in known)
+        )
+        for message in words:
+            if message["is"] == "fields" and guest.columns is not None:
+                kept = {
+                    name: [message[name][c] for c in guest.columns] for name in ("names", "units", "kinds")
+                }
+                message = message | kept
+            guest.say(message)
 
-        def pieces() -> None:
-            with file:
-                left, last = path.stat().st_size, False
-                while not last and guest in self._guests and not self._done.is_set():
-                    if len(guest.going) > 4 * CHUNK:
-                        self._done.wait(0.01)
-                        continue
-                    data = file.read(min(CHUNK, left))
-                    left = left - len(data) if data else 0
-                    last = left == 0
-                    guest.say(
-                        {"is": "file", "run": name, "data": base64.b64encode(data).decode(), "left": left}
-                    )
+    def _show_all(self) -> None:
+        """Encode the rows that have come once for all who want the same of them."""
+        watching = [guest for guest in self._guests if guest.hz > 0.0]
+        (drive, _), made = self.frames.drive(), {}
+        if drive is None or not watching:
+            return
+        drive.make()
+        now = time.monotonic()
+        for guest in watching:
+            self._introduce(guest)
+            if int(now * guest.hz) == guest.turn or guest.owed:
+                continue
+            guest.turn = int(now * guest.hz)
+            key = (guest.shown, guest.columns)
+            if key not in made:
+                made[key] = drive.frame(guest.shown, guest.columns)
+            guest.shown = drive.made
+            if made[key] is not None:
+                guest.send_line(made[key])
 
-        threading.Thread(target=pieces, name="fetch", daemon=True).start()
+    def _stays(self, guest: Guest) -> bool:
+        """Return True while somebody is there, who is told more."""
+        return guest in self._guests and not self._done.is_set()
 
     def _send(self, guest: Guest) -> None:
-        with guest.lock:
-            if not guest.going:
-                return
-            try:
-                sent = guest.line.send(guest.going)
-                del guest.going[:sent]
-            except BlockingIOError:
-                pass
-            except OSError:
-                guest.going.clear()
+        try:
+            guest.send()
+        except OSError:
+            self._leave(guest)
+            return
         if guest.asleep:
             self._leave(guest)
+            return
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if guest.owed else 0)
+        if self._selector.get_key(guest.line).events != events:
+            self._selector.modify(guest.line, events, guest)
 
     def _leave(self, guest: Guest) -> None:
         if guest not in self._guests:
             return
-        with self._telling:
-            self._guests.discard(guest)
+        self._guests.discard(guest)
+        self._until.pop(guest, None)
         self.operator.release(guest)
         with suppress(KeyError, ValueError):
             self._selector.unregister(guest.line)

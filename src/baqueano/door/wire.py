@@ -13,6 +13,8 @@ DATA = ("why", "said", "about", "imu_bus", "degraded")  # may be diagnostics
 FIELDS: dict[str, "JsonObject"] = {  # what a message must hold; what else is in it is shown, or not used
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
+    "vehicle": {"name": str}, "fields": {"names": list}, "route": {"x": list, "y": list}, "frame": {"x": list},
+    "routes": {"routes": list},
 }  # fmt: skip
 
 

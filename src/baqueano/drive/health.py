@@ -86,7 +86,7 @@ class Health:
         if self.reported or y is None or S is None:
             return None
         try:
-            square = _nis(y.tolist(), S.tolist())
+            square = normalised_square(y.tolist(), S.tolist())
         except ZeroDivisionError:
             return None
         if square is None:
@@ -105,7 +105,7 @@ class Health:
         return note("model.fits-no-longer", Severity.WARNING, fix, window_s=WINDOW_S, times=np.sqrt(nis))
 
 
-def _nis(y: list[float], S: list[list[float]]) -> float | None:
+def normalised_square(y: list[float], S: list[list[float]]) -> float | None:
     """Return yᵀ S⁻¹ y / m of the m innovations that arrived; None of none. `y`, `S` are used up. Of three numbers NumPy
     takes five times as long."""
     there, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0

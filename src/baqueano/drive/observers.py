@@ -9,7 +9,7 @@ import numpy as np
 from baqueano.contracts.blocks import Supervision
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic
-from baqueano.loop import Record
+from baqueano.loop import Blocks, Record
 from baqueano.signals import Command, Estimate, Tick
 from baqueano.supervisor import stop_reason
 
@@ -23,6 +23,9 @@ class Observer:
     ...     def progress(self, done_s: float) -> None:
     ...         print(f"{done_s:.2f} s")
     """
+
+    def begin(self, blocks: Blocks) -> None:
+        """Take the blocks that drive, before the first tick."""
 
     def why(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle must stop at `t_ns`; None if it may go on."""

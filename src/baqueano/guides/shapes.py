@@ -22,6 +22,7 @@ from baqueano.signals import Estimate, Reference
 from baqueano.vehicles.bounds import check_bounds
 
 POINTS = 1441  # of a drawn route, four to the degree of a circle
+SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")  # of `shape`
 
 
 @lru_cache(maxsize=32)
@@ -90,6 +91,20 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     table = np.concatenate(rows)
     nu = np.column_stack([np.full(len(table), speed_m_s), np.zeros(len(table)), table[:, 4] * speed_m_s])
     return Route(table[:, 0] / speed_m_s, from_start(table[:, 1:4]), nu, True)
+
+
+def shape(name: str, size_m: float, speed_m_s: float) -> Route:
+    """Return one of SHAPES: `size_m` is the radius of a circle, half the length of an eight or of a rectangle."""
+    match name:
+        case "sinuous-circle":
+            return sinuous_circle(size_m, 0.1 * size_m, 6, speed_m_s)
+        case "circle":
+            return circle(size_m, speed_m_s)
+        case "eight":
+            return eight(size_m, speed_m_s)
+        case "rectangle":
+            return rectangle(2 * size_m, size_m, 0.2 * size_m, speed_m_s)
+    raise Invalid(fault("shape.unknown", found=repr(name), known=SHAPES))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,13 +30,14 @@ from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.setup import POSE_S
-from baqueano.identify.result.channel_units import channel_unit, percent, times
 from baqueano.identify.result.fit_result import ChannelFit, Fit, asked_for
+from baqueano.identify.result.ratios import percent, times
 from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
 from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
 from baqueano.messages import text, verdict_line
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
+from baqueano.vehicle_file.units import channel_unit
 
 WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
 CHANCE = 0.01  # of a warning on one channel of one run, for a model that carries over

@@ -7,8 +7,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict, by_weight, fault
 from baqueano.errors import UsageError
-from baqueano.identify.result.channel_units import percent
 from baqueano.identify.result.fit_result import Fit, marks, rounded
+from baqueano.identify.result.ratios import percent
 from baqueano.messages import ended, texts
 from baqueano.printable import typed
 from baqueano.report import figures

@@ -1,13 +1,32 @@
-"""A unit in the wrong key: `mass_g = 610` where the file says `mass_kg`.
+"""The units of what sensors say, and a unit in the wrong key: `mass_g = 610` where the file says `mass_kg`.
 
 value in the file's unit = factor · value in the other one (+ offset)                                  (1)
 """
 
 from math import pi
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.signals import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.file import VehicleFile
+
+CHANNEL_UNITS = {
+    "imu": ("m/s²", "m/s²", "rad/s"),
+    "odometer": ("m/s",),
+    "wheels": ("m/s", "m/s"),
+    "encoders": ("m/s", "m/s"),
+    "pose": ("m", "m", "rad"),
+    "mark": ("m",),
+    "tags": ("m", "m"),
+    "beacon": ("m",),
+    "rangefinder": ("m",),
+    "compass": ("rad",),
+    "tape": ("m",),
+    "back_on_mark": ("m", "m"),
+    "battery": ("V",),
+}
 
 
 class Unit(NamedTuple):
@@ -110,3 +129,10 @@ def _times(value: object, factor: float) -> str:
 
 def _shown(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def channel_unit(file: "VehicleFile", sensor: str, entry: int) -> str:
+    """The unit of one number of a sensor, by the kind that the vehicle file says; empty for one of somebody's own."""
+    kind = file.data.get("sensors", {}).get(sensor, {}).get("kind", sensor)
+    known = CHANNEL_UNITS.get(kind, ())
+    return known[entry] if entry < len(known) else ""

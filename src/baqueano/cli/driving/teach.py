@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.guides.route import Route
 
-SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")
+SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")  # of guides.shapes, which loads numpy
 
 
 @click.command(help="Drive a path once and store it as ROUTE (a CSV file).")
@@ -98,21 +98,13 @@ def command(
 
 def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
     """A shape by its name, or a stored route."""
-    from baqueano.guides import shapes
+    from baqueano.guides.shapes import shape
 
-    match driver:
-        case "sinuous-circle":
-            return shapes.sinuous_circle(size_m, 0.1 * size_m, 6, speed_m_s)
-        case "circle":
-            return shapes.circle(size_m, speed_m_s)
-        case "eight":
-            return shapes.eight(size_m, speed_m_s)
-        case "rectangle":
-            return shapes.rectangle(2 * size_m, size_m, 0.2 * size_m, speed_m_s)
-        case _ if "." in driver or options.route_path(driver).is_file():
-            return options.find_route(driver)
-        case _:
-            raise _no_driver(driver)
+    if driver in SHAPES:
+        return shape(driver, size_m, speed_m_s)
+    if "." in driver or options.route_path(driver).is_file():
+        return options.find_route(driver)
+    raise _no_driver(driver)
 
 
 def _no_driver(name: str) -> UsageError:

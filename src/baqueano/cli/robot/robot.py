@@ -46,7 +46,7 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 @command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
 @click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True)
 def attach(door: Path) -> None:
-    from baqueano.door.remote import attach
+    from baqueano.door.pipes import attach
 
     attach(door, sys.stdin.buffer, sys.stdout.buffer)
 

@@ -108,7 +108,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
 @options.as_json
 def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     from baqueano.robot import VEHICLE
-    from baqueano.robot.service.service import config_of
+    from baqueano.robot.service.configuration import config_of
     from baqueano.robot.workshop.calibrate_motors import Motors
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import opened, there

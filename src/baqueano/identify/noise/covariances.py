@@ -37,12 +37,12 @@ from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_errors
 from baqueano.identify.noise.not_fitted import not_fitted
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
-from baqueano.identify.result.channel_units import channel_unit
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
+from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow

@@ -11,9 +11,10 @@ from baqueano.diagnostics import Diagnostic, Verdict, by_weight, fault, nearest,
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.parameters.free import described, entries
-from baqueano.identify.result.channel_units import channel_unit, percent
+from baqueano.identify.result.ratios import percent
 from baqueano.identify.result.verdict import short
 from baqueano.messages import grouped, text
+from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

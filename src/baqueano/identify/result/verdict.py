@@ -29,7 +29,7 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.covariance.information import COLOUR
 from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.estimation.search import LACKING
-from baqueano.identify.result.channel_units import CHANNEL_UNITS
+from baqueano.vehicle_file.units import CHANNEL_UNITS
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit

@@ -20,10 +20,13 @@ class Lateness:
     over_half: int = 0  # later than half a period
     missed: int = 0
     ticks: int = 0
+    now_ms: float = 0.0  # of the last tick
 
     def line(self) -> Line:
         """Return the delays; a warning where ticks were left out."""
-        return _line("drive.ticks", bool(self.missed), **asdict(self))
+        return _line(
+            "drive.ticks", bool(self.missed), **{n: x for n, x in asdict(self).items() if n != "now_ms"}
+        )
 
 
 def line_losses(before: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:

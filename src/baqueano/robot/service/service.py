@@ -21,27 +21,28 @@ from typing import Any
 from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
+from baqueano.door.descriptions import mission_words, motion_words, route_words, vehicle_words
+from baqueano.door.frames import Frames
 from baqueano.door.operator import Operator
+from baqueano.door.outcome import outcome_of
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.budget import PREPARE_S, within
-from baqueano.drive.health import shown
 from baqueano.drive.mission import Mission, perform, unpacked
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.recording import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
-from baqueano.errors import BaqueanoError, FileError, from_outside, in_users_file, named
-from baqueano.loop import Record
+from baqueano.errors import BaqueanoError, FileError
+from baqueano.loop import Blocks, Record
 from baqueano.messages import templates, text
 from baqueano.robot.imu.bus_recovery import RecoveryOutcome
+from baqueano.robot.service.configuration import body_of, config_of
 from baqueano.robot.service.drive_figures import Lateness, imu_losses, line_losses, uno_losses
 from baqueano.robot.service.health import ComputerHealth
 from baqueano.robot.service.journal import Journal
-from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
 from baqueano.robot.uno.link import Uno
-from baqueano.signals import NANOSECONDS, sensor_slots
+from baqueano.signals import NANOSECONDS, seconds, sensor_slots
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicle_file.head import Hardware
 from baqueano.worlds import Robot
-from baqueano.worlds.applied import AppliedMotors, AppliedWay
 from baqueano.worlds.robot import Body
 
 HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
@@ -63,6 +64,7 @@ class Service:
     folder: Path  # of the runs
     operator: Operator = field(default_factory=Operator)
     tell: Tell = lambda message: None
+    frames: Frames = field(default_factory=Frames)
     healthy: Callable[[], object] = lambda: None  # systemd's watchdog
     patience: Callable[[float], object] = lambda seconds: None  # how long that may wait for the next sign
     now_ns: Callable[[], int] = time.monotonic_ns
@@ -77,6 +79,8 @@ class Service:
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._told_ns = 0
         self._seen: Record | None = None  # the last one of a drive
+        self._mission: Mission | None = None
+        self._period_s = 1.0  # of its ticks
         self._run: str | None = None  # that is written just now
         self._counted: Any = None  # what the IMU had counted when it began
         self._bus: RecoveryOutcome | None = None  # of the IMU's bus, until the next drive
@@ -192,7 +196,7 @@ class Service:
         self._run = path.name
         self._publish(at_once=True)  # nothing more is published until it is prepared
         try:
-            why, code = self._driven(mission, attended, path)
+            why, code = outcome_of(lambda: self._driven(mission, attended, path))
         finally:
             self.uno.disarm()
             self.journal.end()
@@ -203,26 +207,16 @@ class Service:
         stopped = late if meant else why
         self.machine.go("done" if stopped is None else "stop", stopped)
         self.operator.forget(stopped)
-        self._run = None
+        self._run = self._mission = None
         self._publish(at_once=True)
         self.operator.free()
         run = path.name if path.exists() else None
         self.tell({"is": "done", "id": name, "run": run, "why": why, "code": code})
 
-    def _driven(self, mission: Mission, attended: bool, path: Path) -> tuple[Diagnostic | None, int]:
-        """Why the drive of a mission ended, and its exit code. sys.exit() in a block, where no guard is, ends its
-        mission and not the service."""
-        try:
-            self.journal.begin(mission, path.name)
-            return self.drive(mission, attended, path), 0
-        except BaqueanoError as error:
-            return error.diagnostic, error.exit_code
-        except BaseException as error:
-            if from_outside(error):
-                raise
-            if place := in_users_file(error):
-                return note("block.raised-outside", Severity.ERROR, place=place, error=named(error)), 1
-            return note("service.unforeseen", Severity.ERROR, error=named(error)), 1
+    def _driven(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
+        """Drive a mission; the journal holds it meanwhile."""
+        self.journal.begin(mission, path.name)
+        return self.drive(mission, attended, path)
 
     def drive(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
         """Drives a mission into the run `path`; why the vehicle was stopped, None if nothing stopped it. A disk
@@ -232,10 +226,11 @@ class Service:
             self.patience(PREPARING_S)
             body = body_of(file, self.uno, self.sleep)
             world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
+            self._mission, self._period_s = mission, 1.0 / file.rate_hz
             self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            self._counted, watching = None, _Watching(self, world, late, attended)
+            self._counted, watching = None, _Watching(self, world, late, attended, mission, file)
             try:
                 perform(
                     mission, file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
@@ -260,7 +255,7 @@ class Service:
                 self.patience(HANGING_S)
             behind_ms = (self.now_ns() - due) / 1e6
             late.ticks, late.missed = late.ticks + 1, wall.missed
-            late.worst_ms = max(late.worst_ms, behind_ms)
+            late.now_ms, late.worst_ms = behind_ms, max(late.worst_ms, behind_ms)
             late.over_half += behind_ms > 500.0 / rate_hz
             if self.operator.done:
                 raise KeyboardInterrupt
@@ -304,9 +299,16 @@ class Service:
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
                 "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
-                **_motion_of(self._seen if world is not None else None),
+                **self._drive_words(world is not None), "world": "real",
             }
         )  # fmt: skip
+
+    def _drive_words(self, moving: bool) -> JsonObject:
+        """Return what the state says of a drive."""
+        if not moving or self._seen is None:
+            return mission_words(self._mission)
+        t_s = float(seconds(self._seen.tick.t_ns))
+        return mission_words(self._mission, 1.0 / self._period_s, t_s) | motion_words(self._seen)
 
     def _path(self, kind: str) -> Path:
         """A name for the run, by the day and the hour."""
@@ -331,11 +333,25 @@ class Service:
 class _Watching(Observer):
     """The observer of a drive for the service."""
 
-    def __init__(self, service: Service, world: Robot, late: Lateness, attended: bool) -> None:
+    def __init__(
+        self,
+        service: Service,
+        world: Robot,
+        late: Lateness,
+        attended: bool,
+        mission: Mission,
+        file: VehicleFile,
+    ) -> None:
         self._service, self._world, self._late, self._attended = service, world, late, attended
+        self._mission, self._file = mission, file
         self._before = replace(service.uno.statistics)
         self.over = False
         self.stopped: Diagnostic | None = None
+
+    def begin(self, blocks: Blocks) -> None:
+        file, route, laps = self._file, self._mission.route, self._mission.laps
+        vehicle, words = vehicle_words(file, "real"), route_words(route, laps=laps)
+        self._service.frames.begin(file, vehicle, blocks.estimator, route, words)
 
     def why(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world
@@ -346,7 +362,9 @@ class _Watching(Observer):
         return self._service.operator.marked()
 
     def look(self, record: Record) -> None:
-        self._service._seen = record
+        s = self._service
+        s._seen = record
+        s.frames.look(record, battery_v=self._world.battery_v, late_ms=self._late.now_ms)
 
     def unlogged(self, what: Diagnostic) -> None:
         self._service._event("error", what)
@@ -364,37 +382,3 @@ class _Watching(Observer):
         s.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
         s.patience(CLOSING_S)
         return last
-
-
-def _motion_of(record: Record | None) -> JsonObject:
-    """Return the figures of a tick for the person who drives."""
-    if record is None:
-        return {}
-    nu = record.estimate.nu.tolist()
-    return {
-        "u": record.tick.u.tolist(), "requested": record.requested.u.tolist(), "speed_m_s": nu[0],
-        "yaw_rate_rad_s": nu[2], "degraded": shown(record.degraded),
-    }  # fmt: skip
-
-
-def body_of(file: VehicleFile, uno: Uno, wait: Callable[[float], object]) -> Body:
-    """Return the body of a vehicle file; configure its Uno for a drive and read its motors' settings."""
-    config = config_of(file.robot, uno.info)
-    uno.configure(config, wait)
-    ways = [AppliedWay(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
-    return Body(
-        getattr(file.vehicle.drivetrain, "mixing", "none"), file.geometry.wheel_radius_m, file.robot.counts_per_turn,
-        AppliedMotors(float(config.slew_permille_per_ms), tuple(ways)),
-    )  # fmt: skip
-
-
-def config_of(hardware: Hardware, info: Info | None) -> Config:
-    """Return the firmware's configuration by [robot]."""
-    fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
-    return Config(
-        dead_man_ms=round(1e3 * hardware.dead_man_s),
-        telemetry_ms=max(5, round(1e3 / hardware.telemetry_hz)),
-        slew_permille_per_ms=min(1000, max(1, round(hardware.slew_per_s))),
-        pwm_hz=round(min(hardware.pwm_hz, fastest)),
-        least_battery_mv=round(1e3 * hardware.least_battery_v),
-    )

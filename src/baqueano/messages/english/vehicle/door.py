@@ -51,6 +51,16 @@ TEMPLATES: dict[str, str] = {
     "remote.unreachable": "{host} cannot be reached: {cause}. To see why: {command}",
     "door.unknown-word": "{found} is not one of {known}",
     "door.no-run": "run {run} does not exist",
+    "door.full": "All {most} places at this vehicle are occupied. Close a page or a program that watches it.",
+    "door.too-long": (
+        "A line longer than {most_kb} kB can only be a mission, and one mission is read at a time. Send it again."
+    ),
+    "door.too-many": "{dropped} requests came too fast, and were dropped. Send fewer at a time.",
+    "door.many-fetches": "{most} runs are being sent already. Wait until one has arrived.",
+    "door.pace": "pace {found:g}: expected a factor from {slowest:g} to {fastest:g}",
+    "door.route-name": "{found} cannot be the name of a route. Use letters, digits and hyphens, as in lab-1.",
+    "door.no-route": "route {found} does not exist; stored are {known}. Teach it first.",
+    "door.not-a-number": "{name} = {found}: expected a number",
     "door.runs-already": "{path}: a service runs already on this vehicle. Type: {fix}",
     "ssh.host": (
         'HOST "{host}": expected the name of a vehicle that ssh reaches, which begins with a letter or a'

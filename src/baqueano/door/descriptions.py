@@ -1,0 +1,99 @@
+"""The vehicle, its route and its mission, in the words of the door."""
+
+import math
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.contracts.values import JsonObject
+from baqueano.drive.health import shown
+from baqueano.errors import BaqueanoError
+
+if TYPE_CHECKING:
+    from baqueano.drive.mission import Mission
+    from baqueano.guides.route import Route
+    from baqueano.loop import Record
+    from baqueano.vehicle_file.file import VehicleFile
+
+ROOMS = ("estimator", "guide", "controller")
+
+
+def vehicle_words(file: "VehicleFile", world: str, seed: int | None = None) -> JsonObject:
+    """Return what a page must know of a vehicle before its first picture. `world`: simulated or real."""
+    command, shape = file.command, file.geometry
+    round_m = None if shape.radius_m is None else 2.0 * shape.radius_m
+    names, limits = command.names, command.limit.tolist()
+    return {
+        "name": file.name, "world": world, "rate_hz": file.rate_hz, "seed": seed,
+        "footprint": {
+            "kind": "car" if round_m is None else "round",
+            "length_m": round_m or shape.length_m, "width_m": round_m or shape.width_m,
+        },
+        "command": [
+            {"name": n, "low": -high, "high": high, "unit": command.unit}
+            for n, high in zip(names, limits, strict=True)
+        ],
+        "blocks": {"model": type(file.vehicle).__name__} | {room: file.kind(room).__name__ for room in ROOMS},
+        "sensors": [
+            {
+                "name": name, "kind": str(file.data.get("sensors", {}).get(name, {}).get("kind", name)),
+                "channels": int(sensor.size), "rate_hz": float(sensor.rate_hz),
+            }
+            for name, sensor in file.sensors._asdict().items()
+        ],
+        "gains": gains_of(file),
+    }  # fmt: skip
+
+
+def gains_of(file: "VehicleFile") -> dict[str, float]:
+    """Return the numbers of the controller by their path, "controller.k_x"; none where the file lacks them."""
+    try:
+        controller = file.controller()
+    except BaqueanoError:
+        return {}
+    names = [one.name for one in fields(controller)] if is_dataclass(controller) else []
+    values = {name: getattr(controller, name) for name in names}
+    return {
+        f"controller.{name}": float(value)
+        for name, value in values.items()
+        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    }
+
+
+def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:
+    """Return the message of a drive's route; one without points where it has none."""
+    if route is None:
+        return {"is": "route", "x": [], "y": []}
+    x, y = route.eta[:, 0], route.eta[:, 1]
+    return {
+        "is": "route", "name": name, "closed": bool(route.closed), "laps": laps, "seconds": float(route.t_s[-1]),
+        "length_m": float(np.sum(np.hypot(np.diff(x), np.diff(y)))),
+        "x": np.round(x, 4).tolist(), "y": np.round(y, 4).tolist(),
+    }  # fmt: skip
+
+
+def mission_words(mission: "Mission | None", rate_hz: float = 1.0, t_s: float = 0.0) -> JsonObject:
+    """Return what the state says of a mission that is driven since `t_s`; null for what is not known."""
+    if mission is None:
+        return {"mission": None, "laps": None, "t_s": None, "left_s": None}
+    whole_s = None
+    if mission.u is not None:
+        whole_s = len(mission.u) / rate_hz
+    elif mission.route is not None:
+        laps = mission.laps if mission.kind == "repeat" and mission.route.closed else 1
+        whole_s = laps * float(mission.route.t_s[-1]) if laps else None
+    left_s = None if whole_s is None else round(max(0.0, whole_s - t_s), 2)
+    laps = mission.laps if mission.kind == "repeat" else None
+    return {"mission": mission.kind, "laps": laps, "t_s": round(t_s, 3), "left_s": left_s}
+
+
+def motion_words(record: "Record | None") -> JsonObject:
+    """Return the figures of a tick for the person who drives."""
+    if record is None:
+        return {}
+    nu = record.estimate.nu.tolist()
+    return {
+        "u": record.tick.u.tolist(), "requested": record.requested.u.tolist(), "speed_m_s": nu[0],
+        "yaw_rate_rad_s": nu[2], "degraded": shown(record.degraded),
+    }  # fmt: skip

@@ -1,0 +1,76 @@
+"""The runs in the folder of a service, for those at its door."""
+
+import base64
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from baqueano.diagnostics import fault
+from baqueano.door.guests import Guest
+from baqueano.errors import Invalid
+from baqueano.runs.folder import is_name
+
+CHUNK = 48 << 10  # bytes of a file in a line
+FRESH_S = 0.2  # the list of the runs is not made again so soon
+MOST_FETCHES = 8  # at a time
+WAIT_S = 0.01
+
+
+class RunFiles:
+    """The names of the runs, and their bytes. All of it belongs to the door's thread, which `ring` wakes."""
+
+    def __init__(self, folder: Path, ring: Callable[[], object]) -> None:
+        self.folder, self._ring = folder, ring
+        self._written: str | None = None  # the run that is being written
+        self._names: list[str] = []
+        self._looked_s = float("-inf")
+        self._fetches = threading.BoundedSemaphore(MOST_FETCHES)
+
+    def changed(self, written: str | None) -> None:
+        """Look again at the next request; the run of this name is being written."""
+        self._written, self._looked_s = written, float("-inf")
+
+    def names(self) -> list[str]:
+        """Return the runs that are whole, or will never be: not the one that is written just now."""
+        if time.monotonic() - self._looked_s > FRESH_S:
+            paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
+            self._names = sorted(name for name in paths if is_name(name) and name != self._written)
+            self._looked_s = time.monotonic()
+        return self._names
+
+    def fetch(self, guest: Guest, name: str, stays: Callable[[Guest], bool]) -> None:
+        """Send a run in pieces, the next when the one before has gone; the last has `left` 0, of an empty run too."""
+        path = self.folder / name
+        if not is_name(name) or path.is_symlink() or not path.is_file():
+            raise Invalid(fault("door.no-run", run=repr(name)))
+        if not self._fetches.acquire(blocking=False):
+            raise Invalid(fault("door.many-fetches", most=MOST_FETCHES))
+        try:
+            file = path.open("rb")
+        except OSError:
+            self._fetches.release()
+            raise
+
+        def pieces() -> None:
+            with file:
+                left, last = path.stat().st_size, False
+                while not last and stays(guest):
+                    if guest.waiting > 4 * CHUNK:
+                        time.sleep(WAIT_S)
+                        continue
+                    data = file.read(min(CHUNK, left))
+                    left = left - len(data) if data else 0
+                    last = left == 0
+                    guest.say(
+                        {"is": "file", "run": name, "data": base64.b64encode(data).decode(), "left": left}
+                    )
+                    self._ring()
+
+        def work() -> None:
+            try:
+                pieces()
+            finally:
+                self._fetches.release()
+
+        threading.Thread(target=work, name="fetch", daemon=True).start()

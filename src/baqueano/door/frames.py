@@ -1,0 +1,205 @@
+"""The ticks of a drive as rows of numbers, for those who watch it.
+
+The thread of the loop puts each record into a ring, which takes a microsecond; the thread of the door makes its row
+once, whoever watches, and only while somebody does. The channels are those of the vehicle's sensors, so that the
+columns do not depend on the blocks that drive. What a drive does not have is null.
+
+    model    ẑ = z − y,  y the innovation                                                                  (1)
+    nis      yᵀ S⁻¹ y / m over the m innovations that arrived                                              (2)
+    progress way s along the route, over all laps; cross: distance from it, positive to its left           (3)
+"""
+
+import threading
+from collections import deque
+from dataclasses import dataclass, field
+from itertools import count
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import JsonObject
+from baqueano.door.along_route import AlongRoute
+from baqueano.door.descriptions import route_words
+from baqueano.drive.health import normalised_square
+from baqueano.monitor.watching import innovations_of
+from baqueano.signals import NANOSECONDS, Motion, seconds
+from baqueano.vehicle_file.units import channel_unit
+
+if TYPE_CHECKING:
+    from baqueano.guides.route import Route
+    from baqueano.loop import Record
+    from baqueano.vehicle_file.file import VehicleFile
+
+RING = 1024  # ticks that are kept for those who watch slowly
+MOST_HZ = 50.0  # frames a second
+NAN = float("nan")
+DRIVES = count()
+
+ESTIMATE = (
+    ("eta.x", "m"), ("eta.y", "m"), ("eta.psi", "rad"),
+    ("P.xx", "m²"), ("P.xy", "m²"), ("P.yy", "m²"), ("P.psi", "rad²"),
+    ("nu.u", "m/s"), ("nu.v", "m/s"), ("nu.r", "rad/s"),
+    ("ref.x", "m"), ("ref.y", "m"), ("ref.psi", "rad"), ("ref.u", "m/s"),
+    ("truth.x", "m"), ("truth.y", "m"), ("truth.psi", "rad"),
+)  # fmt: skip
+KIND_OF = {"eta": "estimate", "P": "covariance", "nu": "velocity", "ref": "reference", "truth": "truth"}
+REST = (
+    ("nis", "1", "agreement"), ("progress", "m", "route"), ("cross", "m", "route"), ("battery", "V", "health"),
+    ("late_ms", "ms", "health"),
+)  # fmt: skip
+
+
+class Column(NamedTuple):
+    """One number of a row."""
+
+    name: str
+    unit: str
+    kind: str
+
+
+class Seen(NamedTuple):
+    """A tick with what its record does not hold."""
+
+    record: "Record"
+    truth: Motion | None
+    battery_v: float
+    late_ms: float
+
+
+def columns_of(file: "VehicleFile") -> list[Column]:
+    """Return the columns of a row of this vehicle."""
+    columns = [Column("t", "s", "time")]
+    columns += [Column(name, unit, KIND_OF[name.partition(".")[0]]) for name, unit in ESTIMATE]
+    for name, kind in (("u", "command"), ("asked", "asked")):
+        columns += [Column(f"{name}.{k}", file.command.unit, kind) for k in range(len(file.command.names))]
+    channels = [(name, k) for name in file.sensors._fields for k in range(getattr(file.sensors, name).size)]
+    for name, kind in (("z", "measurement"), ("model", "model"), ("innov", "innovation"), ("S", "deviation")):
+        columns += [
+            Column(f"{name}.{sensor}[{k}]", channel_unit(file, sensor, k), kind) for sensor, k in channels
+        ]
+    return [*columns, *(Column(*one) for one in REST)]
+
+
+@dataclass
+class DriveRows:
+    """The rows of one drive."""
+
+    file: "VehicleFile"
+    estimator: Any = None  # that drives
+    route: "Route | None" = None
+    ticks: deque[Seen] = field(default_factory=lambda: deque(maxlen=RING))  # not made into rows yet
+    looked: int = 0  # ticks that the loop has put there
+
+    def __post_init__(self) -> None:
+        self.number = next(DRIVES)
+        self.columns = columns_of(self.file)
+        self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING)  # t_ns, the numbers as text
+        self.made = 0  # rows since the drive's begin, those that nobody watched among them
+        sensors = self.file.sensors
+        self._sizes = [getattr(sensors, name).size for name in sensors._fields]
+        self._along = None if self.route is None else AlongRoute(self.route)
+        self._at: tuple[int, ...] | None = ()  # the channel of each innovation; () before the first
+
+    def make(self) -> None:
+        """Make the rows of the ticks that have come; the rows of ticks that the ring has lost do not exist."""
+        looked, fresh = self.looked, []
+        while self.ticks:
+            fresh.append(self.ticks.popleft())
+        first = max(self.made, looked - len(fresh))
+        if first > self.made:
+            self.rows.clear()
+        for seen in fresh:
+            self.rows.append((seen.record.tick.t_ns, _cells(self._row(seen))))
+        self.made = first + len(fresh)
+
+    def skip(self) -> None:
+        """Begin with the next tick: nobody has watched the others."""
+        self.ticks.clear()
+        self.rows.clear()
+        self.made = self.looked
+
+    def frame(self, shown: int, columns: tuple[int, ...] | None) -> bytes | None:
+        """Return the rows after the first `shown` ones as an encoded message; None where there is none."""
+        number = min(self.made - shown, len(self.rows))
+        if number <= 0:
+            return None
+        rows = [self.rows[k] for k in range(-number, 0)]
+        if columns is None:
+            texts = [",".join(cells) for _, cells in rows]
+        else:
+            texts = [",".join([cells[c] for c in columns]) for _, cells in rows]
+        head = f'{{"is":"frame","t_ns":{rows[0][0]},"n":{self.made - number},"x":[['
+        return (head + "],[".join(texts) + "]]}\n").encode()
+
+    def _row(self, seen: Seen) -> list[float]:
+        record = seen.record
+        tick, estimate, reference = record.tick, record.estimate, record.reference
+        eta, nu, cov = estimate.eta.tolist(), estimate.nu.tolist(), estimate.cov
+        truth = [NAN] * 3 if seen.truth is None else seen.truth.eta.tolist()
+        z = [x for slot in tick.sensors for x in (slot.z.tolist() if slot.has > 0.0 else [NAN] * len(slot.z))]
+        innovation, deviation, nis = self._innovations(record, len(z))
+        return [
+            seconds(tick.t_ns), *eta, float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]), float(cov[2, 2]), *nu,
+            *reference.eta.tolist(), float(reference.nu[0]), *truth, *tick.u.tolist(), *record.requested.u.tolist(),
+            *z, *(a - b for a, b in zip(z, innovation, strict=True)), *innovation, *deviation, nis,
+            *((NAN, NAN) if self._along is None else self._along.where(eta)), seen.battery_v, seen.late_ms,
+        ]  # fmt: skip
+
+    def _innovations(self, record: "Record", channels: int) -> tuple[list[float], list[float], float]:
+        """Return the innovation of each channel, its standard deviation, and the NIS.  (2)"""
+        y, S = record.estimate.innovation, record.estimate.innovation_cov
+        innovation, deviation = [NAN] * channels, [NAN] * channels
+        if y is None or S is None:
+            return innovation, deviation, NAN
+        if self._at == ():
+            self._at = innovations_of(self.estimator, self.file.sensors, len(y))
+        values, spread = y.tolist(), np.sqrt(np.maximum(np.diagonal(S), 0.0)).tolist()
+        for k, c in enumerate(self._at or ()):
+            innovation[c], deviation[c] = values[k], spread[k]
+        try:
+            nis = normalised_square(values, S.tolist())
+        except ZeroDivisionError:
+            nis = None
+        return innovation, deviation, NAN if nis is None else nis
+
+
+def _cells(row: list[float]) -> list[str]:
+    """Return the numbers as JSON, seven digits of each: a day in hundredths of a second."""
+    return [f"{x:.7g}" if x - x == 0.0 else "null" for x in row]
+
+
+class Frames:
+    """The drive that goes on, or the last one. `begin` and `look` are the loop's, the rest the door's."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._drive: DriveRows | None = None
+        self._words: list[JsonObject] = []
+
+    def begin(
+        self, file: "VehicleFile", vehicle: JsonObject, estimator: Any = None, route: "Route | None" = None,
+        route_message: JsonObject | None = None,
+    ) -> None:  # fmt: skip
+        """A drive begins, or is expected; `vehicle` and `route_message` are told of it (descriptions.py)."""
+        drive = DriveRows(file, estimator, route)
+        fields: JsonObject = {
+            "is": "fields", "names": [c.name for c in drive.columns], "units": [c.unit for c in drive.columns],
+            "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / file.rate_hz),
+        }  # fmt: skip
+        words = [{"is": "vehicle", **vehicle}, fields, route_message or route_words(None)]
+        with self._lock:
+            self._drive, self._words = drive, words
+
+    def look(
+        self, record: "Record", truth: Motion | None = None, battery_v: float = NAN, late_ms: float = NAN
+    ) -> None:
+        """Take a tick; never waits."""
+        if (drive := self._drive) is not None:
+            drive.ticks.append(Seen(record, truth, battery_v, late_ms))
+            drive.looked += 1
+
+    def drive(self) -> tuple[DriveRows | None, list[JsonObject]]:
+        """Return the rows of the drive that goes on, or of the last one, and what one who watches must know before its
+        first frame; None before the first drive."""
+        with self._lock:
+            return self._drive, self._words

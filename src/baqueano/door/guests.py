@@ -1,0 +1,118 @@
+"""One connection to the door: bytes that come, cut into lines, and bytes that go, as whole messages in their order.
+
+lines     at most BACKLOG wait to be answered; those that come meanwhile are dropped, a stop among them never     (1)
+messages  at most PENDING bytes wait; one who lets more wait is let go                                            (2)
+frame     one waits, the newest: it takes the place of one that nobody has read                                   (3)
+"""
+
+import re
+import socket
+import threading
+from collections import deque
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from baqueano.door.wire import encoded
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+LONG = 64 << 10  # bytes of a line that can only be a mission
+LONGEST = 64 << 20  # bytes of a line: an hour of commands
+PENDING = 1 << 20  # bytes that wait for one who does not read
+PIECE = 64 << 10  # bytes that are read at a time
+BACKLOG = 256  # lines
+STOP = re.compile(rb'"do"\s*:\s*"stop"')  # what is a stop holds this; what holds this is read at once
+
+
+class Guest:
+    """A connection. Its lines belong to the door's thread; `say` to any."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self.line = line
+        self.lines: deque[bytes] = deque()
+        self.dropped = 0  # lines since one was answered
+        self.columns: tuple[int, ...] | None = None  # of the frames that it asked for; None: all
+        self.names: tuple[str, ...] | None = None  # the same by name
+        self.hz, self.turn = 0.0, 0  # frames a second; the last one's number in the time of the door
+        self.drive, self.shown = -1, 0  # the drive that it knows; rows of it that it had
+        self._coming = bytearray()  # the begin of a line
+        self._backlog = 0  # bytes of the lines that wait
+        self._going: deque[bytes] = deque()
+        self._sent, self._waiting = 0, 0  # bytes of the first message that has gone; bytes of all
+        self._lock = threading.Lock()
+
+    @property
+    def coming(self) -> int:
+        """Return the bytes of a line that has no end yet."""
+        return len(self._coming)
+
+    @property
+    def asleep(self) -> bool:
+        """Return True if too much waits for it.  (2)"""
+        return self._waiting > PENDING
+
+    @property
+    def waiting(self) -> int:
+        """Return the bytes that wait for it."""
+        return self._waiting
+
+    @property
+    def owed(self) -> bool:
+        """Return True if something waits for it.  (3)"""
+        return bool(self._going)
+
+    def say(self, message: "JsonObject") -> None:
+        """Put a message behind those that wait."""
+        self.send_line(encoded(message))
+
+    def send_line(self, line: bytes) -> None:
+        """Put an encoded message behind those that wait."""
+        with self._lock:
+            self._going.append(line)
+            self._waiting += len(line)
+
+    def receive(self) -> Iterator[bytes]:
+        """Yield the stops among the lines that have come; the others wait in `lines`.  (1)
+
+        OSError where the connection is over.
+        """
+        try:
+            data = self.line.recv(PIECE)
+        except BlockingIOError:
+            return
+        if not data:
+            raise ConnectionResetError
+        first, *others = data.split(b"\n")
+        self._coming += first
+        if not others:
+            return
+        whole, rest = [bytes(self._coming), *others[:-1]], others[-1]
+        self._coming = bytearray(rest)
+        for line in whole:
+            if STOP.search(line):
+                yield line
+            elif len(self.lines) < BACKLOG and (self._backlog < LONG or not self.lines):
+                self.lines.append(line)
+                self._backlog += len(line)
+            else:
+                self.dropped += 1
+
+    def next(self) -> bytes:
+        """Return the line that waits longest."""
+        line = self.lines.popleft()
+        self._backlog -= len(line)
+        return line
+
+    def send(self) -> None:
+        """Send what waits, as much as the line takes; OSError where the connection is over."""
+        with self._lock:
+            while self._going:
+                first = self._going[0]
+                try:
+                    self._sent += self.line.send(memoryview(first)[self._sent :])
+                except BlockingIOError:
+                    return
+                if self._sent >= len(first):
+                    self._going.popleft()
+                    self._waiting, self._sent = self._waiting - len(first), 0

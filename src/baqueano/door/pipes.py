@@ -1,0 +1,40 @@
+"""A pair of pipes joined to a socket: the ends of ssh, or those of a parent process, on Windows too."""
+
+import os
+import socket
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from baqueano.door.remote import nobody_there
+from baqueano.errors import RobotUnreachable
+
+PIECE = 1 << 16
+
+
+def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
+    """Join a pair of pipes to the socket of the service until one side ends."""
+    line = socket.socket(socket.AF_UNIX)
+    try:
+        line.connect(str(path))
+    except OSError as error:
+        raise RobotUnreachable(nobody_there(path, error)) from error
+    join(line, coming, going)
+
+
+def join(line: socket.socket, coming: BinaryIO, going: BinaryIO) -> None:
+    """Forward the bytes of both ways until one side ends."""
+
+    def back() -> None:
+        with suppress(OSError, ValueError):
+            while data := line.recv(PIECE):
+                going.write(data)
+                going.flush()
+
+    backwards = threading.Thread(target=back, name="pipe", daemon=True)
+    backwards.start()
+    with line, suppress(OSError):
+        while data := os.read(coming.fileno(), PIECE):
+            line.sendall(data)
+        line.shutdown(socket.SHUT_RDWR)

@@ -1,0 +1,75 @@
+"""`python -m baqueano.door.simulated VEHICLE`: the words of the door on stdin and stdout, or at a socket.
+
+It ends with its stdin, so that it never outlives the process that started it.
+"""
+
+import argparse
+import os
+import signal
+import socket
+import sys
+import threading
+from pathlib import Path
+
+from baqueano.door.pipes import join
+from baqueano.door.simulated.missions import StoredRoutes
+from baqueano.door.simulated.pace import Pace
+from baqueano.door.simulated.service import SimulatedService
+from baqueano.door.sockets import Door
+from baqueano.errors import BaqueanoError
+from baqueano.vehicle_file import load
+
+
+def main(words: list[str] | None = None) -> int:
+    """Run the service; its exit code."""
+    asked = _parser().parse_args(words)
+    try:
+        file = load(asked.vehicle)
+        truth = file if asked.truth is None else load(asked.truth)
+        pace = Pace(asked.pace)
+    except BaqueanoError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    asked.runs.mkdir(parents=True, exist_ok=True)
+    routes = StoredRoutes(asked.routes)
+    service = SimulatedService(file, truth, asked.runs, routes, asked.seed, asked.backend, pace=pace)
+    door = Door(asked.socket, service.operator, asked.runs, service.words())
+    service.tell, service.frames = door.tell, door.frames
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked, and ends this process by its stdin
+    signal.signal(signal.SIGTERM, lambda number, frame: service.end())
+    if asked.socket is None:
+        _on_pipes(door, service)
+    service.run()
+    door.close()
+    return 0
+
+
+def _on_pipes(door: Door, service: SimulatedService) -> None:
+    """Join stdin and stdout to the door; what blocks print goes to stderr."""
+    coming, going = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    ours, theirs = socket.socketpair()
+    door.welcome(theirs)
+
+    def forward() -> None:
+        join(ours, coming, going)
+        service.end()
+
+    threading.Thread(target=forward, name="pipes", daemon=True).start()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m baqueano.door.simulated", description=__doc__)
+    parser.add_argument("vehicle", help="a vehicle file, or one of the garage")
+    parser.add_argument("--truth", help="the vehicle file of the simulated body, if it is another one")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise of the first drive")
+    parser.add_argument("--pace", type=float, default=1.0, help="simulated seconds in a second")
+    parser.add_argument("--runs", type=Path, default=Path("runs"), help="the folder of the runs")
+    parser.add_argument("--routes", type=Path, default=Path("routes"), help="the folder of the routes")
+    parser.add_argument("--backend", default="auto", help="how blocks are computed")
+    parser.add_argument("--socket", type=Path, help="the socket at which it listens in place of the pipes")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

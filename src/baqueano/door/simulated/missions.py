@@ -1,0 +1,148 @@
+"""Missions by name, as a page asks for them: a kind, a shape or a stored route, and numbers. No path comes from there.
+
+    {kind: "teach", name, shape, size_m, speed_m_s, closed}     without a shape by hand
+    {kind: "repeat", route, laps}
+    {kind: "experiment", signal, seconds}
+    {kind: "drive"}, {kind: "first drive"}
+
+A whole mission in JSON, as the laptop sends it to a robot, brings its own vehicle file and its own blocks.
+"""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import fault
+from baqueano.drive.mission import Mission, unpacked
+from baqueano.errors import FileError, UsageError
+from baqueano.guides.shapes import shape
+from baqueano.runs.folder import plain_label
+from baqueano.runs.route_file import read_route
+
+if TYPE_CHECKING:
+    from baqueano.guides.route import Route
+    from baqueano.vehicle_file.file import VehicleFile
+
+SIZE_M, SPEED_M_S = 1.0, 0.25  # of a shape
+SECONDS = 60.0  # of an experiment
+MOST_SECONDS = 3600.0
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A mission, the vehicle file that drives it, and what becomes of it."""
+
+    mission: Mission
+    file: "VehicleFile"
+    name: str = ""  # of its route
+    keep: str = ""  # the name under which a lesson's route is stored
+    closed: bool | None = None  # whether that route is closed; None: where the drive came back to its begin
+    seed: int | None = None
+
+    @property
+    def start(self) -> np.ndarray:
+        """Return the pose (3,) at which it begins."""
+        return np.zeros(3) if self.mission.route is None else self.mission.route.eta[0]
+
+
+@contextmanager
+def planned(asked: str, file: "VehicleFile", routes: "StoredRoutes", seed: int) -> Iterator[Plan]:
+    """The plan of a mission in JSON, whole or by name; UsageError, FileError where it is none."""
+    try:
+        said = json.loads(asked)
+        whole = "format" in said
+        seed = int(said.get("seed", seed))
+        kind = str(said["kind"])
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
+    if not whole:
+        yield _named(kind, said, file, routes, seed)
+        return
+    mission = Mission.of_json(asked)
+    with TemporaryDirectory(prefix="baqueano-") as folder:
+        yield Plan(mission, unpacked(mission, Path(folder)), seed=seed)
+
+
+class StoredRoutes:
+    """The routes in a folder, by name."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def path(self, name: str) -> Path:
+        """Return the file of this name; FileError for what is no plain name."""
+        if not name or plain_label(name) != name:
+            raise FileError(fault("door.route-name", found=repr(name)))
+        return self.folder / f"{name}.csv"
+
+    def read(self, name: str) -> "Route":
+        """Return the stored route; FileError where there is none of this name."""
+        if not (path := self.path(name)).is_file():
+            raise FileError(fault("door.no-route", found=repr(name), known=[*self.names()]))
+        return read_route(path)
+
+    def names(self) -> list[str]:
+        """Return the names of all."""
+        return sorted(path.stem for path in self.folder.glob("*.csv") if plain_label(path.stem) == path.stem)
+
+    def rows(self) -> list[JsonObject]:
+        """Return a row for each that can be read."""
+        rows: list[JsonObject] = []
+        for name in self.names():
+            try:
+                route = self.read(name)
+            except FileError:
+                continue
+            length_m = float(np.sum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
+            seconds = float(route.t_s[-1])
+            rows.append(
+                {"name": name, "closed": bool(route.closed), "length_m": length_m, "seconds": seconds}
+            )
+        return rows
+
+
+def _named(kind: str, said: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int) -> Plan:
+    match kind:
+        case "teach":
+            keep = str(said.get("name") or "lesson")
+            routes.path(keep)  # a wrong name is refused before anything moves
+            if (drawn := said.get("shape")) is None:
+                closed = said.get("closed")
+                return Plan(
+                    Mission("teach"),
+                    file,
+                    keep=keep,
+                    closed=None if closed is None else bool(closed),
+                    seed=seed,
+                )
+            route = shape(str(drawn), _number(said, "size_m", SIZE_M), _number(said, "speed_m_s", SPEED_M_S))
+            return Plan(Mission("teach", route=route), file, keep, keep, bool(route.closed), seed)
+        case "repeat":
+            name = str(said.get("route", ""))
+            laps = max(0, round(_number(said, "laps", 1)))
+            return Plan(Mission("repeat", route=routes.read(name), laps=laps), file, name, seed=seed)
+        case "experiment":
+            from baqueano.identify.design.signals import excitation
+
+            length_s = min(_number(said, "seconds", SECONDS), MOST_SECONDS)
+            signal = str(said.get("signal", "random_steps")).replace("-", "_")
+            u = excitation(signal, file.command.limit, length_s, file.rate_hz, seed)
+            return Plan(Mission("experiment", u=u), file, seed=seed)
+    return Plan(Mission(kind), file, seed=seed)
+
+
+def _number(said: JsonObject, name: str, usual: float) -> float:
+    try:
+        value = float(said.get(name, usual))
+    except (TypeError, ValueError):
+        value = float("nan")
+    if not np.isfinite(value):
+        raise UsageError(fault("door.not-a-number", name=name, found=repr(said.get(name))))
+    return value

@@ -1,0 +1,65 @@
+"""Ticks of a simulated drive in the time of the wall, at a pace that may change, and stand still.
+
+    due_{k+1} = due_k + 1/(f · pace)                                                                       (1)
+
+A tick is never left out: where the computer is too slow for the pace by BEHIND_S, simulated time stretches.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
+from baqueano.signals import NANOSECONDS
+
+BEHIND_S = 0.1
+STANDING_S = 0.01  # between two looks while time stands
+SLOWEST, FASTEST = 0.05, 50.0
+
+
+class Pace:
+    """The pace of all drives of a service. `ticks` is one drive's clock; the rest may be called from any thread."""
+
+    def __init__(
+        self,
+        factor: float = 1.0,
+        now_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
+        self._now_s, self._sleep = now_s, sleep
+        self.paused, self.late_ms = False, 0.0
+        self._more = 0  # ticks until time stands again
+        self.set(factor)
+
+    def set(self, factor: float) -> None:
+        """Let simulated time pass `factor` times as fast. ValueError outside [SLOWEST, FASTEST]."""
+        if not SLOWEST <= factor <= FASTEST:
+            raise Invalid(fault("door.pace", found=factor, slowest=SLOWEST, fastest=FASTEST))
+        self.factor = float(factor)
+
+    def pause(self) -> None:
+        """Let time stand."""
+        self.paused, self._more = True, 0
+
+    def go(self, ticks: int = 0) -> None:
+        """Let time pass; for so many ticks, then it stands again."""
+        self._more, self.paused = max(0, ticks), ticks > 0
+
+    def ticks(self, rate_hz: float, wanted: Callable[[], bool]) -> Iterator[int]:
+        """Yield the times of the ticks [ns]. While `wanted` is true time passes though it is paused: a stop is driven
+        to its end.  (1)"""
+        k, due_s = 0, self._now_s()
+        while True:
+            while self.paused and not self._more and not wanted():
+                self._sleep(STANDING_S)
+                due_s = self._now_s()
+            self._more = max(0, self._more - 1)
+            due_s += 1.0 / (rate_hz * self.factor)
+            early_s = due_s - self._now_s()
+            if early_s > 0.0:
+                self._sleep(early_s)
+            self.late_ms = 1e3 * max(0.0, self._now_s() - due_s)
+            if early_s < -BEHIND_S:
+                due_s = self._now_s()
+            k += 1
+            yield round(k * NANOSECONDS / rate_hz)

@@ -1,0 +1,245 @@
+"""The service of a simulated vehicle: what robot/service is, with a simulation in place of the hardware.
+
+    idle       a mission that waits begins when the vehicle is READY
+    mission    the loop of loop.py in the time of the wall, at a pace (pace.py), into a run on disk
+
+It hears the words of the door, and those of a simulation: pause, go {ticks}, pace {factor}, routes.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.door.descriptions import mission_words, motion_words, route_words, vehicle_words
+from baqueano.door.frames import Frames
+from baqueano.door.operator import STOP, Operator
+from baqueano.door.outcome import outcome_of
+from baqueano.door.simulated.missions import Plan, StoredRoutes, planned
+from baqueano.door.simulated.pace import Pace
+from baqueano.door.sockets import Words
+from baqueano.door.states import DoorState, Machine
+from baqueano.drive.mission import perform
+from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.verbs import CLOSE_M, CLOSE_RAD, route_of
+from baqueano.errors import BaqueanoError, FileError, SafetyStop
+from baqueano.guides.route import end_gap
+from baqueano.loop import Blocks, Record
+from baqueano.messages import templates
+from baqueano.runs import read_run
+from baqueano.runs.folder import claim, release
+from baqueano.runs.route_file import write_route
+from baqueano.signals import seconds
+from baqueano.worlds import Simulated
+
+if TYPE_CHECKING:
+    from baqueano.door.guests import Guest
+    from baqueano.vehicle_file.file import VehicleFile
+
+IDLE_S, TELL_S = 0.02, 0.2
+LOOP = 4.0  # a lesson that is so many times longer than CLOSE_M, and came back, went round
+
+
+@dataclass
+class SimulatedService:
+    """The vehicle of `file` in the body of `truth`. `tell` sends a message to everybody who listens."""
+
+    file: "VehicleFile"
+    truth: "VehicleFile"
+    folder: Path  # of the runs
+    routes: StoredRoutes
+    seed: int = 0  # of the first drive; the next has the next one
+    backend: str = "auto"
+    operator: Operator = field(default_factory=Operator)
+    pace: Pace = field(default_factory=Pace)
+    tell: Callable[[JsonObject], None] = lambda message: None
+    frames: Frames = field(default_factory=Frames)
+
+    def __post_init__(self) -> None:
+        templates()
+        self.machine, self.done = Machine(), threading.Event()
+        self._drives = 0
+        self._plan: Plan | None = None
+        self._run: str | None = None  # that is written just now
+        self._seen: Record | None = None
+        self._told_s = float("-inf")
+
+    def words(self) -> Words:
+        """Return the words that the door does not know by itself."""
+        return {
+            "pause": lambda guest, said: self._while_holding(guest, self.pace.pause),
+            "go": lambda guest, said: self._while_holding(guest, lambda: self.pace.go(int(said.get("ticks", 0)))),
+            "pace": lambda guest, said: self._while_holding(guest, lambda: self.pace.set(float(said["factor"]))),
+            "routes": lambda guest, said: guest.say({"is": "routes", "routes": self.routes.rows()}),
+        }  # fmt: skip
+
+    def run(self) -> None:
+        """Run until `done`."""
+        self.frames.begin(self.file, vehicle_words(self.file, "simulated", self.seed))
+        while not self.done.is_set():
+            self.idle()
+            waiting = self.operator.next()
+            if waiting is not None:
+                self.take(*waiting)
+            else:
+                time.sleep(IDLE_S)
+
+    def idle(self) -> None:
+        """Look at stops and their end while nothing drives."""
+        machine = self.machine
+        cleared, self.operator.clear_asked = self.operator.clear_asked, False
+        if (stopped := self.operator.why(attended=False)) is not None:
+            self.operator.forget(stopped)
+            machine.go("stop", stopped)
+        elif cleared and machine.state is DoorState.STOPPED:
+            machine.go("clear", stop(StopReason.CHECKED_AGAIN))
+        elif machine.state is DoorState.DISARMED:
+            machine.go("ready")
+        self.publish()
+
+    def take(self, asked: str, attended: bool, name: str = "") -> None:
+        """Drive a mission, and tell how the one of this name ended; nothing that is wrong with it ends the service."""
+        self._drives += 1
+        done: JsonObject = {"is": "done", "id": name, "run": None}
+        why, code = outcome_of(lambda: self._taken(asked, attended, done))
+        self._plan = self._seen = self._run = None
+        self.publish(at_once=True)
+        self.operator.free()
+        self.tell({"why": why, "code": code} | done)
+
+    def _taken(self, asked: str, attended: bool, done: JsonObject) -> None:
+        """Drive a mission as far as it comes; `done` is told of it then."""
+        with planned(asked, self.file, self.routes, self.seed + self._drives - 1) as plan:
+            path = claim(self.folder, plan.mission.kind)
+            try:
+                by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
+                self.machine.go("manual" if by_hand else "mission")
+                self._plan, self._run = plan, path.name
+                self.publish(at_once=True)
+                why, code = outcome_of(lambda: self._driven(plan, attended, path))
+                meant = why is None or code or self.operator.done
+                late = self.operator.why(
+                    attended=False
+                )  # said while the drive was prepared, or its run closed
+                stopped = late if meant else why
+                self.machine.go("done" if stopped is None else "stop", stopped)
+                self.operator.forget(stopped)
+                done |= {"run": path.name if path.exists() else None, "why": why, "code": code}
+                if plan.keep and stopped is None and not code and path.exists():
+                    done |= self._kept(plan, path)
+            finally:
+                release(path)
+
+    def _driven(self, plan: Plan, attended: bool, path: Path) -> Diagnostic | None:
+        """Return why the vehicle was stopped, None if nothing stopped it."""
+        truth, start = self.truth, plan.start
+        seed = self.seed if plan.seed is None else plan.seed
+        world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend)
+        self.operator.marked()  # those of before this drive
+        watching = _Watching(self, plan, world, attended)
+        try:
+            perform(
+                plan.mission, plan.file, hand=lambda: self.operator.command(world.commands), world=world,
+                live=True, path=path, ticking=self._ticks(plan, attended), observers=(watching,), eta=start,
+                seed=seed, backend=self.backend,
+            )  # fmt: skip
+        except FileError as error:
+            if not watching.over:  # nothing has been driven
+                raise
+            self.event("error", error.diagnostic)
+        return watching.stopped
+
+    def _ticks(self, plan: Plan, attended: bool) -> Iterator[int]:
+        def wanted() -> bool:
+            return self.operator.done or self.operator.why(attended) is not None
+
+        for t_ns in self.pace.ticks(plan.file.rate_hz, wanted):
+            if self.operator.done:
+                raise KeyboardInterrupt
+            yield t_ns
+            self.publish()
+
+    def _kept(self, plan: Plan, path: Path) -> JsonObject:
+        """Store the route of a lesson; its name, or why there is none."""
+        try:
+            run = read_run(path)
+            route, closed = route_of(run), plan.closed
+            if closed is None:
+                gap_m, gap_rad = end_gap(route)
+                length_m = float(np.sum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
+                closed = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD and length_m > LOOP * CLOSE_M
+            write_route(route_of(run, True) if closed else route, self.routes.path(plan.keep))
+        except BaqueanoError as error:
+            return {"why": error.diagnostic, "code": error.exit_code}
+        return {"route": plan.keep}
+
+    def event(self, level: str, what: Diagnostic) -> None:
+        """Tell what happened."""
+        self.tell({"is": "event", "level": level, "said": what})
+
+    def publish(self, at_once: bool = False) -> None:
+        """Tell the state, TELL_S after the last time or at once."""
+        now_s = time.monotonic()
+        if not at_once and now_s - self._told_s < TELL_S:
+            return
+        self._told_s, plan, seen = now_s, self._plan, self._seen
+        t_s = 0.0 if seen is None else float(seconds(seen.tick.t_ns))
+        mission = mission_words(None) if plan is None else mission_words(plan.mission, plan.file.rate_hz, t_s)
+        self.tell(
+            {
+                "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
+                "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
+                "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
+                **mission, **motion_words(seen),
+            }
+        )  # fmt: skip
+
+    def end(self) -> None:
+        """Stop the vehicle, and end the service. From any thread, or a signal."""
+        self.operator.stop(stop(StopReason.SERVICE_ENDED))
+        self.done.set()
+
+    def _while_holding(self, guest: "Guest", act: Callable[[], object]) -> None:
+        """`act`, of the holder, or of anybody while nothing drives."""
+        if self.operator.taken and not self.operator.holds(guest):
+            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
+        act()
+        self.publish(at_once=True)
+
+
+class _Watching(Observer):
+    """The observer of a drive for the service."""
+
+    def __init__(self, service: SimulatedService, plan: Plan, world: Simulated, attended: bool) -> None:
+        self._service, self._plan, self._world, self._attended = service, plan, world, attended
+        self.over = False
+        self.stopped: Diagnostic | None = None
+
+    def begin(self, blocks: Blocks) -> None:
+        plan = self._plan
+        vehicle = vehicle_words(plan.file, "simulated", plan.seed)
+        words = route_words(plan.mission.route, plan.name, plan.mission.laps)
+        self._service.frames.begin(plan.file, vehicle, blocks.estimator, plan.mission.route, words)
+
+    def why(self, t_ns: int) -> Diagnostic | None:
+        return self._service.operator.why(self._attended)
+
+    def marked(self) -> int:
+        return self._service.operator.marked()
+
+    def look(self, record: Record) -> None:
+        self._service._seen = record
+        self._service.frames.look(record, self._world.truth, late_ms=self._service.pace.late_ms)
+
+    def unlogged(self, what: Diagnostic) -> None:
+        self._service.event("error", what)
+
+    def ended(self, why: Diagnostic | None) -> list[LastLine]:
+        self.over, self.stopped = True, why
+        return []

@@ -1,0 +1,36 @@
+"""From a vehicle file to the firmware's configuration and the body that the world reads."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
+from baqueano.worlds.applied import AppliedMotors, AppliedWay
+from baqueano.worlds.robot import Body
+
+if TYPE_CHECKING:
+    from baqueano.robot.uno.link import Uno
+    from baqueano.vehicle_file.file import VehicleFile
+    from baqueano.vehicle_file.head import Hardware
+
+
+def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
+    """Return the body of a vehicle file; configure its Uno for a drive and read its motors' settings."""
+    config = config_of(file.robot, uno.info)
+    uno.configure(config, wait)
+    ways = [AppliedWay(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
+    return Body(
+        getattr(file.vehicle.drivetrain, "mixing", "none"), file.geometry.wheel_radius_m, file.robot.counts_per_turn,
+        AppliedMotors(float(config.slew_permille_per_ms), tuple(ways)),
+    )  # fmt: skip
+
+
+def config_of(hardware: "Hardware", info: Info | None) -> Config:
+    """Return the firmware's configuration by [robot]."""
+    fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
+    return Config(
+        dead_man_ms=round(1e3 * hardware.dead_man_s),
+        telemetry_ms=max(5, round(1e3 / hardware.telemetry_hz)),
+        slew_permille_per_ms=min(1000, max(1, round(hardware.slew_per_s))),
+        pwm_hz=round(min(hardware.pwm_hz, fastest)),
+        least_battery_mv=round(1e3 * hardware.least_battery_v),
+    )

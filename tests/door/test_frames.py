@@ -1,0 +1,212 @@
+"""Frames: each tick once and in order, encoded once for all; what nobody reads is replaced."""
+
+import json
+import socket
+
+import numpy as np
+import pytest
+
+from baqueano.door import sockets
+from baqueano.door.along_route import AlongRoute
+from baqueano.door.descriptions import vehicle_words
+from baqueano.door.frames import RING, DriveRows, Frames
+from baqueano.door.operator import Operator
+from baqueano.door.sockets import Door
+from baqueano.drive import experiment
+from baqueano.drive.health import normalised_square
+from baqueano.drive.observers import Observer
+from baqueano.guides import shapes
+from baqueano.vehicle_file import load
+from tests.door.test_sockets import Person, until
+
+
+class Listening(Observer):
+    """Keeps the records of a drive, and the estimator."""
+
+    def __init__(self):
+        self.records = []
+
+    def begin(self, blocks):
+        self.estimator = blocks.estimator
+
+    def look(self, record):
+        self.records.append(record)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    file, listening = load("small"), Listening()
+    u = np.tile([0.5, 0.0, 0.2], (60, 1))
+    run = experiment(file, u, observers=(listening,))
+    return file, listening, run
+
+
+@pytest.fixture
+def door(tmp_path):
+    door = Door(tmp_path / "s", Operator(), tmp_path)
+    yield door
+    door.close()
+
+
+def rows_of(drive, shown=0, columns=None):
+    return json.loads(drive.frame(shown, columns))
+
+
+def test_a_row_holds_the_numbers_of_its_tick(driven):
+    file, listening, run = driven
+    drive = DriveRows(file, listening.estimator)
+    frames = Frames()
+    frames._drive = drive
+    for record in listening.records:
+        frames.look(record, battery_v=7.4)
+    drive.make()
+    frame = rows_of(drive)
+    assert (frame["n"], len(frame["x"])) == (0, len(run.t_ns))
+    names = [column.name for column in drive.columns]
+    row = dict(zip(names, frame["x"][-1], strict=True))
+    log = run.estimate
+    for name, value in {
+        "t": run.t_ns[-1] * 1e-9, "eta.x": log.eta[-1, 0], "eta.psi": log.eta[-1, 2], "P.xy": log.cov[-1, 0, 1],
+        "nu.u": log.nu[-1, 0], "u.0": run.applied[-1, 0], "asked.2": run.requested[-1, 2],
+        "z.imu[2]": run.sensors["imu"].z[-1, 2], "innov.imu[1]": log.innovation[-1, 1],
+        "S.imu[0]": np.sqrt(log.innovation_cov[-1, 0, 0]), "battery": 7.4,
+        "model.imu[2]": run.sensors["imu"].z[-1, 2] - log.innovation[-1, 2],
+        "nis": normalised_square(log.innovation[-1].tolist(), log.innovation_cov[-1].tolist()),
+    }.items():  # fmt: skip
+        assert row[name] == pytest.approx(value, rel=1e-6), name
+    assert row["truth.x"] is None
+    assert row["progress"] is None
+
+
+def test_ticks_come_once_and_in_order_whatever_the_turns_of_the_door(driven):
+    file, listening, _ = driven
+    drive, frames, shown, seen = DriveRows(file), Frames(), 0, []
+    frames._drive = drive
+    rng = np.random.default_rng(0)
+    for record in listening.records:
+        frames.look(record)
+        if rng.random() < 0.3:
+            drive.make()
+            if (line := drive.frame(shown, (0,))) is not None:
+                seen += json.loads(line)["x"]
+            shown = drive.made
+    drive.make()
+    seen += rows_of(drive, shown, (0,))["x"] if drive.made > shown else []
+    np.testing.assert_allclose(np.ravel(seen), [r.tick.t_ns * 1e-9 for r in listening.records], rtol=1e-6)
+
+
+def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(driven):
+    file, listening, _ = driven
+    drive, frames = DriveRows(file), Frames()
+    frames._drive = drive
+    for k in range(3 * RING):
+        frames.look(listening.records[k % len(listening.records)])
+    drive.make()
+    frame = rows_of(drive)
+    assert frame["n"] + len(frame["x"]) == drive.made == 3 * RING
+    assert len(frame["x"]) <= RING
+
+
+def test_progress_grows_over_all_laps_and_an_eights_crossing_is_no_short_cut():
+    for route, laps in ((shapes.circle(0.5, 0.3), 3), (shapes.eight(0.5, 0.3), 2)):
+        along, found = AlongRoute(route), []
+        for _ in range(laps):
+            for x, y in route.eta[::10, :2]:
+                found.append(along.where([x, y + 0.0]))
+        s, cross = np.array(found).T
+        assert np.all(np.diff(s) > -1e-9)
+        assert s[-1] == pytest.approx(laps * along.length_m, rel=0.02)
+        np.testing.assert_allclose(cross, 0.0, atol=1e-6)
+    left = AlongRoute(shapes.circle(0.5, 0.3)).where([0.0, 0.02])
+    assert left[1] == pytest.approx(0.02, rel=0.01)
+
+
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
+    file, listening, _ = driven
+    door.frames.begin(file, vehicle_words(file, "simulated"), listening.estimator)
+    sleeper, healthy = Person(door.path), Person(door.path)
+    for one in (sleeper, healthy):
+        one.say(do="watch", hz=50)
+    until(lambda: sum(guest.hz > 0 for guest in door._guests) == 2)
+    count, most = 0, 0
+    for _ in range(150):
+        for record in listening.records[:40]:
+            door.frames.look(record)
+        while count < door.frames.drive()[0].looked:
+            said = healthy.hear()
+            count = said["n"] + len(said["x"]) if said["is"] == "frame" else count
+        most = max(most, *(guest.waiting for guest in door._guests))
+    assert most < 2 * RING * 400  # of 6,000 rows of 300 bytes
+    assert len(door._guests) == 2
+    ends = []
+    while not ends or ends[-1] < count:
+        said = sleeper.hear()
+        if said["is"] == "frame":
+            assert said["n"] >= (ends[-1] if ends else 0)
+            ends.append(said["n"] + len(said["x"]))
+    assert len(ends) < 100
+    for one in (sleeper, healthy):
+        one.close()
+
+
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+def test_who_watches_hears_the_vehicle_the_columns_and_then_every_tick(door, driven):
+    file, listening, _ = driven
+    door.frames.begin(file, vehicle_words(file, "simulated"), listening.estimator)
+    person, other = Person(door.path), Person(door.path)
+    person.say(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
+    other.say(do="watch", hz=5)
+    said = [person.hear() for _ in range(3)]
+    assert [m["is"] for m in said] == ["vehicle", "fields", "route"]
+    assert said[1]["names"] == ["t", "eta.x"]
+    assert said[1]["units"] == ["s", "m"]
+    assert [other.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
+    for record in listening.records:
+        door.frames.look(record)
+    for one, width in ((person, 2), (other, len(DriveRows(file).columns))):
+        rows = []
+        while len(rows) < len(listening.records):
+            frame = one.hear()
+            assert (frame["is"], frame["n"]) == ("frame", len(rows))
+            rows += frame["x"]
+        assert {len(row) for row in rows} == {width}
+    door.frames.begin(file, vehicle_words(file, "simulated"), listening.estimator)  # the next drive
+    door.frames.look(listening.records[0])
+    assert [person.hear()["is"] for _ in range(4)] == ["vehicle", "fields", "route", "frame"]
+    person.say(do="watch", hz=0)
+    person.say(do="ping")
+    assert person.hear()["is"] == "pong"
+    door.frames.look(listening.records[1])
+    person.say(do="ping")
+    assert person.hear()["is"] == "pong"
+    for one in (person, other):
+        one.close()
+
+
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+def test_what_is_told_wakes_the_door_and_is_encoded_once(door, monkeypatch):
+    encodings, encoded = [], sockets.encoded
+    monkeypatch.setattr(sockets, "encoded", lambda message: encodings.append(message) or encoded(message))
+    monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives
+    people = [Person(door.path) for _ in range(5)]
+    until(lambda: len(door._guests) == 5)
+    for k in range(20):
+        door.tell({"is": "event", "said": k})
+        assert [one.hear()["said"] for one in people] == [k] * 5
+    assert len(encodings) == 20
+    for one in people:
+        one.close()
+
+
+@pytest.mark.parametrize("hz", ["a", None, [], float("nan")])
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+def test_a_watch_of_nonsense_ends_nothing(door, hz):
+    person = Person(door.path)
+    person.say(do="watch", hz=hz)
+    person.say(do="ping", token=1)
+    said = person.hear()
+    assert said["is"] in ("no", "pong")
+    if said["is"] == "no":
+        assert person.hear()["token"] == 1
+    person.close()

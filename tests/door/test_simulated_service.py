@@ -1,0 +1,244 @@
+"""The simulated service: the words of a robot, without hardware, over pipes and over a socket."""
+
+import json
+import queue
+import subprocess
+import sys
+import threading
+import time
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from baqueano.diagnostics import StopReason
+from baqueano.door import VERSION
+from baqueano.door.simulated.missions import StoredRoutes, planned
+from baqueano.door.simulated.pace import FASTEST, Pace
+from baqueano.drive.mission import Mission, packed
+from baqueano.errors import BaqueanoError, FileError, UsageError
+from baqueano.guides import shapes
+from baqueano.runs import read_run
+from baqueano.runs.route_file import read_route
+from baqueano.vehicle_file import load
+from tests.codes import refused
+
+PATIENCE_S = 40.0  # until what does not come counts as hung
+
+
+class Child:
+    """The service as the child of a page."""
+
+    def __init__(self, folder, *words):
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "baqueano.door.simulated", "small", "--pace", "20", *words],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=folder,
+        )  # fmt: skip
+        self.heard = queue.Queue()
+        threading.Thread(target=self._hear, daemon=True).start()
+
+    def _hear(self):
+        for line in self.process.stdout:
+            self.heard.put(json.loads(line))
+
+    def say(self, **words):
+        self.process.stdin.write(json.dumps(words).encode() + b"\n")
+        self.process.stdin.flush()
+
+    def until(self, true, beat=None):
+        """Return the messages until this one, it included."""
+        end, said = time.monotonic() + PATIENCE_S, []
+        while not said or not true(said[-1]):
+            assert time.monotonic() < end
+            if beat is not None:
+                self.say(**beat)
+            try:
+                said.append(self.heard.get(timeout=0.05))
+            except queue.Empty:
+                continue
+        return said
+
+    def drive(self, beat=None, **mission):
+        self.say(do="mission", door=VERSION, id="one", **mission)
+        said = self.until(lambda m: m["is"] == "done", beat or {"do": "beat"})
+        return said[-1], said
+
+    def close(self):
+        self.process.stdin.close()
+        code = self.process.wait(PATIENCE_S)
+        self.process.stdout.close()
+        return code
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("class")
+
+
+@pytest.fixture(scope="module")
+def child(folder):
+    child = Child(folder)
+    yield child
+    assert child.close() == 0
+
+
+def test_it_teaches_repeats_and_shows_each_tick(child, folder):
+    child.say(do="watch", hz=20)
+    names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
+    done, _ = child.drive(kind="teach", name="oval", shape="circle", size_m=0.4, speed_m_s=0.3)
+    assert (done["code"], done["why"], done["route"]) == (0, None, "oval")
+    assert read_route(folder / "routes/oval.csv").closed
+    child.say(do="routes")
+    assert [row["name"] for row in child.until(lambda m: m["is"] == "routes")[-1]["routes"]] == ["oval"]
+    done, said = child.drive(kind="repeat", route="oval", laps=2)
+    assert (done["code"], done["why"]) == (0, None)
+    run = read_run(folder / "runs" / done["run"])
+    assert run.metadata["kind"] == "repeat"
+    rows = [row for m in said if m["is"] == "frame" for row in m["x"]]
+    x = {name: np.array([row[k] for row in rows], dtype=float) for k, name in enumerate(names)}
+    assert len(x["t"]) > 0.8 * len(run.t_ns)  # what was not read in time was replaced
+    at = np.searchsorted(run.t_ns, np.round(x["t"] * 1e9).astype(int) - 1000)
+    np.testing.assert_allclose(x["eta.x"], run.estimate.eta[at, 0], atol=1e-6)
+    np.testing.assert_allclose(x["truth.y"], run.truth.eta[at, 1], atol=1e-6)
+    route = next(m for m in said if m["is"] == "route" and m["x"])
+    assert x["progress"][-1] == pytest.approx(2 * route["length_m"], rel=0.1)
+    states = [m for m in said if m["is"] == "state" and m["mission"] == "repeat"]
+    assert states
+    assert {m["laps"] for m in states} == {2}
+
+
+def test_a_hand_drives_and_its_lesson_is_a_route(child, folder):
+    child.say(do="pace", factor=4.0)
+    turns = {"do": "hand", "u": [0.6, 0.0, 0.1]}
+    child.say(do="mission", door=VERSION, id="one", kind="teach", name="by-hand", hold=False)
+    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 2.0, turns)
+    child.say(do="mark")
+    child.say(do="end")
+    done = child.until(lambda m: m["is"] == "done", {"do": "beat"})[-1]
+    child.say(do="pace", factor=20.0)
+    assert (done["code"], done["route"]) == (0, "by-hand")
+    assert read_run(folder / "runs" / done["run"]).applied[:, 0].max() > 0.3
+
+
+def test_silence_stops_a_page_and_clear_makes_it_ready_again(child):
+    child.say(do="mission", door=VERSION, id="one", kind="drive", by="page")
+    done = child.until(lambda m: m["is"] == "done")[-1]
+    assert done["why"]["code"] == StopReason.HOLDER_SILENT
+    assert 300.0 < done["why"]["figures"]["silent_ms"] < 10_000.0
+    refusal, _ = child.drive(kind="drive")
+    assert (refusal["run"], refusal["code"]) == (None, 5)
+    child.say(do="clear")
+    child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
+
+
+def test_time_stands_goes_tick_by_tick_and_a_stop_is_taken_while_it_stands(child):
+    child.say(do="mission", door=VERSION, id="one", kind="experiment", seconds=60.0, attended=False)
+    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.0)
+    child.say(do="pause")
+    before = child.until(lambda m: m["is"] == "state" and m["paused"])[-1]["t_s"]
+    before = max(before, *(m["t_s"] for m in child.until(lambda m: m["is"] == "state", {"do": "ping"})
+                           if m["is"] == "state"))  # fmt: skip
+    child.say(do="go", ticks=5)
+    child.say(do="stop", why="the teacher stops it")
+    done = child.until(lambda m: m["is"] == "done")[-1]
+    assert done["why"]["code"] == StopReason.STOPPED_BY
+    child.say(do="go")
+    child.say(do="clear")
+    child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
+
+
+@pytest.mark.parametrize(
+    ("mission", "code"),
+    [
+        ({"kind": "repeat", "route": "none"}, "door.no-route"),
+        ({"kind": "repeat", "route": "../oval"}, "door.route-name"),
+        ({"kind": "teach", "name": "a/b"}, "door.route-name"),
+        ({"kind": "teach", "shape": "star"}, "shape.unknown"),
+        ({"kind": "teach", "shape": "circle", "size_m": "big"}, "door.not-a-number"),
+        ({"kind": "dance"}, "mission.kind"),
+        ({}, "mission.damaged"),
+    ],
+)
+def test_what_cannot_be_driven_is_told_and_ends_nothing(tmp_path, mission, code):
+    with refused(code), planned(json.dumps(mission), load("small"), StoredRoutes(tmp_path), 0):
+        pass
+
+
+def test_a_whole_mission_brings_its_own_vehicle_file(tmp_path):
+    whole = packed(Mission("repeat", route=shapes.circle(0.4, 0.25), laps=3), load("small"))
+    with planned(whole.json(), load("car"), StoredRoutes(tmp_path), 7) as plan:
+        assert (plan.file.name, plan.mission.laps, plan.seed) == ("small", 3, 7)
+
+
+def test_a_route_of_a_strange_name_is_not_listed(tmp_path):
+    shape = shapes.circle(0.4, 0.25)
+    from baqueano.runs.route_file import write_route
+
+    write_route(shape, tmp_path / "lab.csv")
+    (tmp_path / "broken.csv").write_text("t_s\n")
+    stored = StoredRoutes(tmp_path)
+    assert [row["name"] for row in stored.rows()] == ["lab"]
+    with pytest.raises(FileError):
+        stored.read("broken")
+
+
+class Time:
+    """A clock that moves by sleeping."""
+
+    def __init__(self):
+        self.now_s, self.slept = 0.0, []
+
+    def sleep(self, seconds):
+        self.slept.append(seconds)
+        self.now_s += seconds
+
+
+def test_pace_is_simulated_seconds_in_a_second():
+    clock = Time()
+    pace = Pace(4.0, lambda: clock.now_s, clock.sleep)
+    ticks = pace.ticks(100.0, lambda: False)
+    times = list(islice(ticks, 400))
+    assert times == [round(k * 1e7) for k in range(1, 401)]
+    assert clock.now_s == pytest.approx(1.0)
+    pace.set(0.5)
+    list(islice(ticks, 100))
+    assert clock.now_s == pytest.approx(3.0)
+
+
+def test_a_slow_computer_stretches_time_and_leaves_no_tick_out():
+    clock = Time()
+    pace = Pace(50.0, lambda: clock.now_s, clock.sleep)
+    times = []
+    for t_ns in islice(pace.ticks(100.0, lambda: False), 200):
+        times.append(t_ns)
+        clock.now_s += 0.01  # five times longer than a tick may take
+    assert times == [round(k * 1e7) for k in range(1, 201)]
+    assert pace.late_ms < 150.0
+
+
+def test_paused_time_stands_until_it_is_wanted():
+    clock, wanted = Time(), []
+    pace = Pace(1.0, lambda: clock.now_s, clock.sleep)
+    pace.pause()
+    pace.go(ticks=3)
+    ticks = pace.ticks(100.0, lambda: bool(wanted) or clock.now_s > 5.0)
+    assert list(islice(ticks, 3)) == [10_000_000, 20_000_000, 30_000_000]
+    assert clock.now_s < 0.1
+    assert next(ticks) == 40_000_000
+    assert clock.now_s > 5.0
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), 2 * FASTEST])
+def test_a_pace_of_nonsense_is_refused(factor):
+    with refused("door.pace"):
+        Pace().set(factor)
+
+
+def test_no_vehicle_is_an_error_of_one_paragraph(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "baqueano.door.simulated", "what there is not"],
+        capture_output=True, text=True, cwd=tmp_path, stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    assert done.returncode == 3
+    assert "Traceback" not in done.stderr
+    assert issubclass(UsageError, BaqueanoError)
