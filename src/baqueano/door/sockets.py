@@ -150,6 +150,8 @@ class Door:
             message = self._told.popleft()
             if message["is"] in ("state", "done"):
                 self._files.changed(message.get("run") if message["is"] == "state" else None)
+            if message["is"] == "done":
+                self._show_all(at_once=True)  # the last ticks come before the end
             if message["is"] == "state":
                 self._state = message = message | {"door": VERSION}
             line = encoded(message)
@@ -304,8 +306,8 @@ class Door:
                 message = message | kept
             guest.say(message)
 
-    def _show_all(self) -> None:
-        """Encode the rows that have come once for all who want the same of them."""
+    def _show_all(self, at_once: bool = False) -> None:
+        """Encode the rows that have come, when they are due or at once, once for all who want the same of them."""
         watching = [guest for guest in self._guests if guest.hz > 0.0]
         (drive, _), made = self.frames.drive(), {}
         if drive is None or not watching:
@@ -314,7 +316,7 @@ class Door:
         now = time.monotonic()
         for guest in watching:
             self._introduce(guest)
-            if int(now * guest.hz) == guest.turn or guest.owed:
+            if guest.owed or (int(now * guest.hz) == guest.turn and not at_once):
                 continue
             guest.turn = int(now * guest.hz)
             key = (guest.shown, guest.columns)

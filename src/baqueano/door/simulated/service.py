@@ -157,6 +157,7 @@ class SimulatedService:
 
     def _ticks(self, plan: Plan, attended: bool) -> Iterator[int]:
         def wanted() -> bool:
+            self.publish()
             return self.operator.done or self.operator.why(attended) is not None
 
         for t_ns in self.pace.ticks(plan.file.rate_hz, wanted):
