@@ -89,7 +89,7 @@ def test_it_teaches_repeats_and_shows_each_tick(child, folder):
     assert (done["code"], done["why"], done["route"]) == (0, None, "oval")
     assert read_route(folder / "routes/oval.csv").closed
     child.say(do="routes")
-    assert [row["name"] for row in child.until(lambda m: m["is"] == "routes")[-1]["routes"]] == ["oval"]
+    assert "oval" in [row["name"] for row in child.until(lambda m: m["is"] == "routes")[-1]["routes"]]
     done, said = child.drive(kind="repeat", route="oval", laps=2)
     assert (done["code"], done["why"]) == (0, None)
     run = read_run(folder / "runs" / done["run"])
