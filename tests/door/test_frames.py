@@ -8,7 +8,6 @@ import pytest
 
 from baqueano.door import sockets
 from baqueano.door.along_route import AlongRoute
-from baqueano.door.descriptions import vehicle_words
 from baqueano.door.frames import RING, DriveRows, Frames
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import Door
@@ -124,7 +123,7 @@ def test_progress_grows_over_all_laps_and_an_eights_crossing_is_no_short_cut():
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
     file, listening, _ = driven
-    door.frames.begin(file, vehicle_words(file, "simulated"), listening.estimator)
+    door.frames.begin(file, "simulated", estimator=listening.estimator)
     sleeper, healthy = Person(door.path), Person(door.path)
     for one in (sleeper, healthy):
         one.say(do="watch", hz=50)
@@ -153,7 +152,7 @@ def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 def test_who_watches_hears_the_vehicle_the_columns_and_then_every_tick(door, driven):
     file, listening, _ = driven
-    door.frames.begin(file, vehicle_words(file, "simulated"), listening.estimator)
+    door.frames.begin(file, "simulated", estimator=listening.estimator)
     person, other = Person(door.path), Person(door.path)
     person.say(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
     other.say(do="watch", hz=5)
@@ -171,7 +170,7 @@ def test_who_watches_hears_the_vehicle_the_columns_and_then_every_tick(door, dri
             assert (frame["is"], frame["n"]) == ("frame", len(rows))
             rows += frame["x"]
         assert {len(row) for row in rows} == {width}
-    door.frames.begin(file, vehicle_words(file, "simulated"), listening.estimator)  # the next drive
+    door.frames.begin(file, "simulated", estimator=listening.estimator)  # the next drive
     door.frames.look(listening.records[0])
     assert [person.hear()["is"] for _ in range(4)] == ["vehicle", "fields", "route", "frame"]
     person.say(do="watch", hz=0)

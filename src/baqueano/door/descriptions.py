@@ -9,6 +9,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.drive.health import shown
 from baqueano.errors import BaqueanoError
+from baqueano.signals import seconds
 
 if TYPE_CHECKING:
     from baqueano.drive.mission import Mission
@@ -73,8 +74,13 @@ def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObj
     }  # fmt: skip
 
 
-def mission_words(mission: "Mission | None", rate_hz: float = 1.0, t_s: float = 0.0) -> JsonObject:
-    """Return what the state says of a mission that is driven since `t_s`; null for what is not known."""
+def drive_words(mission: "Mission | None", rate_hz: float, record: "Record | None") -> JsonObject:
+    """Return what the state says of the mission that is driven, and of its last tick; null for what is not known."""
+    t_s = 0.0 if record is None else float(seconds(record.tick.t_ns))
+    return _mission_words(mission, rate_hz, t_s) | _motion_words(record)
+
+
+def _mission_words(mission: "Mission | None", rate_hz: float, t_s: float) -> JsonObject:
     if mission is None:
         return {"mission": None, "laps": None, "t_s": None, "left_s": None}
     whole_s = None
@@ -88,7 +94,7 @@ def mission_words(mission: "Mission | None", rate_hz: float = 1.0, t_s: float = 
     return {"mission": mission.kind, "laps": laps, "t_s": round(t_s, 3), "left_s": left_s}
 
 
-def motion_words(record: "Record | None") -> JsonObject:
+def _motion_words(record: "Record | None") -> JsonObject:
     """Return the figures of a tick for the person who drives."""
     if record is None:
         return {}

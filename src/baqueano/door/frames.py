@@ -19,13 +19,14 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.door.along_route import AlongRoute
-from baqueano.door.descriptions import route_words
+from baqueano.door.descriptions import route_words, vehicle_words
 from baqueano.drive.health import normalised_square
 from baqueano.monitor.watching import innovations_of
 from baqueano.signals import NANOSECONDS, Motion, seconds
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
+    from baqueano.drive.mission import Mission
     from baqueano.guides.route import Route
     from baqueano.loop import Record
     from baqueano.vehicle_file.file import VehicleFile
@@ -177,16 +178,18 @@ class Frames:
         self._words: list[JsonObject] = []
 
     def begin(
-        self, file: "VehicleFile", vehicle: JsonObject, estimator: Any = None, route: "Route | None" = None,
-        route_message: JsonObject | None = None,
+        self, file: "VehicleFile", world: str, seed: int | None = None, estimator: Any = None,
+        mission: "Mission | None" = None, name: str = "",
     ) -> None:  # fmt: skip
-        """A drive begins, or is expected; `vehicle` and `route_message` are told of it (descriptions.py)."""
+        """A drive begins, or is expected; `name` is that of its route."""
+        route, laps = (None, 1) if mission is None else (mission.route, mission.laps)
         drive = DriveRows(file, estimator, route)
         fields: JsonObject = {
             "is": "fields", "names": [c.name for c in drive.columns], "units": [c.unit for c in drive.columns],
             "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / file.rate_hz),
         }  # fmt: skip
-        words = [{"is": "vehicle", **vehicle}, fields, route_message or route_words(None)]
+        vehicle = {"is": "vehicle", **vehicle_words(file, world, seed)}
+        words = [vehicle, fields, route_words(route, name, laps)]
         with self._lock:
             self._drive, self._words = drive, words
 

@@ -11,19 +11,18 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
-from baqueano.door.descriptions import mission_words, motion_words, route_words, vehicle_words
+from baqueano.door.descriptions import drive_words
 from baqueano.door.frames import Frames
 from baqueano.door.operator import STOP, Operator
 from baqueano.door.outcome import outcome_of
 from baqueano.door.simulated.missions import Plan, StoredRoutes, planned
 from baqueano.door.simulated.pace import Pace
-from baqueano.door.sockets import Words
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.mission import perform
 from baqueano.drive.observers import LastLine, Observer
@@ -35,13 +34,12 @@ from baqueano.messages import templates
 from baqueano.runs import read_run
 from baqueano.runs.folder import claim, release
 from baqueano.runs.route_file import write_route
-from baqueano.signals import seconds
 from baqueano.worlds import Simulated
 
 if TYPE_CHECKING:
-    from baqueano.door.guests import Guest
     from baqueano.vehicle_file.file import VehicleFile
 
+Word = Callable[[Any, JsonObject], object]
 IDLE_S, TELL_S = 0.02, 0.2
 LOOP = 4.0  # a lesson that is so many times longer than CLOSE_M, and came back, went round
 
@@ -70,7 +68,7 @@ class SimulatedService:
         self._seen: Record | None = None
         self._told_s = float("-inf")
 
-    def words(self) -> Words:
+    def words(self) -> dict[str, Word]:
         """Return the words that the door does not know by itself."""
         return {
             "pause": lambda guest, said: self._while_holding(guest, self.pace.pause),
@@ -81,7 +79,7 @@ class SimulatedService:
 
     def run(self) -> None:
         """Run until `done`."""
-        self.frames.begin(self.file, vehicle_words(self.file, "simulated", self.seed))
+        self.frames.begin(self.file, "simulated", self.seed)
         while not self.done.is_set():
             self.idle()
             waiting = self.operator.next()
@@ -190,14 +188,14 @@ class SimulatedService:
         if not at_once and now_s - self._told_s < TELL_S:
             return
         self._told_s, plan, seen = now_s, self._plan, self._seen
-        t_s = 0.0 if seen is None else float(seconds(seen.tick.t_ns))
-        mission = mission_words(None) if plan is None else mission_words(plan.mission, plan.file.rate_hz, t_s)
+        mission = None if plan is None else plan.mission
+        rate_hz = self.file.rate_hz if plan is None else plan.file.rate_hz
         self.tell(
             {
                 "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
                 "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
-                **mission, **motion_words(seen),
+                **drive_words(mission, rate_hz, seen),
             }
         )  # fmt: skip
 
@@ -206,7 +204,7 @@ class SimulatedService:
         self.operator.stop(stop(StopReason.SERVICE_ENDED))
         self.done.set()
 
-    def _while_holding(self, guest: "Guest", act: Callable[[], object]) -> None:
+    def _while_holding(self, guest: object, act: Callable[[], object]) -> None:
         """`act`, of the holder, or of anybody while nothing drives."""
         if self.operator.taken and not self.operator.holds(guest):
             raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
@@ -223,10 +221,8 @@ class _Watching(Observer):
         self.stopped: Diagnostic | None = None
 
     def begin(self, blocks: Blocks) -> None:
-        plan = self._plan
-        vehicle = vehicle_words(plan.file, "simulated", plan.seed)
-        words = route_words(plan.mission.route, plan.name, plan.mission.laps)
-        self._service.frames.begin(plan.file, vehicle, blocks.estimator, plan.mission.route, words)
+        plan, frames = self._plan, self._service.frames
+        frames.begin(plan.file, "simulated", plan.seed, blocks.estimator, plan.mission, plan.name)
 
     def why(self, t_ns: int) -> Diagnostic | None:
         return self._service.operator.why(self._attended)

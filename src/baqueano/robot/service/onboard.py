@@ -56,7 +56,6 @@ def serve(
             with suppress(BaqueanoError):  # the service looks for it again, and says why it is not there
                 imu = find_imu()
         loading.join()
-        from baqueano.door.descriptions import vehicle_words
         from baqueano.door.operator import Operator
         from baqueano.door.sockets import Door
         from baqueano.robot.service.service import Service
@@ -66,7 +65,7 @@ def serve(
         operator = Operator()
         door = Door(path, operator, folder)
         open_things.callback(door.close)
-        door.frames.begin(file, vehicle_words(file, "real"))
+        door.frames.begin(file, "real")
         service = Service(
             uno, imu, file.robot, folder, operator, door.tell, door.frames, *_signs_of_life(systemd), say=say,
             find_imu=find_imu if has_imu else None,

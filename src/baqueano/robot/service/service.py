@@ -21,7 +21,7 @@ from typing import Any
 from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
-from baqueano.door.descriptions import mission_words, motion_words, route_words, vehicle_words
+from baqueano.door.descriptions import drive_words
 from baqueano.door.frames import Frames
 from baqueano.door.operator import Operator
 from baqueano.door.outcome import outcome_of
@@ -39,7 +39,7 @@ from baqueano.robot.service.drive_figures import Lateness, imu_losses, line_loss
 from baqueano.robot.service.health import ComputerHealth
 from baqueano.robot.service.journal import Journal
 from baqueano.robot.uno.link import Uno
-from baqueano.signals import NANOSECONDS, seconds, sensor_slots
+from baqueano.signals import NANOSECONDS, sensor_slots
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicle_file.head import Hardware
 from baqueano.worlds import Robot
@@ -80,7 +80,7 @@ class Service:
         self._told_ns = 0
         self._seen: Record | None = None  # the last one of a drive
         self._mission: Mission | None = None
-        self._period_s = 1.0  # of its ticks
+        self._rate_hz = 1.0  # of its ticks
         self._run: str | None = None  # that is written just now
         self._counted: Any = None  # what the IMU had counted when it began
         self._bus: RecoveryOutcome | None = None  # of the IMU's bus, until the next drive
@@ -226,7 +226,7 @@ class Service:
             self.patience(PREPARING_S)
             body = body_of(file, self.uno, self.sleep)
             world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
-            self._mission, self._period_s = mission, 1.0 / file.rate_hz
+            self._mission, self._rate_hz = mission, file.rate_hz
             self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
@@ -299,16 +299,10 @@ class Service:
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
                 "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
-                **self._drive_words(world is not None), "world": "real",
+                "world": "real",
+                **drive_words(self._mission, self._rate_hz, self._seen if world is not None else None),
             }
         )  # fmt: skip
-
-    def _drive_words(self, moving: bool) -> JsonObject:
-        """Return what the state says of a drive."""
-        if not moving or self._seen is None:
-            return mission_words(self._mission)
-        t_s = float(seconds(self._seen.tick.t_ns))
-        return mission_words(self._mission, 1.0 / self._period_s, t_s) | motion_words(self._seen)
 
     def _path(self, kind: str) -> Path:
         """A name for the run, by the day and the hour."""
@@ -349,9 +343,8 @@ class _Watching(Observer):
         self.stopped: Diagnostic | None = None
 
     def begin(self, blocks: Blocks) -> None:
-        file, route, laps = self._file, self._mission.route, self._mission.laps
-        vehicle, words = vehicle_words(file, "real"), route_words(route, laps=laps)
-        self._service.frames.begin(file, vehicle, blocks.estimator, route, words)
+        mission, frames = self._mission, self._service.frames
+        frames.begin(self._file, "real", estimator=blocks.estimator, mission=mission)
 
     def why(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world
