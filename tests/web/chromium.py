@@ -83,7 +83,13 @@ class Tab:
 
     def size(self, width: int, height: int, scale: float = 1.0) -> None:
         touch = width < 600
-        self.do("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=touch)
+        self.do(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=scale,
+            mobile=touch,
+        )
 
     def media(self, **features: str) -> None:
         """Emulate media features, as `prefers_color_scheme="dark"`."""
@@ -101,7 +107,9 @@ class Tab:
             assert time.monotonic() < until, f"still not true after {seconds} s: {code}"
             time.sleep(0.05)
 
-    def press(self, key: str, code: str = "", text: str = "", hold_s: float = 0.0, shift: bool = False) -> None:
+    def press(
+        self, key: str, code: str = "", text: str = "", hold_s: float = 0.0, shift: bool = False
+    ) -> None:
         self.down(key, code, text, shift)
         time.sleep(hold_s)
         self.up(key, code)
