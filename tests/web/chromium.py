@@ -7,6 +7,7 @@ import subprocess
 import tempfile
 import time
 import urllib.request
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,8 @@ class Tab:
     """A page of the browser. `errors` are what it could not do: exceptions, refused sources."""
 
     def __init__(self, url: str) -> None:
-        self._socket = connect(url, max_size=None)
+        self._open = ExitStack()
+        self._socket = self._open.enter_context(connect(url, max_size=None))
         self._asked = 0
         self.errors: list[str] = []
         for domain in ("Page", "Runtime", "Log"):
@@ -61,7 +63,7 @@ class Tab:
 
     def close(self) -> None:
         self.do("Page.close")
-        self._socket.close()
+        self._open.close()
 
     def do(self, method: str, **parameters: object) -> Any:
         self._asked += 1

@@ -49,10 +49,11 @@ export class Blocks {
       node.style.gridRow = row;
       return [key, { canvas, node, value, lines: lines[key], range: [NaN, NaN] }];
     }));
+    this.world = el("span", { class: "world-label" }, t("block.world"));
     this.late = el("b", {});
     this.tick = el("div", { class: "tick" }, el("span", {}, t("block.tick", { ms: num(1000 / vehicle.rate_hz, 0) })), this.late, el("span", {}, t("block.late")));
     this.side = el("aside", { class: "card side", "aria-live": "polite" });
-    this.node.replaceChildren(el("section", { class: "card diagram" }, this.wires, el("span", { class: "world-label" }, t("block.world")), ...Object.values(this.boxes), ...Object.values(this.sparks).map((one) => one.node), record.has("late_ms") ? this.tick : null), this.side);
+    this.node.replaceChildren(el("section", { class: "card diagram" }, this.wires, this.world, ...Object.values(this.boxes), ...Object.values(this.sparks).map((one) => one.node), record.has("late_ms") ? this.tick : null), this.side);
     this.names = names;
     this.pick(this.picked);
   }
@@ -95,7 +96,7 @@ export class Blocks {
   }
 
   #spark(spark, record, from, to, i) {
-    write(spark.value, spark.lines.slice(0, 2).map((name) => three(record.value(name, i))).join("  "));
+    write(spark.value, spark.lines.slice(0, 2).map((name) => three(record.value(name, i))).join(" · "));
     const begun = begin(spark.canvas);
     if (!begun) return;
     const [c, w, h] = begun, first = record.lower(from), columns = spark.lines.map((name) => record.column(name));
@@ -128,6 +129,7 @@ export class Blocks {
     const box = (node) => { const b = node.getBoundingClientRect(); return { l: b.left - home.left, r: b.right - home.left, t: b.top - home.top, b: b.bottom - home.top, x: (b.left + b.right) / 2 - home.left, y: (b.top + b.bottom) / 2 - home.top }; };
     const at = Object.fromEntries(Object.entries(this.boxes).map(([key, node]) => [key, box(node)]));
     const world = { l: at.vehicle.l - 12, t: at.vehicle.t - 30, r: at.sensors.r + 12, b: at.vehicle.b + 12 };
+    this.world.style.transform = `translate(${(world.l + 12).toFixed(0)}px, ${(world.t + 5).toFixed(0)}px)`;
     c.setLineDash([6, 5]);
     c.strokeStyle = colours.sim;
     c.lineWidth = 1.3;

@@ -5,7 +5,7 @@ import { choices, el, show, write } from "./dom.js";
 import { moving } from "./hand.js";
 import { Map2D } from "./map.js";
 import { Honesty, Trail, across } from "./record.js";
-import { stripLegend, stripsOf } from "./strips.js";
+import { groupsOf, stripList } from "./strips.js";
 import { length, num, t } from "./strings.js";
 
 const SPANS = [10, 20, 60]; // s, of the strips
@@ -24,21 +24,24 @@ export class Drive {
     this.estimate = new Trail(record, "eta.x", "eta.y", step, true);
     this.truth = new Trail(record, "truth.x", "truth.y", step);
     this.honesty = new HonestyCard(record);
-    this.strips = stripsOf(record, hello.vehicle);
+    this.groups = groupsOf(record, hello.vehicle);
+    this.strips = this.groups.flatMap(([, strips]) => strips);
     this.node = el("div", { class: "drive" }, this.#mapCard(), this.#console(), this.#stripCard());
     this.state(page.state);
     this.routes(hello.routes);
   }
 
   #mapCard() {
-    this.numbers = new Numbers();
+    this.numbers = this.map.beside = new Numbers();
     return el("section", { class: "card map-card" }, mapLegend(this.page.record.has("truth.x")), this.map.canvas, this.map.buttons, this.numbers.node);
   }
 
   #stripCard() {
-    return el("section", { class: "card strips", "aria-label": t("strips") },
-      el("header", {}, stripLegend(), choices(t("strips.span"), SPANS.map((s, k) => (k === SPANS.length - 1 ? `${s} s` : `${s}`)), 1, (k) => { this.span = SPANS[k]; })),
-      el("div", { class: "strip-list" }, ...this.strips.map((one) => one.node)));
+    const since = el("span", {});
+    const tell = (k) => { this.span = SPANS[k]; write(since, `−${SPANS[k]} s`); };
+    tell(1);
+    return el("section", { class: "card strips" }, stripList(this.groups),
+      el("footer", {}, since, choices(t("strips.span"), SPANS.map((s) => `${s} s`), 1, tell), el("span", {}, t("strips.now"))));
   }
 
   #console() {
@@ -68,12 +71,14 @@ export class Drive {
     const tell = () => { hand.part = share.value / 100; write(says.firstChild, t("drive.stick", { part: num(Number(share.value), 0) })); share.style.setProperty("--part", `${(share.value - 10) / 0.9}%`); };
     share.addEventListener("input", tell);
     tell();
-    this.paces = choices(t("drive.pace"), PACES.map((one) => (one === 0.25 ? "¼×" : `${one}×`)), PACES.indexOf(page.state.pace ?? 1), (k) => page.link.send({ is: "pace", factor: PACES[k] }));
+    this.paces = el("select", { class: "pace", "aria-label": t("drive.pace") }, ...PACES.map((one) => el("option", { value: String(one) }, t("drive.pace-is", { n: one === 0.25 ? "¼" : one }))));
+    this.paces.value = String(page.state.pace ?? 1);
+    this.paces.addEventListener("change", () => page.link.send({ is: "pace", factor: Number(this.paces.value) }));
     this.missions = el("div", { class: "choose" }, this.route,
       el("span", { class: "laps", role: "group", "aria-label": t("drive.laps-label") },
         el("button", { type: "button", "aria-label": t("drive.fewer"), onclick: () => laps(-1) }, "−"), count,
         el("button", { type: "button", "aria-label": t("drive.more"), onclick: () => laps(1) }, "+")));
-    this.controls = el("div", { class: "controls" }, el("div", { class: "actions" }, ...this.actions), el("div", { class: "settings" }, this.missions, says, this.paces));
+    this.controls = el("div", { class: "controls" }, el("div", { class: "actions" }, ...this.actions, this.paces), el("div", { class: "settings" }, this.missions, says));
     return el("section", { class: "card console", "aria-label": t("drive.controls") }, hand.pad, this.controls, this.honesty.node);
   }
 
@@ -139,9 +144,10 @@ export function mapKey(map, event, down) {
 }
 
 export function mapLegend(truth, ghost = null) {
+  const known = ghost === null;
   const one = (kind, text) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), text);
-  return el("div", { class: "legend map-legend" }, one("route", t("map.route")), one("estimate", t("map.estimate")), one("corridor", t("map.corridor")),
-    truth ? one("truth", t("map.truth")) : null, ghost ? one("ghosted", ghost) : null);
+  return el("div", { class: "legend map-legend" }, one("route", t("map.route")), one("estimate", t("map.estimate")), known ? one("corridor", t("map.corridor")) : null,
+    truth && known ? one("truth", t("map.truth")) : null, ghost ? one("ghosted", ghost) : null);
 }
 
 export function poseOf(record, i, names = "eta") {
@@ -153,8 +159,9 @@ export function poseOf(record, i, names = "eta") {
 export function drawMap(map, route, record, estimate, truth, i, footprint, row, ghost = null) {
   const vehicles = [{ pose: poseOf(record, i), footprint, style: "now", sd_psi: Math.sqrt(record.value("P.psi", i)) }];
   const trails = [{ trail: estimate, style: "estimate", row }];
+  const alone = !ghost;
   if (ghost) { trails.unshift({ trail: ghost.trail, style: "ghost", row: ghost.row }); vehicles.push({ pose: poseOf(ghost.record, ghost.row), footprint: ghost.footprint, style: "ghost" }); }
-  if (record.has("truth.x")) { trails.push({ trail: truth, style: "truth", row }); vehicles.push({ pose: poseOf(record, i, "truth"), footprint, style: "true" }); }
+  if (alone && record.has("truth.x")) { trails.push({ trail: truth, style: "truth", row }); vehicles.push({ pose: poseOf(record, i, "truth"), footprint, style: "true" }); }
   const reference = [record.value("ref.x", i), record.value("ref.y", i)];
   map.draw({ route, trails, vehicles, reference: reference.every(Number.isFinite) ? reference : null });
 }
@@ -168,6 +175,9 @@ export class Numbers {
     this.speed = one("number.speed");
     this.node = el("div", { class: "numbers" }, this.from.node, this.within.node, this.speed.node);
   }
+
+  /** Return the width that the numbers take beside the map; below it they take none. */
+  get width() { return getComputedStyle(this.node).position === "absolute" ? this.node.offsetWidth : 0; }
 
   draw(record, i) {
     const put = ({ value, unit }, [text, of], sign = "") => { write(value, sign + text); write(unit, of); };
@@ -186,7 +196,7 @@ export class HonestyCard {
     this.canvas = follow(el("canvas", { "aria-hidden": "true" }));
     this.verdict = el("strong", {});
     this.words = el("p", {}, this.verdict, " ", el("span", {}));
-    this.node = el("section", { class: "honesty", "aria-label": t("honesty") }, el("h2", {}, t("honesty")), this.canvas, this.words);
+    this.node = el("section", { class: "honesty", "aria-label": t("honesty") }, el("h2", {}, t("honesty")), this.words, this.canvas);
   }
 
   draw(i, from = null, to = null) {
@@ -197,12 +207,13 @@ export class HonestyCard {
     const begun = begin(this.canvas);
     if (!begun) return;
     const [c, w, h] = begun, { record } = this;
-    const end = to ?? record.end, start = from ?? end - 60, Y = (v) => h - 2 - ((v - 0) / 2) * (h - 4); // 0 to 2 times what it should be
-    const points = [];
+    const end = to ?? record.end, start = from ?? end - 60, points = [];
     for (let x = 0; x <= w; x += 2) {
       const s = start + ((end - start) * x) / w;
       points.push([x, s < record.start || s > record.end ? null : this.honesty.at(record.row(s))]);
     }
+    const off = points.reduce((most, [, one]) => (one ? Math.max(most, Math.abs(one.mean - 1)) : most), 0.25);
+    const half = Math.min(1.2 * off, 1), Y = (v) => h / 2 - ((v - 1) / half) * (h / 2 - 2); // at most 0 to 2 times what it should be
     c.fillStyle = colours.band;
     const band = now ?? { low: 0.9, high: 1.1 };
     c.fillRect(0, Y(Math.min(band.high, 2)), w, Math.max(Y(Math.max(band.low, 0)) - Y(Math.min(band.high, 2)), 2));

@@ -9,7 +9,7 @@ import { Link } from "./link.js";
 import { Record } from "./record.js";
 import { Opened, Replay } from "./replay.js";
 import { Runs } from "./runs.js";
-import { clock, language, num, otherLanguage, speak, t } from "./strings.js";
+import { duration, language, num, otherLanguage, speak, t } from "./strings.js";
 
 const KEPT_S = 60; // of a live drive
 const OLD_MS = 200; // from where on the age of the picture is shown
@@ -139,7 +139,7 @@ function told() {
   const recorded = hello.mode === "replay" || (page.screen?.constructor === Replay && opened);
   if (recorded) {
     const about = opened?.about;
-    sentence("info", opened ? opened.label : t("replay.loading"), about?.sentence ?? (opened ? t("replay.about", { s: clock(opened.record.end), n: opened.record.length }) : ""));
+    sentence("info", opened ? opened.label : t("replay.loading"), about?.sentence ?? (opened ? t("replay.about", { s: duration(opened.record.end), n: opened.record.length }) : ""));
   } else sentence(state.severity, state.title ?? t(`state.${state.state}`), [state.sentence, ...(state.odd ?? [])].filter(Boolean).join(" "));
   show($("clear"), state.state === "STOPPED" && hello.mode !== "replay" && hello.role === "drive");
   $("clear").disabled = !page.hand.mine;

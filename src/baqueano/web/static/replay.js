@@ -5,8 +5,8 @@ import { choices, el, show, write } from "./dom.js";
 import { HonestyCard, Numbers, drawMap, mapKey, mapLegend } from "./drive.js";
 import { Map2D } from "./map.js";
 import { Honesty, Trail } from "./record.js";
-import { Strip, stripLegend, stripsOf } from "./strips.js";
-import { clock, length, num, t } from "./strings.js";
+import { Strip, groupsOf, stripList } from "./strips.js";
+import { clock, duration, length, num, t } from "./strings.js";
 
 const RATES = [0.125, 0.25, 0.5, 1, 2, 4, 8];
 const RATE_WORDS = ["⅛×", "¼×", "½×", "1×", "2×", "4×", "8×"];
@@ -51,27 +51,26 @@ export class Replay {
       return;
     }
     this.map = new Map2D();
-    this.numbers = new Numbers();
+    this.numbers = this.map.beside = new Numbers();
     this.honesty = new HonestyCard(run.record);
-    this.strips = ghost ? this.#pairedStrips() : stripsOf(run.record, run.about.vehicle);
+    const groups = ghost ? this.#pairedGroups() : groupsOf(run.record, run.about.vehicle);
+    this.strips = groups.flatMap(([, strips]) => strips);
     this.tableNode = el("table", { class: "compare" });
-    this.progress = el("div", { class: "loading" });
     this.node.replaceChildren(
       el("section", { class: "card map-card" }, mapLegend(run.record.has("truth.x"), ghost ? t("replay.ghost-of", { name: ghost.label }) : null), this.map.canvas, this.map.buttons, this.numbers.node),
-      el("section", { class: "card strips", "aria-label": t("strips") }, ghost ? this.tableNode : el("header", {}, stripLegend()),
-        el("div", { class: "strip-list" }, ...this.strips.map((one) => one.node)), ghost ? null : this.honesty.node),
+      el("section", { class: "card strips", "aria-label": t("strips") }, ghost ? this.tableNode : null, stripList(groups), ghost ? null : this.honesty.node),
       this.#transport());
     this.seek(Math.min(this.now_s, run.record.end));
   }
 
-  #pairedStrips() {
+  #pairedGroups() {
     const { run } = this, made = [];
     const add = (name, title, unit, scale = 1) => { if (run.record.has(name)) made.push(new Strip({ title, unit, scale, traces: [{ name, line: "model" }, { name, line: "ghost" }] })); };
     add("cross", t("strip.cross"), "m");
     add("nu.u", t("strip.speed"), "m/s");
     add("nu.r", t("strip.turn"), "rad/s");
     run.about.vehicle.command.forEach(({ low, high, unit }, k) => { if (low < high) add(`u.${k}`, run.record.field(`u.${k}`)?.label ?? `u.${k}`, unit); });
-    return made;
+    return [["paired", made, []]];
   }
 
   #transport() {
@@ -172,7 +171,7 @@ export class Replay {
     }
     const i = record.row(this.now_s), row = ghost ? this.#paired().map[i] : -1;
     const other = ghost && { record: ghost.record, trail: ghost.path, row: row < 0 ? ghost.record.last : row, footprint: ghost.about.vehicle.footprint };
-    drawMap(this.map, run.about.route, record, run.estimate, run.truth, i, run.about.vehicle.footprint, i, other);
+    drawMap(this.map, run.about.route, record, ghost ? run.path : run.estimate, run.truth, i, run.about.vehicle.footprint, i, other);
     this.numbers.draw(record, i);
     for (const one of this.strips) one.draw(record, record.start, Math.max(record.end, record.start + 1e-3), i, this.now_s);
     if (ghost) this.#compare(); else this.honesty.draw(i, record.start, record.end);
@@ -184,21 +183,16 @@ export class Replay {
     const sign = this.playing ? "❚❚" : "▶";
     if (this.play.textContent !== sign) { this.play.textContent = sign; this.play.setAttribute("aria-label", t(this.playing ? "replay.pause" : "replay.play")); }
     write(this.when, clock(this.now_s));
-    write(this.whole, ` / ${clock(record.end)} s`);
+    write(this.whole, ` / ${duration(record.end)}`);
     scrub.setAttribute("aria-valuemax", record.end.toFixed(2));
     scrub.setAttribute("aria-valuenow", this.now_s.toFixed(2));
-    scrub.setAttribute("aria-valuetext", `${clock(this.now_s)} s`);
+    scrub.setAttribute("aria-valuetext", duration(this.now_s));
     const near = this.run.about.events.filter((one) => one.t <= this.now_s + 1e-6 && one.t > this.now_s - 3).pop();
-    write(this.happened, near ? `${clock(near.t)} s · ${near.text}` : "");
+    write(this.happened, near ? `${duration(near.t)} · ${near.text}` : "");
     const begun = begin(scrub);
     if (!begun) return;
     const [c, w, h] = begun, X = (s) => 2 + ((w - 4) * (s - record.start)) / Math.max(record.end - record.start, 1e-3);
-    const error = this.#error(), columns = Math.floor(w - 4), peaks = new Float32Array(columns);
-    for (let i = 0; i < record.length; i++) {
-      const x = Math.min(Math.floor(X(record.t[i]) - 2), columns - 1);
-      if (error[i] > peaks[x]) peaks[x] = error[i];
-    }
-    const most = peaks.reduce((a, b) => Math.max(a, b), 1e-6);
+    const { peaks, most } = this.#peaks(Math.floor(w - 4)), columns = peaks.length;
     const shape = () => { for (let x = 0; x < columns; x++) c.lineTo(x + 2, h - 5 - (peaks[x] / most) * (h - 12)); };
     c.beginPath(); c.moveTo(2, h - 4); shape(); c.lineTo(w - 2, h - 4); c.closePath();
     c.fillStyle = colours.band;
@@ -228,14 +222,18 @@ export class Replay {
     c.beginPath(); c.arc(x, h - 5, 5, 0, 7); c.fill();
   }
 
-  /** Return the error curve: off the route, or where there is none, off the truth. */
-  #error() {
+  /** Return the greatest error in each column of the scrub bar: off the route, or where there is none, off the truth. */
+  #peaks(columns) {
     const { record } = this.run;
-    if (this.curve?.of === record && this.curve.values.length === record.length) return this.curve.values;
+    if (this.curve?.of === record && this.curve.peaks.length === columns) return this.curve;
     const cross = record.column("cross"), X = record.column("eta.x"), Y = record.column("eta.y"), TX = record.column("truth.x"), TY = record.column("truth.y");
-    const values = Float32Array.from({ length: record.length }, (_, i) => (cross && Number.isFinite(cross[i]) ? Math.abs(cross[i]) : TX ? Math.hypot(TX[i] - X[i], TY[i] - Y[i]) : 0));
-    this.curve = { of: record, values };
-    return values;
+    const peaks = new Float32Array(columns), span = Math.max(record.end - record.start, 1e-3);
+    for (let i = 0; i < record.length; i++) {
+      const x = Math.min(Math.floor(((record.t[i] - record.start) / span) * columns), columns - 1);
+      const error = cross && Number.isFinite(cross[i]) ? Math.abs(cross[i]) : TX ? Math.hypot(TX[i] - X[i], TY[i] - Y[i]) : 0;
+      if (error > peaks[x]) peaks[x] = error;
+    }
+    return (this.curve = { of: record, peaks, most: peaks.reduce((a, b) => Math.max(a, b), 1e-6) });
   }
 
   /** Write which of the two is better: a smaller number, in bold. */

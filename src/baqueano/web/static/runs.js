@@ -1,7 +1,7 @@
 // The list of runs: open one, put another beside it, read its report, take it home.
 
 import { el, show } from "./dom.js";
-import { clock, t } from "./strings.js";
+import { duration, t } from "./strings.js";
 
 export class Runs {
   static key = "runs";
@@ -31,7 +31,7 @@ export class Runs {
       const isOpen = one.id === openId, path = encodeURIComponent(one.id);
       return el("tr", { "aria-current": isOpen ? "true" : null },
         el("th", { scope: "row", class: "of-name" }, one.name), el("td", { class: "of-kind" }, one.kind ? el("span", { class: "chip plain" }, kindOf(one.kind)) : "–"), el("td", { class: "of-when" }, one.when ?? "–"),
-        el("td", { class: "of-long" }, Number.isFinite(one.seconds) && one.seconds !== null ? `${clock(one.seconds)} s` : "–"), el("td", { class: "of-laps" }, one.laps ?? "–"),
+        el("td", { class: "of-long" }, Number.isFinite(one.seconds) && one.seconds !== null ? duration(one.seconds) : "–"), el("td", { class: "of-laps" }, one.laps ?? "–"),
         el("td", { class: "of-do" }, el("div", { class: "do" },
           el("button", { type: "button", class: "primary", onclick: () => page.openRun(one.id, null) }, t("runs.open")),
           openId && !isOpen ? el("button", { type: "button", onclick: () => page.openRun(openId, one.id) }, t("runs.beside")) : null,

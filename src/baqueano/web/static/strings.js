@@ -46,6 +46,9 @@ export function length(metres) {
   return Math.abs(metres) < 0.995 ? [num(metres * 100, 1), "cm"] : [num(metres, 2), "m"];
 }
 
+/** Return a time with its unit. */
+export const duration = (seconds) => `${clock(seconds)} ${seconds < 60 ? "s" : "min"}`;
+
 /** Return seconds as m:ss,s where there is a minute, else as s,s. */
 export function clock(seconds) {
   if (!Number.isFinite(seconds)) return "–";

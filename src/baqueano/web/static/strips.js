@@ -69,7 +69,12 @@ export class Strip {
       if (!v) continue;
       for (let i = first; i < last; i++) { const x = v[i]; if (x < low) low = x; if (x > high) high = x; }
     }
-    if (sd) for (let i = first; i < last; i += 8) { const x = 1.96 * sd[i]; if (x > high) high = x; if (-x < low) low = -x; }
+    if (sd) {
+      let most = 0;
+      for (let i = first; i < last; i += 8) if (sd[i] > most) most = sd[i];
+      most = Math.min(1.96 * most, 1.5 * Math.max(-low, high)); // the band of the first moments may be far wider than what came
+      if (most > 0) { high = Math.max(high, most); low = Math.min(low, -most); }
+    }
     if (!(low <= high)) { if (Number.isFinite(this.low)) return; [this.low, this.high] = [NaN, NaN]; return; }
     if (low > 0 && low < 0.5 * high) low = 0;
     if (high < 0 && high > 0.5 * low) high = 0;
@@ -142,32 +147,24 @@ function band(c, time, sd, first, last, from, X, Y, w) {
   c.fill();
 }
 
-/** Return the strips of a vehicle: measurement against model, innovation with its band, command applied and asked. */
-export function stripsOf(record, vehicle) {
-  const made = [];
-  const known = (name) => record.has(name);
+/** Return the strips of a vehicle in three groups: measurement against model, innovation in its band, command. */
+export function groupsOf(record, vehicle) {
+  const measured = [], innovations = [], commands = [], known = (name) => record.has(name);
   for (const channel of record.channels) {
-    const { label, unit } = record.field(`z.${channel}`);
-    const traces = [{ name: `z.${channel}`, line: "measured" }];
-    if (known(`model.${channel}`)) traces.push({ name: `model.${channel}`, line: "model" });
-    made.push(new Strip({ title: label, unit, traces }));
-  }
-  for (const channel of record.channels) {
-    if (!known(`innov.${channel}`)) continue;
-    const { label, unit } = record.field(`innov.${channel}`);
-    made.push(new Strip({ title: t("strip.innovation", { of: label }), unit, traces: [{ name: `innov.${channel}`, line: "measured" }], band: known(`S.${channel}`) ? `S.${channel}` : null }));
+    const { label, unit } = record.field(`z.${channel}`), [model, innovation, sd] = ["model", "innov", "S"].map((one) => `${one}.${channel}`);
+    measured.push(new Strip({ title: label, unit, traces: [{ name: `z.${channel}`, line: "measured" }, ...(known(model) ? [{ name: model, line: "model" }] : [])] }));
+    if (known(innovation)) innovations.push(new Strip({ title: label, unit, traces: [{ name: innovation, line: "measured" }], band: known(sd) ? sd : null }));
   }
   vehicle.command.forEach(({ low, high, unit }, k) => {
     if (low === high || !known(`u.${k}`)) return;
-    const traces = [{ name: `u.${k}`, line: "applied" }];
-    if (known(`asked.${k}`)) traces.push({ name: `asked.${k}`, line: "asked" });
-    made.push(new Strip({ title: record.field(`u.${k}`).label, unit, traces }));
+    commands.push(new Strip({ title: record.field(`u.${k}`).label, unit, traces: [{ name: `u.${k}`, line: "applied" }, ...(known(`asked.${k}`) ? [{ name: `asked.${k}`, line: "asked" }] : [])] }));
   });
-  return made;
+  return [["measured", measured, ["measured", "model"]], ["innovations", innovations, ["measured", "band"]], ["commands", commands, ["applied", "asked"]]].filter(([, strips]) => strips.length);
 }
 
-/** What the lines mean, once for all strips. */
-export function stripLegend() {
-  const one = (kind, key) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(key));
-  return el("div", { class: "legend" }, one("measured", "strip.measured"), one("model", "strip.model"), one("band", "strip.band"), one("applied", "strip.applied"), one("asked", "strip.asked"));
+/** The list of strips, each group under its own line that says what the lines mean. */
+export function stripList(groups) {
+  const key = (kind) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(kind === "measured" ? "strip.measured" : `strip.${kind}`));
+  return el("div", { class: "strip-list", tabindex: "0", role: "region", "aria-label": t("strips") }, ...groups.flatMap(([name, strips, kinds]) => [
+    el("div", { class: "group" }, el("h2", {}, t(`strips.${name}`)), ...kinds.filter((kind) => !(name === "innovations" && kind === "measured")).map(key)), ...strips.map((one) => one.node)]));
 }
