@@ -6,10 +6,10 @@ import { Strip } from "./strips.js";
 import { num, t, three } from "./strings.js";
 
 const SPAN = 10; // s, on a wire
-// block → its place in the grid (column, row) and the wires out of it: [to, what travels]
-const PLACES = { vehicle: [1, 1], sensors: [3, 1], estimator: [5, 3], guide: [5, 5], controller: [3, 5], supervisor: [1, 3] };
-const WIRES = [["vehicle", "sensors", null], ["sensors", "estimator", "measured"], ["estimator", "guide", "estimate"], ["guide", "controller", "reference"], ["estimator", "controller", null], ["controller", "supervisor", "asked"], ["supervisor", "vehicle", "command"]];
-const ON_WIRE = { measured: [5, 1], estimate: [5, 4], reference: [4, 5], asked: [1, 5], command: [1, 2] };
+// Where each stands is a matter of the style sheet: `at-…`.
+const BLOCKS = ["vehicle", "sensors", "estimator", "guide", "controller", "supervisor"];
+const WIRES = [["vehicle", "sensors"], ["sensors", "estimator"], ["estimator", "guide"], ["guide", "controller"], ["estimator", "controller"], ["controller", "supervisor"], ["supervisor", "vehicle"]];
+const ON_WIRE = ["measured", "estimate", "reference", "asked", "command"];
 
 export class Blocks {
   static key = "blocks";
@@ -34,19 +34,15 @@ export class Blocks {
     if (!record) { this.node.replaceChildren(el("section", { class: "card empty" }, el("h2", {}, t("replay.none")))); return; }
     this.wires = follow(el("canvas", { class: "wires", "aria-hidden": "true" }));
     const names = { vehicle: blocks?.model ?? vehicle.name, sensors: [...new Set(record.channels.map((one) => one.replace(/[.[].*$/, "")))].join(", "), estimator: blocks?.estimator, guide: blocks?.guide, controller: blocks?.controller, supervisor: t("block.supervisor-does") };
-    this.boxes = Object.fromEntries(Object.entries(PLACES).map(([key, [column, row]]) => {
-      const box = el("button", { type: "button", class: "block", "aria-pressed": String(key === this.picked), onclick: () => this.pick(key) }, el("b", {}, t(`block.${key}`)), el("span", {}, names[key] ?? t("block.none")));
-      box.style.gridColumn = column;
-      box.style.gridRow = row;
+    this.boxes = Object.fromEntries(BLOCKS.map((key) => {
+      const box = el("button", { type: "button", class: `block at-${key}`, "aria-pressed": String(key === this.picked), onclick: () => this.pick(key) }, el("b", {}, t(`block.${key}`)), el("span", {}, names[key] ?? t("block.none")));
       return [key, box];
     }));
     const lines = this.#lines(record, vehicle);
-    this.sparks = Object.fromEntries(Object.entries(ON_WIRE).filter(([key]) => lines[key].length).map(([key, [column, row]]) => {
+    this.sparks = Object.fromEntries(ON_WIRE.filter((key) => lines[key].length).map((key) => {
       const canvas = follow(el("canvas", { "aria-hidden": "true" }));
       const value = el("b", {});
-      const node = el("div", { class: "spark" }, el("p", {}, el("span", {}, t(`wire.${key}`)), value), canvas);
-      node.style.gridColumn = column;
-      node.style.gridRow = row;
+      const node = el("div", { class: `spark at-${key}` }, el("p", {}, el("span", {}, t(`wire.${key}`)), value), canvas);
       return [key, { canvas, node, value, lines: lines[key], range: [NaN, NaN] }];
     }));
     this.world = el("span", { class: "world-label" }, t("block.world"));
@@ -139,17 +135,18 @@ export class Blocks {
     c.setLineDash([]);
     c.strokeStyle = c.fillStyle = colours.muted;
     c.lineWidth = 1.8;
-    for (const [from, to, on] of WIRES) {
-      const a = at[from], b = at[to];
-      let path;
-      if (from === "sensors") path = [[a.r, a.y], [b.x, a.y], [b.x, b.t]];
-      else if (from === "controller") path = [[a.l, a.y], [b.x, a.y], [b.x, b.b]];
-      else if (on === null && from === "estimator") path = [[a.l, a.y], [b.x, a.y], [b.x, b.t]];
-      else if (Math.abs(a.x - b.x) < 4) path = a.y < b.y ? [[a.x, a.b], [b.x, b.t]] : [[a.x, a.t], [b.x, b.b]];
-      else path = a.x < b.x ? [[a.r, a.y], [b.l, b.y]] : [[a.l, a.y], [b.r, b.y]];
-      arrow(c, path);
-    }
+    for (const [from, to] of WIRES) arrow(c, path(at[from], at[to]));
   }
+}
+
+/** Return the way of a wire: straight where two boxes share a row or a column, else along the row of the first. */
+function path(a, b) {
+  const near = (p, q) => Math.abs(p - q) < 6;
+  if (near(a.x, b.x)) return a.y < b.y ? [[a.x, a.b], [b.x, b.t]] : [[a.x, a.t], [b.x, b.b]];
+  if (near(a.y, b.y)) return a.x < b.x ? [[a.r, a.y], [b.l, b.y]] : [[a.l, a.y], [b.r, b.y]];
+  const middle = (a.l + b.r) / 2;
+  if (a.l - b.r < 60 && b.x < a.x) return [[a.l, a.y], [middle, a.y], [middle, b.y - 12], [b.r, b.y - 12]];
+  return [[b.x > a.x ? a.r : a.l, a.y], [b.x, a.y], [b.x, b.y > a.y ? b.t : b.b]];
 }
 
 function arrow(c, path) {
