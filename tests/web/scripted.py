@@ -259,6 +259,7 @@ class Scripted:
             "room": None,
             "routes": ["lab", "oval"],
             "runs": RUNS,
+            "open": None if live else {"run": "r0", "ghost": "r1" if self.ghost else None},
         }
 
     def _vehicle(self) -> dict[str, Any]:
@@ -275,8 +276,6 @@ class Scripted:
         guest.send(json.dumps(self._hello(language)))
         if self.mode == "live":
             guest.send(packed(0, self.tick - 2000, 2000))
-        else:
-            self._open(guest, "r0", "r1" if self.ghost else None)
         self.guests.append((guest, language))
         self._lease()
         try:
@@ -318,7 +317,7 @@ class Scripted:
             )
 
     def _open(self, guest: ServerConnection, run: str, ghost: str | None) -> None:
-        for stream, of, key, off in ((1, "run", run, 0.02), (2, "ghost", ghost, 0.08)):
+        for stream, key, off in ((1, run, 0.02), (2, ghost, 0.08)):
             about = next((one for one in RUNS if one["id"] == key), None)
             if about is None:
                 continue
@@ -329,7 +328,7 @@ class Scripted:
             head = {
                 "is": "answer",
                 "to": "open",
-                "of": of,
+                "stream": stream,
                 "run": about,
                 "rows": 4160,
                 "seconds": 41.6,
@@ -342,7 +341,9 @@ class Scripted:
             guest.send(json.dumps(head | {"done": False}))
             for first in (0, 4096):
                 guest.send(packed(stream << 24 | 1, first, min(4096, 4160 - first), off))
-            guest.send(json.dumps({"is": "answer", "to": "open", "of": of, "done": True, "seconds": 41.6}))
+            guest.send(
+                json.dumps({"is": "answer", "to": "open", "stream": stream, "done": True, "seconds": 41.6})
+            )
 
     def _drive(self) -> None:
         number = 0

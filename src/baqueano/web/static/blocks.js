@@ -24,7 +24,7 @@ export class Blocks {
   /** What the screen shows: the live drive, or the run that is open. */
   get source() {
     const { page } = this, open = page.hello.mode === "replay";
-    return open ? { record: page.opened?.record, vehicle: page.opened?.about.vehicle, blocks: page.opened?.about.blocks ?? page.opened?.about.vehicle?.blocks ?? page.hello.blocks } : { record: page.record, vehicle: page.hello.vehicle, blocks: page.hello.blocks ?? page.hello.vehicle.blocks };
+    return open ? { record: page.opened?.record, vehicle: page.opened?.about.vehicle, blocks: page.opened?.about.blocks } : { record: page.record, vehicle: page.hello.vehicle, blocks: page.hello.blocks };
   }
 
   opened() { this.build(); }

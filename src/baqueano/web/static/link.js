@@ -10,7 +10,6 @@ export class Link {
     this.token = tokenOf(location);
     this.answers = new Map();
     this.asked = 0;
-    this.opening = 0; // the stream whose rows come without its number: those of a run while nothing is live
     this.fields = [0, 0, 0]; // numbers a row, of each stream
     this.connect();
   }
@@ -64,7 +63,6 @@ export class Link {
     if (word.is === "hello") {
       this.up = true;
       this.tries = 0;
-      this.opening = 0;
       this.fields[0] = word.fields.length;
     }
     if (word.is === "answer" && word.to === "ask") {
@@ -72,17 +70,13 @@ export class Link {
       this.answers.delete(word.id);
       return;
     }
-    if (word.is === "answer" && word.to === "open") {
-      const stream = word.of === "ghost" ? 2 : 1;
-      if (word.fields) this.fields[stream] = word.fields.length;
-      this.opening = word.done ? 0 : stream;
-    }
+    if (word.is === "answer" && word.to === "open" && word.fields) this.fields[word.stream] = word.fields.length;
     this.on[word.is]?.(word);
   }
 
   #frame(data) {
     const head = new DataView(data, 0, HEAD), n = head.getUint32(0, true), rows = head.getUint32(4, true);
-    const stream = n >>> 24 || this.opening, number = n & 0xffffff;
+    const stream = n >>> 24, number = n & 0xffffff;
     if (stream > 2 || data.byteLength !== HEAD + 4 * rows * this.fields[stream]) return;
     if (stream === 0) {
       this.number = number;

@@ -21,15 +21,19 @@ const page = {
   say, stop, open, openRun,
 };
 const pending = {};
+const NO_VEHICLE = { name: "", footprint: { kind: "round", length_m: 0.14, width_m: 0.14 }, command: [], rate_hz: 100, world: "recorded" }; // before a run is open
 
 const on = {
   hello(word) {
+    word.vehicle ??= NO_VEHICLE;
+    if (!word.fields.length) word.fields = [{ name: "t", unit: "s", group: "t", label: "t" }];
     Object.assign(page, { hello: word, state: word.state ?? {}, route: word.route, runs: word.runs ?? [], opened: null, ghost: null, driver: word.driver });
     page.record = new Record(word.fields, KEPT_S * word.vehicle.rate_hz, true);
     page.hand?.still();
     page.hand ??= new Hand(page);
     page.hand.lease({ you: false });
     frame();
+    if (word.open) page.link.send(word.open.ghost ? { is: "open", ...word.open } : { is: "open", run: word.open.run });
   },
   rows(stream, values, count) {
     if (stream === 0) page.record.add(values, count);
@@ -51,7 +55,7 @@ const on = {
   },
   route(word) { page.route = word.x?.length ? word : null; },
   routes({ routes }) { page.screens.drive?.routes(routes.map((one) => one.name ?? one)); },
-  runs({ runs }) { page.runs = runs; page.screens.runs?.runs(); },
+  runs({ runs }) { page.runs = runs; for (const one of Object.values(page.screens)) one.runs?.(); },
   lease(word) { page.hand.lease(word); lease(word); page.screens.drive?.state(page.state); },
   event({ severity, text }) { if (["warning", "error", "fatal"].includes(severity)) say(text); },
   no({ why }) {
@@ -60,7 +64,7 @@ const on = {
   },
   answer(word) {
     if (word.to !== "open") return;
-    const stream = word.of === "ghost" ? 2 : 1;
+    const { stream } = word;
     if (!word.done) {
       pending[stream] = { record: new Record(word.fields, word.rows ?? 4096, false), about: { events: [], route: null, ...word, vehicle: word.vehicle ?? page.hello.vehicle } };
       return;
@@ -77,6 +81,7 @@ const on = {
 /** What was opened came: the screens show it. */
 function rebuilt() {
   for (const one of Object.values(page.screens)) one.opened?.();
+  if (page.hello.mode === "replay") write($("vehicle"), page.opened.about.vehicle.name);
   told();
 }
 
@@ -88,7 +93,7 @@ function openRun(run, ghost) {
 /** Make the frame for this vehicle, this visitor and this language. */
 function frame() {
   const { hello } = page, replay = hello.mode === "replay";
-  document.title = `${hello.vehicle.name} · baqueano`;
+  document.title = [hello.vehicle.name, "baqueano"].filter(Boolean).join(" · ");
   document.body.dataset.mode = hello.mode;
   for (const node of document.querySelectorAll("canvas")) leave(node);
   write($("vehicle"), hello.vehicle.name);
@@ -139,7 +144,7 @@ function told() {
   const recorded = hello.mode === "replay" || (page.screen?.constructor === Replay && opened);
   if (recorded) {
     const about = opened?.about;
-    sentence("info", opened ? opened.label : t("replay.loading"), about?.sentence ?? (opened ? t("replay.about", { s: duration(opened.record.end), n: opened.record.length }) : ""));
+    sentence("info", opened ? opened.label : t(hello.open || hello.mode === "live" ? "replay.loading" : "replay.none"), about?.sentence ?? (opened ? t("replay.about", { s: duration(opened.record.end), n: opened.record.length }) : ""));
   } else sentence(state.severity, state.title ?? t(`state.${state.state}`), [state.sentence, ...(state.odd ?? [])].filter(Boolean).join(" "));
   show($("clear"), state.state === "STOPPED" && hello.mode !== "replay" && hello.role === "drive");
   $("clear").disabled = !page.hand.mine;

@@ -20,7 +20,7 @@ export class Opened {
     this.estimate = new Trail(record, "eta.x", "eta.y", step, true);
     this.path = new Trail(record, "eta.x", "eta.y", step);
     this.truth = new Trail(record, "truth.x", "truth.y", step);
-    this.label = about.run?.name ?? about.name ?? "";
+    this.label = about.run.name;
   }
 }
 
@@ -86,17 +86,24 @@ export class Replay {
     this.when = el("b", {});
     this.whole = el("span", {});
     this.happened = el("p", { class: "happened" });
-    const others = page.runs.filter((one) => one.id !== this.run.about.run?.id && one.id !== this.run.about.id);
-    this.other = el("select", { "aria-label": t("replay.ghost") }, el("option", { value: "" }, t("replay.no-ghost")), ...others.map((one) => el("option", { value: one.id }, one.name)));
-    const ghostId = this.ghost?.about.run?.id ?? this.ghost?.about.id;
-    if (ghostId && others.some((one) => one.id === ghostId)) this.other.value = ghostId;
-    this.other.addEventListener("change", () => page.openRun(this.run.about.run?.id ?? this.run.about.id, this.other.value || null));
+    this.other = el("select", { "aria-label": t("replay.ghost") });
+    this.beside = el("label", { class: "pick" }, t("replay.ghost"), this.other);
+    this.runs();
+    this.other.addEventListener("change", () => page.openRun(this.run.about.run.id, this.other.value || null));
     const ways = ["distance", "time"];
     const pairing = choices(t("replay.pair"), ways.map((one) => t(`replay.by-${one}`)), ways.indexOf(this.by), (k) => { this.by = ways[k]; this.pairs = null; });
     return el("section", { class: "card transport", "aria-label": t("replay.controls") },
       el("div", { class: "line" }, this.play, this.scrub, el("span", { class: "when" }, this.when, this.whole)),
-      el("div", { class: "line" }, this.rates, this.happened, others.length ? el("label", { class: "pick" }, t("replay.ghost"), this.other) : null,
+      el("div", { class: "line" }, this.rates, this.happened, this.beside,
         this.ghost ? el("div", { class: "pick" }, el("span", {}, t("replay.pair")), pairing) : null));
+  }
+
+  /** List what may stand beside the run. */
+  runs() {
+    if (!this.run) return;
+    const others = this.page.runs.filter((one) => one.id !== this.run.about.run.id), ghost = this.ghost?.about.run.id;
+    this.other.replaceChildren(el("option", { value: "" }, t("replay.no-ghost")), ...others.map((one) => el("option", { value: one.id, selected: one.id === ghost }, one.name)));
+    show(this.beside, others.length > 0);
   }
 
   toggle() {

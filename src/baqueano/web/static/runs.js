@@ -1,7 +1,7 @@
 // The list of runs: open one, put another beside it, read its report, take it home.
 
 import { el, show } from "./dom.js";
-import { duration, t } from "./strings.js";
+import { duration, language, t } from "./strings.js";
 
 export class Runs {
   static key = "runs";
@@ -26,11 +26,11 @@ export class Runs {
     const listed = page.runs.filter((one) => `${one.name} ${one.kind ?? ""}`.toLowerCase().includes(wanted));
     this.empty.textContent = page.runs.length ? t("runs.no-match") : t("runs.none");
     show(this.empty, listed.length === 0);
-    const openId = page.opened?.about.run?.id ?? page.opened?.about.id;
+    const openId = page.opened?.about.run.id;
     this.body.replaceChildren(...listed.map((one) => {
       const isOpen = one.id === openId, path = encodeURIComponent(one.id);
       return el("tr", { "aria-current": isOpen ? "true" : null },
-        el("th", { scope: "row", class: "of-name" }, one.name), el("td", { class: "of-kind" }, one.kind ? el("span", { class: "chip plain" }, kindOf(one.kind)) : "–"), el("td", { class: "of-when" }, one.when ?? "–"),
+        el("th", { scope: "row", class: "of-name" }, one.name), el("td", { class: "of-kind" }, one.kind ? el("span", { class: "chip plain" }, kindOf(one.kind)) : "–"), el("td", { class: "of-when" }, whenOf(one.when)),
         el("td", { class: "of-long" }, Number.isFinite(one.seconds) && one.seconds !== null ? duration(one.seconds) : "–"), el("td", { class: "of-laps" }, one.laps ?? "–"),
         el("td", { class: "of-do" }, el("div", { class: "do" },
           el("button", { type: "button", class: "primary", onclick: () => page.openRun(one.id, null) }, t("runs.open")),
@@ -39,6 +39,12 @@ export class Runs {
           el("a", { href: `/run/${path}`, download: true }, t("runs.download")))));
     }));
   }
+}
+
+/** Return a date of the list as people of this language write it. */
+function whenOf(stamp) {
+  const when = new Date(stamp ?? NaN);
+  return Number.isNaN(when.getTime()) ? (stamp ?? "–") : when.toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
 }
 
 /** Return the word for a kind of run; a kind that the page does not know keeps its own name. */
