@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from baqueano.door import sockets
-from baqueano.door.along_route import AlongRoute
-from baqueano.door.frames import RING, DriveRows, Frames
+from baqueano.door.frames.along_route import AlongRoute
+from baqueano.door.frames.rows import RING, DriveRows, Frames
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import Door
 from baqueano.drive import experiment

@@ -14,7 +14,7 @@ import pytest
 from baqueano.diagnostics import StopReason
 from baqueano.door import VERSION
 from baqueano.door.simulated.missions import StoredRoutes, planned
-from baqueano.door.simulated.pace import FASTEST, Pace
+from baqueano.door.simulated.pace import FASTEST, PacedClock
 from baqueano.drive.mission import Mission, packed
 from baqueano.errors import BaqueanoError, FileError, UsageError
 from baqueano.guides import shapes
@@ -195,7 +195,7 @@ class Time:
 
 def test_pace_is_simulated_seconds_in_a_second():
     clock = Time()
-    pace = Pace(4.0, lambda: clock.now_s, clock.sleep)
+    pace = PacedClock(4.0, lambda: clock.now_s, clock.sleep)
     ticks = pace.ticks(100.0, lambda: False)
     times = list(islice(ticks, 400))
     assert times == [round(k * 1e7) for k in range(1, 401)]
@@ -207,7 +207,7 @@ def test_pace_is_simulated_seconds_in_a_second():
 
 def test_a_slow_computer_stretches_time_and_leaves_no_tick_out():
     clock = Time()
-    pace = Pace(50.0, lambda: clock.now_s, clock.sleep)
+    pace = PacedClock(50.0, lambda: clock.now_s, clock.sleep)
     times = []
     for t_ns in islice(pace.ticks(100.0, lambda: False), 200):
         times.append(t_ns)
@@ -218,7 +218,7 @@ def test_a_slow_computer_stretches_time_and_leaves_no_tick_out():
 
 def test_paused_time_stands_until_it_is_wanted():
     clock, wanted = Time(), []
-    pace = Pace(1.0, lambda: clock.now_s, clock.sleep)
+    pace = PacedClock(1.0, lambda: clock.now_s, clock.sleep)
     pace.pause()
     pace.go(ticks=3)
     ticks = pace.ticks(100.0, lambda: bool(wanted) or clock.now_s > 5.0)
@@ -231,7 +231,7 @@ def test_paused_time_stands_until_it_is_wanted():
 @pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), 2 * FASTEST])
 def test_a_pace_of_nonsense_is_refused(factor):
     with refused("door.pace"):
-        Pace().set(factor)
+        PacedClock().set(factor)
 
 
 def test_no_vehicle_is_an_error_of_one_paragraph(tmp_path):

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
 from baqueano.door.files import RunFiles
-from baqueano.door.frames import MOST_HZ, Frames
+from baqueano.door.frames.rows import MOST_HZ, Frames
 from baqueano.door.guests import LONG, LONGEST, Guest
 from baqueano.door.wire import encoded
 from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError, named

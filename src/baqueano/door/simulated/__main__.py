@@ -13,7 +13,7 @@ from pathlib import Path
 
 from baqueano.door.pipes import join
 from baqueano.door.simulated.missions import StoredRoutes
-from baqueano.door.simulated.pace import Pace
+from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.simulated.service import SimulatedService
 from baqueano.door.sockets import Door
 from baqueano.errors import BaqueanoError
@@ -26,7 +26,7 @@ def main(words: list[str] | None = None) -> int:
     try:
         file = load(asked.vehicle)
         truth = file if asked.truth is None else load(asked.truth)
-        pace = Pace(asked.pace)
+        pace = PacedClock(asked.pace)
     except BaqueanoError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -36,7 +36,7 @@ MOST_SECONDS = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class MissionPlan:
     """A mission, the vehicle file that drives it, and what becomes of it."""
 
     mission: Mission
@@ -53,7 +53,7 @@ class Plan:
 
 
 @contextmanager
-def planned(asked: str, file: "VehicleFile", routes: "StoredRoutes", seed: int) -> Iterator[Plan]:
+def planned(asked: str, file: "VehicleFile", routes: "StoredRoutes", seed: int) -> Iterator[MissionPlan]:
     """The plan of a mission in JSON, whole or by name; UsageError, FileError where it is none."""
     try:
         said = json.loads(asked)
@@ -67,7 +67,7 @@ def planned(asked: str, file: "VehicleFile", routes: "StoredRoutes", seed: int) 
         return
     mission = Mission.of_json(asked)
     with TemporaryDirectory(prefix="baqueano-") as folder:
-        yield Plan(mission, unpacked(mission, Path(folder)), seed=seed)
+        yield MissionPlan(mission, unpacked(mission, Path(folder)), seed=seed)
 
 
 class StoredRoutes:
@@ -108,14 +108,14 @@ class StoredRoutes:
         return rows
 
 
-def _named(kind: str, said: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int) -> Plan:
+def _named(kind: str, said: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int) -> MissionPlan:
     match kind:
         case "teach":
             keep = str(said.get("name") or "lesson")
             routes.path(keep)  # a wrong name is refused before anything moves
             if (drawn := said.get("shape")) is None:
                 closed = said.get("closed")
-                return Plan(
+                return MissionPlan(
                     Mission("teach"),
                     file,
                     keep=keep,
@@ -123,19 +123,19 @@ def _named(kind: str, said: JsonObject, file: "VehicleFile", routes: StoredRoute
                     seed=seed,
                 )
             route = shape(str(drawn), _number(said, "size_m", SIZE_M), _number(said, "speed_m_s", SPEED_M_S))
-            return Plan(Mission("teach", route=route), file, keep, keep, bool(route.closed), seed)
+            return MissionPlan(Mission("teach", route=route), file, keep, keep, bool(route.closed), seed)
         case "repeat":
             name = str(said.get("route", ""))
             laps = max(0, round(_number(said, "laps", 1)))
-            return Plan(Mission("repeat", route=routes.read(name), laps=laps), file, name, seed=seed)
+            return MissionPlan(Mission("repeat", route=routes.read(name), laps=laps), file, name, seed=seed)
         case "experiment":
             from baqueano.identify.design.signals import excitation
 
             length_s = min(_number(said, "seconds", SECONDS), MOST_SECONDS)
             signal = str(said.get("signal", "random_steps")).replace("-", "_")
             u = excitation(signal, file.command.limit, length_s, file.rate_hz, seed)
-            return Plan(Mission("experiment", u=u), file, seed=seed)
-    return Plan(Mission(kind), file, seed=seed)
+            return MissionPlan(Mission("experiment", u=u), file, seed=seed)
+    return MissionPlan(Mission(kind), file, seed=seed)
 
 
 def _number(said: JsonObject, name: str, usual: float) -> float:

@@ -1,4 +1,4 @@
-"""Ticks of a simulated drive in the time of the wall, at a pace that may change, and stand still.
+"""The clock of a simulated drive: ticks in the time of the wall, at a pace that may change, and stand still.
 
     due_{k+1} = due_k + 1/(f · pace)                                                                       (1)
 
@@ -17,7 +17,7 @@ STANDING_S = 0.01  # between two looks while time stands
 SLOWEST, FASTEST = 0.05, 50.0
 
 
-class Pace:
+class PacedClock:
     """The pace of all drives of a service. `ticks` is one drive's clock; the rest may be called from any thread."""
 
     def __init__(

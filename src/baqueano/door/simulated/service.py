@@ -11,18 +11,18 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
-from baqueano.door.descriptions import drive_words
-from baqueano.door.frames import Frames
+from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.frames.rows import Frames
 from baqueano.door.operator import STOP, Operator
 from baqueano.door.outcome import outcome_of
-from baqueano.door.simulated.missions import Plan, StoredRoutes, planned
-from baqueano.door.simulated.pace import Pace
+from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, planned
+from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.mission import perform
 from baqueano.drive.observers import LastLine, Observer
@@ -37,9 +37,10 @@ from baqueano.runs.route_file import write_route
 from baqueano.worlds import Simulated
 
 if TYPE_CHECKING:
+    from baqueano.door.guests import Guest
     from baqueano.vehicle_file.file import VehicleFile
 
-Word = Callable[[Any, JsonObject], object]
+Word = Callable[["Guest", JsonObject], object]
 IDLE_S, TELL_S = 0.02, 0.2
 LOOP = 4.0  # a lesson that is so many times longer than CLOSE_M, and came back, went round
 
@@ -55,7 +56,7 @@ class SimulatedService:
     seed: int = 0  # of the first drive; the next has the next one
     backend: str = "auto"
     operator: Operator = field(default_factory=Operator)
-    pace: Pace = field(default_factory=Pace)
+    pace: PacedClock = field(default_factory=PacedClock)
     tell: Callable[[JsonObject], None] = lambda message: None
     frames: Frames = field(default_factory=Frames)
 
@@ -63,7 +64,7 @@ class SimulatedService:
         templates()
         self.machine, self.done = Machine(), threading.Event()
         self._drives = 0
-        self._plan: Plan | None = None
+        self._plan: MissionPlan | None = None
         self._run: str | None = None  # that is written just now
         self._seen: Record | None = None
         self._told_s = float("-inf")
@@ -134,13 +135,13 @@ class SimulatedService:
             finally:
                 release(path)
 
-    def _driven(self, plan: Plan, attended: bool, path: Path) -> Diagnostic | None:
+    def _driven(self, plan: MissionPlan, attended: bool, path: Path) -> Diagnostic | None:
         """Return why the vehicle was stopped, None if nothing stopped it."""
         truth, start = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
         world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend)
         self.operator.marked()  # those of before this drive
-        watching = _Watching(self, plan, world, attended)
+        watching = _DriveObserver(self, plan, world, attended)
         try:
             perform(
                 plan.mission, plan.file, hand=lambda: self.operator.command(world.commands), world=world,
@@ -153,7 +154,7 @@ class SimulatedService:
             self.event("error", error.diagnostic)
         return watching.stopped
 
-    def _ticks(self, plan: Plan, attended: bool) -> Iterator[int]:
+    def _ticks(self, plan: MissionPlan, attended: bool) -> Iterator[int]:
         def wanted() -> bool:
             self.publish()
             return self.operator.done or self.operator.why(attended) is not None
@@ -164,7 +165,7 @@ class SimulatedService:
             yield t_ns
             self.publish()
 
-    def _kept(self, plan: Plan, path: Path) -> JsonObject:
+    def _kept(self, plan: MissionPlan, path: Path) -> JsonObject:
         """Store the route of a lesson; its name, or why there is none."""
         try:
             run = read_run(path)
@@ -212,10 +213,12 @@ class SimulatedService:
         self.publish(at_once=True)
 
 
-class _Watching(Observer):
+class _DriveObserver(Observer):
     """The observer of a drive for the service."""
 
-    def __init__(self, service: SimulatedService, plan: Plan, world: Simulated, attended: bool) -> None:
+    def __init__(
+        self, service: SimulatedService, plan: MissionPlan, world: Simulated, attended: bool
+    ) -> None:
         self._service, self._plan, self._world, self._attended = service, plan, world, attended
         self.over = False
         self.stopped: Diagnostic | None = None

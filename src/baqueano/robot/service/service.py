@@ -21,8 +21,8 @@ from typing import Any
 from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
-from baqueano.door.descriptions import drive_words
-from baqueano.door.frames import Frames
+from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.frames.rows import Frames
 from baqueano.door.operator import Operator
 from baqueano.door.outcome import outcome_of
 from baqueano.door.states import DoorState, Machine

@@ -13,19 +13,20 @@ import threading
 from collections import deque
 from dataclasses import dataclass, field
 from itertools import count
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
-from baqueano.door.along_route import AlongRoute
-from baqueano.door.descriptions import route_words, vehicle_words
+from baqueano.door.frames.along_route import AlongRoute
+from baqueano.door.frames.descriptions import route_words, vehicle_words
 from baqueano.drive.health import normalised_square
 from baqueano.monitor.watching import innovations_of
 from baqueano.signals import NANOSECONDS, Motion, seconds
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
+    from baqueano.contracts.blocks import Estimator
     from baqueano.drive.mission import Mission
     from baqueano.guides.route import Route
     from baqueano.loop import Record
@@ -58,7 +59,7 @@ class Column(NamedTuple):
     kind: str
 
 
-class Seen(NamedTuple):
+class RecordedTick(NamedTuple):
     """A tick with what its record does not hold."""
 
     record: "Record"
@@ -86,9 +87,9 @@ class DriveRows:
     """The rows of one drive."""
 
     file: "VehicleFile"
-    estimator: Any = None  # that drives
+    estimator: "Estimator | None" = None  # that drives
     route: "Route | None" = None
-    ticks: deque[Seen] = field(default_factory=lambda: deque(maxlen=RING))  # not made into rows yet
+    ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING))  # not made into rows yet
     looked: int = 0  # ticks that the loop has put there
 
     def __post_init__(self) -> None:
@@ -132,7 +133,7 @@ class DriveRows:
         head = f'{{"is":"frame","t_ns":{rows[0][0]},"n":{self.made - number},"x":[['
         return (head + "],[".join(texts) + "]]}\n").encode()
 
-    def _row(self, seen: Seen) -> list[float]:
+    def _row(self, seen: RecordedTick) -> list[float]:
         record = seen.record
         tick, estimate, reference = record.tick, record.estimate, record.reference
         eta, nu, cov = estimate.eta.tolist(), estimate.nu.tolist(), estimate.cov
@@ -152,7 +153,7 @@ class DriveRows:
         innovation, deviation = [NAN] * channels, [NAN] * channels
         if y is None or S is None:
             return innovation, deviation, NAN
-        if self._at == ():
+        if self._at == () and self.estimator is not None:
             self._at = innovations_of(self.estimator, self.file.sensors, len(y))
         values, spread = y.tolist(), np.sqrt(np.maximum(np.diagonal(S), 0.0)).tolist()
         for k, c in enumerate(self._at or ()):
@@ -178,7 +179,7 @@ class Frames:
         self._words: list[JsonObject] = []
 
     def begin(
-        self, file: "VehicleFile", world: str, seed: int | None = None, estimator: Any = None,
+        self, file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
         mission: "Mission | None" = None, name: str = "",
     ) -> None:  # fmt: skip
         """A drive begins, or is expected; `name` is that of its route."""
@@ -198,7 +199,7 @@ class Frames:
     ) -> None:
         """Take a tick; never waits."""
         if (drive := self._drive) is not None:
-            drive.ticks.append(Seen(record, truth, battery_v, late_ms))
+            drive.ticks.append(RecordedTick(record, truth, battery_v, late_ms))
             drive.looked += 1
 
     def drive(self) -> tuple[DriveRows | None, list[JsonObject]]:

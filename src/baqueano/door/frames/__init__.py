@@ -1,0 +1,1 @@
+"""Ticks of a drive as messages, with its vehicle and its route."""
