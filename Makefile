@@ -11,10 +11,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 # By whole files, and in the order of tests/conftest.py.
 BOTH_CORES := -n 2 --dist loadfile --no-loadscope-reorder
 
-# What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices; and
-# the browser in which the page is tested.
+# What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices.
 DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude arduino-core-avr umockdev \
-          gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools chromium
+          gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
 .PHONY: demo test test-fast promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean
@@ -80,9 +79,9 @@ wheel: $(VENV)/test.stamp
 lock:
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --custom-compile-command "make lock" --extra lab pyproject.toml requirements/build.in -o requirements/run.lock
+	  --custom-compile-command "make lock" --extra lab --extra page pyproject.toml requirements/build.in -o requirements/run.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --custom-compile-command "make lock" --extra lab --extra test pyproject.toml requirements/build.in -o requirements/test.lock
+	  --custom-compile-command "make lock" --extra lab --extra page --extra test pyproject.toml requirements/build.in -o requirements/test.lock
 
 clean:
 	rm -rf $(VENV) dist build demo demo-*

@@ -79,11 +79,7 @@ def compiled(catalogue: Catalog) -> bytes:
 def update(language: str) -> Catalog:
     """Write the catalogue of a language anew, with all that is to be translated now."""
     catalogue = read(language)
-    template = wanted()
-    template.creation_date = (
-        catalogue.creation_date
-    )  # git knows the time; here it is a conflict at each merge
-    catalogue.update(template, no_fuzzy_matching=False, update_header_comment=False)
+    catalogue.update(wanted(), no_fuzzy_matching=False, update_header_comment=False)
     catalogue.obsolete.clear()
     po, mo = places(language)
     po.parent.mkdir(parents=True, exist_ok=True)

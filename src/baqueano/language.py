@@ -6,6 +6,9 @@ which `make catalogues` writes.
 
 import gettext
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +18,7 @@ DOMAIN = "baqueano"
 CATALOGUES = Path(__file__).with_name("locale")
 _COMMA = str.maketrans({".": ",", ",": " "})
 _chosen = ""
+_reader: ContextVar[str] = ContextVar("reader", default="")  # the language of whom a text is made for
 
 
 def choose(language: str) -> None:
@@ -26,13 +30,28 @@ def choose(language: str) -> None:
     gettext.textdomain(DOMAIN)  # click asks there
 
 
+@contextmanager
+def within(language: str) -> Iterator[None]:
+    """Make texts in this language meanwhile: a page serves readers of several.
+
+    >>> with within("es"):
+    ...     print(current(), f"{number(0.25):.2f}")
+    es 0,25
+    """
+    before = _reader.set(language)
+    try:
+        yield
+    finally:
+        _reader.reset(before)
+
+
 def current() -> str:
     """Return the key of LANGUAGES that is in force.
 
     >>> current()
     'en'
     """
-    wanted = _chosen or os.environ.get(VARIABLE) or _of_the_system()
+    wanted = _reader.get() or _chosen or os.environ.get(VARIABLE) or _of_the_system()
     language = wanted.partition("_")[0].partition(".")[0].lower()
     return language if language in LANGUAGES else "en"
 

@@ -25,6 +25,8 @@ VERBS = {
     "replay": "Send a run through the same blocks again, or through others.",
     "compare": "Errors and consistency of one or more runs.",
     "runs": "List, show, cut, recover, import and export runs.",
+    "serve": "Open the page of a vehicle in a browser: watch, drive, teach, repeat, stop.",
+    "view": "Open a run in a browser: map, strips, events, a ghost of another run.",
     "report": "Write one self-contained HTML page about a run.",
     "study": "Reproduce the paper's case studies; judge by recordings.",
     "robot": "The real vehicle: from an empty card to a calibrated one; its service, state and runs.",
@@ -34,6 +36,7 @@ VERBS = {
 ROOMS = {  # of the verbs that do not stand beside this file
     "driving": ("drive", "experiment", "repeat", "replay", "teach"),
     "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "tune"),
+    "page": ("serve", "view"),
     "robot": ("robot",),
 }
 

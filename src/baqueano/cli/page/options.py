@@ -1,0 +1,41 @@
+"""Options of the verbs that open the page, and what runs it."""
+
+import asyncio
+from collections.abc import Coroutine
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from baqueano.cli import options
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+
+if TYPE_CHECKING:
+    from baqueano.web.run import Served
+
+serving = options.together(
+    click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: a free one."),
+    click.option(
+        "--share", is_flag=True,
+        help="Also for others of this network, who need the printed address or its QR code. "
+        "Default: this machine alone.",
+    ),
+    click.option("--address", default="", metavar="IP", help="The address that is shared. Default: the network's."),
+    click.option("--browser/--no-browser", default=True, help="Open a tab, where there is a display."),
+)  # fmt: skip
+
+
+def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "Served":
+    """Return how the page is served. UsageError where its library is missing."""
+    if find_spec("websockets") is None:
+        raise UsageError(fault("web.no-websockets", "pip install 'baqueano[page]'"))
+    from baqueano.web.run import Served
+
+    return Served(Path(folder), port, share or bool(address), address, browser)
+
+
+def run(page: Coroutine[None, None, None]) -> None:
+    """Run a page until it ends."""
+    asyncio.run(page)

@@ -1,0 +1,49 @@
+"""baqueano serve."""
+
+from functools import partial
+from pathlib import Path
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.page import options as page_options
+from baqueano.cli.terminal import talk
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+
+GARAGE = "small"  # where there is no vehicle file
+
+
+@click.command(
+    help="Open the page of a vehicle: a simulated one, or the one at HOST; or that of a recorded RUN."
+)
+@click.argument("run", required=False)
+@click.option(
+    "--vehicle",
+    metavar="FILE|NAME",
+    help="What is simulated, or the file of the robot. Else vehicle.toml or small.",
+)
+@click.option("--robot", metavar="HOST", help="A vehicle by ssh, here, or the socket of its service.")
+@click.option("--pace", type=click.FloatRange(0.05, 50.0), default=1.0, help="Simulated seconds in a second.")
+@options.seed
+@options.runs_folder
+@page_options.serving
+def command(
+    run: str | None, vehicle: str | None, robot: str | None, pace: float, seed: int | None, folder: str, port: int,
+    share: bool, address: str, browser: bool,
+) -> None:  # fmt: skip
+    several = [name for name, given in (("--vehicle", vehicle), ("--robot", robot)) if given]
+    if run is not None and several:
+        raise UsageError(fault("web.one-of", several=["RUN", *several]))
+    how = page_options.served(folder, port, share, address, browser)
+    from baqueano.web.run import show_runs, show_vehicle
+    from baqueano.web.service import reached, simulated
+
+    named = vehicle or (str(options.OWN_FILE) if options.OWN_FILE.exists() else GARAGE)
+    if run is not None:
+        page_options.run(show_runs((run,), how, talk))
+    elif robot is not None and robot != "simulated":
+        page_options.run(show_vehicle(partial(reached, robot), how, talk, (named, options.ROUTES)))
+    else:
+        more = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
+        page_options.run(show_vehicle(partial(simulated, named, Path(folder), *more), how, talk))

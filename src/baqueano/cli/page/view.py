@@ -1,0 +1,21 @@
+"""baqueano view."""
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.page import options as page_options
+from baqueano.cli.terminal import talk
+
+
+@click.command(help="Open RUN in a browser: map, strips, events; scrub it, beside a ghost of another run.")
+@click.argument("run", default="last")
+@click.option("--ghost", metavar="RUN", help="A second run, drawn beside the first.")
+@options.runs_folder
+@page_options.serving
+def command(
+    run: str, ghost: str | None, folder: str, port: int, share: bool, address: str, browser: bool
+) -> None:
+    how = page_options.served(folder, port, share, address, browser)
+    from baqueano.web.run import show_runs
+
+    page_options.run(show_runs((run, ghost) if ghost else (run,), how, talk))

@@ -1,0 +1,114 @@
+"""Ticks on their way to all browsers: rows of float32 in frames, and a ring of the last KEPT_S for who comes late.
+
+frame   uint32 stream and number, uint32 rows R, float64 time of the first row [s], R × F float32, little-endian
+"""
+
+import struct
+import sys
+import time
+from array import array
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+HEAD = struct.Struct("<IId")
+KEPT_S = 60.0  # of driving
+MOST_ROWS = 60_000  # of the ring, whatever the rate
+SHOWN = 64  # frames whose age is known
+NUMBERS = 1 << 24  # of a frame; the bits above are its stream
+NAN = float("nan")
+
+
+class Feed:
+    """The rows of the drive that goes on, or of the last one."""
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self.names: list[str] = []
+        self.number = 0  # of the newest frame
+        self._at: dict[str, int] = {}
+        self._ring: deque[tuple[float, int, bytes]] = deque()  # time of the first row, rows, bytes
+        self._rows = 0
+        self._made_s: deque[tuple[int, float]] = deque(maxlen=SHOWN)
+        self._last: Sequence[float] = ()
+
+    def columns(self, names: list[str]) -> bool:
+        """Take the names of the columns; return True if they are others than before. A drive begins."""
+        self._forget()
+        if names == self.names:
+            return False
+        self.names, self._at = names, {name: k for k, name in enumerate(names)}
+        return True
+
+    def take(self, word: "JsonObject") -> bytes | None:
+        """Return the frame of these ticks; None where they do not fit the columns."""
+        rows = word["x"]
+        if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
+            return None
+        try:
+            numbers = array("f", [NAN if x is None else x for row in rows for x in row])
+        except (TypeError, OverflowError):
+            return None
+        if sys.byteorder == "big":
+            numbers.byteswap()
+        t = self._time(rows[0])
+        if self._ring and t < self._ring[-1][0]:
+            self._forget()
+        self._keep(t, len(rows), numbers.tobytes())
+        self._last = rows[-1]
+        self.number = (self.number + 1) % NUMBERS
+        self._made_s.append((self.number, self._now()))
+        return HEAD.pack(self.number, len(rows), t) + self._ring[-1][2]
+
+    def age_s(self, number: int) -> float:
+        """Return how old the picture of this number is; 0 of the newest one, infinity of one that never was."""
+        if number == self.number:
+            return 0.0
+        return next((self._now() - made_s for n, made_s in self._made_s if n == number), float("inf"))
+
+    def history(self, from_s: float = 0.0) -> bytes | None:
+        """Return what the ring holds from a time of the drive on, as one frame; None where it holds nothing."""
+        held = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
+        if not held:
+            return None
+        return HEAD.pack(self.number, sum(rows for _, rows, _ in held), held[0][0]) + b"".join(
+            data for _, _, data in held
+        )
+
+    def value(self, name: str) -> float:
+        """Return the newest value of a column; NaN where there is none."""
+        k = self._at.get(name)
+        value = None if k is None or k >= len(self._last) else self._last[k]
+        return NAN if value is None else float(value)
+
+    def mean(self, name: str, within_s: float) -> tuple[float, int]:
+        """Return the mean of a column over the last seconds, and the count of its values."""
+        k, wide = self._at.get(name), len(self.names)
+        if k is None or not self._ring:
+            return NAN, 0
+        since, total, count = self._ring[-1][0] - within_s, 0.0, 0
+        for t, rows, data in reversed(self._ring):
+            if t < since:
+                break
+            values = memoryview(data).cast("f")[k : rows * wide : wide] if sys.byteorder == "little" else ()
+            for value in values:
+                if value == value:
+                    total, count = total + value, count + 1
+        return (total / count if count else NAN), count
+
+    def _keep(self, t: float, rows: int, data: bytes) -> None:
+        self._ring.append((t, rows, data))
+        self._rows += rows
+        while self._ring[0][0] < t - KEPT_S or self._rows > MOST_ROWS:
+            self._rows -= self._ring.popleft()[1]
+
+    def _time(self, row: Sequence[float]) -> float:
+        k = self._at.get("t", 0)
+        return float(row[k] or 0.0)
+
+    def _forget(self) -> None:
+        self._ring.clear()
+        self._rows, self._last = 0, ()

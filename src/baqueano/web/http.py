@@ -1,0 +1,151 @@
+"""The little of HTTP/1.1 that the page needs: the head of a request, and answers that end the connection.
+
+GET and HEAD alone; no path is put together from what a browser says: each one is looked up in a table.
+"""
+
+import asyncio
+import re
+from http import HTTPStatus
+from pathlib import Path
+from typing import NamedTuple
+
+LONGEST_HEAD = 16 << 10  # bytes
+HEADERS = 64
+PIECE = 64 << 10
+STALLED_S = 20.0  # without a byte that a browser takes
+_NAME = re.compile(r"[-!#$%&'*+.^_`|~0-9A-Za-z]+")
+_PATH = re.compile(r"/[\x21-\x7e]*")
+TYPES = {
+    ".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8",
+    ".json": "application/json; charset=utf-8", ".svg": "image/svg+xml", ".png": "image/png", ".ico": "image/x-icon",
+    ".txt": "text/plain; charset=utf-8", ".mcap": "application/octet-stream",
+}  # fmt: skip
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+REPORT_POLICY = (  # it holds its style and its figures, and no script
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'; sandbox"
+)
+STANDING = {
+    "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin", "Cross-Origin-Opener-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), usb=(), serial=()", "Cache-Control": "no-store",
+    "Connection": "close",
+}  # fmt: skip
+
+
+class Refused(Exception):
+    """A request that is answered by a status and a word."""
+
+    def __init__(self, status: HTTPStatus, **headers: str) -> None:
+        super().__init__(status.phrase)
+        self.status, self.headers = status, headers
+
+
+class Head(NamedTuple):
+    """The head of a request."""
+
+    method: str
+    path: str  # without what stands behind ?
+    headers: dict[str, list[str]]  # by lower case name
+
+    def values(self, name: str) -> list[str]:
+        """Return all values of a header."""
+        return self.headers.get(name, [])
+
+
+class Content(NamedTuple):
+    """An answer: bytes, or a file that is sent in pieces."""
+
+    kind: str
+    content: bytes | Path
+    policy: str = PAGE_POLICY
+    download: str = ""  # the name under which a browser keeps it
+
+
+async def read_head(reader: asyncio.StreamReader) -> bytes:
+    """Return the bytes of a head. Refused where they are too many; EOFError where it does not end."""
+    try:
+        return await reader.readuntil(b"\r\n\r\n")
+    except asyncio.LimitOverrunError:
+        raise Refused(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE) from None
+    except asyncio.IncompleteReadError as error:
+        raise EOFError from error
+
+
+def head_of(data: bytes) -> Head:
+    """Return the head in these bytes. Refused where it is none."""
+    lines = data.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
+    words = lines[0].split(" ")
+    if len(words) != 3 or words[2] not in ("HTTP/1.1", "HTTP/1.0") or len(lines) > HEADERS:
+        raise Refused(HTTPStatus.BAD_REQUEST)
+    headers: dict[str, list[str]] = {}
+    for line in lines[1:]:
+        name, colon, value = line.partition(":")
+        if not colon or not _NAME.fullmatch(name) or any(c in value for c in "\r\n\0"):
+            raise Refused(HTTPStatus.BAD_REQUEST)
+        headers.setdefault(name.lower(), []).append(value.strip(" \t"))
+    if words[0] not in ("GET", "HEAD"):
+        raise Refused(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")
+    if (
+        not _PATH.fullmatch(words[1])
+        or headers.get("transfer-encoding")
+        or headers.get("content-length", ["0"]) != ["0"]
+    ):
+        raise Refused(HTTPStatus.BAD_REQUEST)
+    return Head(words[0], words[1].partition("?")[0], headers)
+
+
+def static(folder: Path) -> dict[str, Content]:
+    """Return the files that are served, by path: those of the folder, read once."""
+    table = {}
+    for path in sorted(folder.rglob("*")):
+        kind = TYPES.get(path.suffix)
+        if kind and path.is_file() and not path.is_symlink():
+            table[f"/static/{path.relative_to(folder).as_posix()}"] = Content(kind, path.read_bytes())
+    if "/static/index.html" in table:
+        table["/"] = table["/static/index.html"]
+    return table
+
+
+async def refuse(writer: asyncio.StreamWriter, why: Refused) -> None:
+    """Answer by a status."""
+    kind, text = TYPES[".txt"], f"{why.status.value} {why.status.phrase}\n".encode()
+    await _send(writer, _head(why.status, kind, len(text), PAGE_POLICY, why.headers) + text)
+
+
+async def reply(writer: asyncio.StreamWriter, body: Content, head_only: bool) -> None:
+    """Answer by a body."""
+    file = isinstance(body.content, Path)
+    size = body.content.stat().st_size if isinstance(body.content, Path) else len(body.content)
+    more = {"Content-Disposition": f'attachment; filename="{body.download}"'} if body.download else {}
+    head = _head(HTTPStatus.OK, body.kind, size, body.policy, more)
+    if head_only or not file:
+        await _send(writer, head + (b"" if head_only or isinstance(body.content, Path) else body.content))
+        return
+    assert isinstance(body.content, Path)
+    with body.content.open("rb") as pieces:
+        await _send(writer, head)
+        while size > 0 and (piece := pieces.read(min(PIECE, size))):
+            size -= len(piece)
+            await _send(writer, piece)
+
+
+async def _send(writer: asyncio.StreamWriter, data: bytes) -> None:
+    for at in range(0, len(data), PIECE):
+        writer.write(data[at : at + PIECE])
+        async with asyncio.timeout(STALLED_S):
+            await writer.drain()
+
+
+def _head(status: HTTPStatus, kind: str, size: int, policy: str, more: dict[str, str]) -> bytes:
+    headers = {
+        "Content-Type": kind, "Content-Length": str(size), "Content-Security-Policy": policy, **STANDING, **more,
+    }  # fmt: skip
+    lines = [
+        f"HTTP/1.1 {status.value} {status.phrase}",
+        *(f"{name}: {value}" for name, value in headers.items()),
+    ]
+    return ("\r\n".join(lines) + "\r\n\r\n").encode("latin-1", "replace")

@@ -1,0 +1,75 @@
+"""The page's end of the lab worker: ask, and await the answer. The worker starts with the first word."""
+
+import asyncio
+import json
+import sys
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from baqueano.diagnostics import Diagnostic, fault
+from baqueano.errors import of_code
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+LONGEST = 64 << 20  # bytes of an answer
+LINE = 16 << 20
+
+
+class Lab:
+    """A worker, and its answers in the order of the words."""
+
+    def __init__(self) -> None:
+        self._program: asyncio.subprocess.Process | None = None
+        self._turn = asyncio.Lock()
+        self._asked: set[asyncio.Task[tuple[JsonObject, bytes]]] = set()
+
+    async def ask(self, do: str, **words: object) -> tuple["JsonObject", bytes]:
+        """Return the answer to a word, and the bytes behind it. The error that the worker met is raised here. Who goes
+        meanwhile leaves an answer that is read all the same: it is not taken for the next."""
+        asked = asyncio.create_task(self._exchange({"do": do, **words}))
+        self._asked.add(asked)
+        asked.add_done_callback(self._asked.discard)
+        reply, behind = await asyncio.shield(asked)
+        if "no" in reply:
+            raise of_code(reply["code"], Diagnostic.of_json(reply["no"]))
+        return reply, behind
+
+    async def _exchange(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        async with self._turn:
+            try:
+                program = await self._running()
+                assert program.stdin is not None
+                assert program.stdout is not None
+                program.stdin.write(json.dumps(word).encode() + b"\n")
+                await program.stdin.drain()
+                reply = json.loads(await program.stdout.readline())
+                return reply, await program.stdout.readexactly(min(reply["bytes"], LONGEST))
+            except (OSError, ValueError, asyncio.IncompleteReadError):
+                await self._end()
+                return {"no": fault("web.lab-ended").to_json(), "code": 1}, b""
+
+    async def close(self) -> None:
+        """End the worker."""
+        for asked in list(self._asked):
+            asked.cancel()
+        await asyncio.gather(*self._asked, return_exceptions=True)
+        await self._end()
+
+    async def _running(self) -> asyncio.subprocess.Process:
+        if self._program is None or self._program.returncode is not None:
+            self._program = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", "baqueano.web.lab.worker",
+                stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LINE,
+            )  # fmt: skip
+        return self._program
+
+    async def _end(self) -> None:
+        program, self._program = self._program, None
+        if program is None:
+            return
+        if program.stdin is not None:
+            program.stdin.close()
+        with suppress(ProcessLookupError):
+            program.kill()
+        await program.wait()

@@ -1,0 +1,237 @@
+"""A recorded run for the page: rows of float32, one a tick, and what stands around them.
+
+cross      −(x − x_r) sin ψ_r + (y − y_r) cos ψ_r: how far the estimate is left of its reference         (1)
+progress   Σ |Δp_r|, the path of the reference so far                                                    (2)
+nis        y′ S⁻¹ y over the count of numbers that arrived                                               (3)
+"""
+
+import tomllib
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from baqueano.compare.consistency import nis
+from baqueano.runs.interpolated import at_times, poses_at
+from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
+from baqueano.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+Log: TypeAlias = EstimateLog | ReferenceLog | TruthLog
+ROUTE_POINTS = 2000  # of a path that is drawn
+CLOSED_M = 0.3  # between the ends of a closed path
+ROUND = {"kind": "round", "length_m": 0.14, "width_m": 0.14}  # where nobody measured the body
+ETA, NU, P = ("x", "y", "psi"), ("u", "v", "r"), {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "psi": (2, 2)}
+UNITS = {
+    "eta.x": "m", "eta.y": "m", "eta.psi": "rad", "nu.u": "m/s", "nu.v": "m/s", "nu.r": "rad/s",
+    "P.xx": "m²", "P.xy": "m²", "P.yy": "m²", "P.psi": "rad²", "t": "s", "ref.u": "m/s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PackedRun:
+    """A run that is ready to be sent."""
+
+    fields: "list[JsonObject]"  # name, unit and group of each column
+    t_s: np.ndarray  # (N,) since the first tick
+    x: np.ndarray  # (N, F) float32
+    around: "JsonObject"  # name, vehicle, blocks, route, events
+
+    def frame(self, number: int, first: int, count: int) -> bytes:
+        """Return the rows from `first` on as a binary frame (feed.py)."""
+        rows = self.x[first : first + count]
+        t0 = float(self.t_s[first]) if first < len(self.t_s) else 0.0
+        head = np.array([number, len(rows)], "<u4").tobytes() + np.array([t0], "<f8").tobytes()
+        return head + rows.astype("<f4", copy=False).tobytes()
+
+
+def recorded(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
+    """Return a run as rows. `kinds` are the blocks of a file that names none, by room."""
+    columns = _columns(run)
+    data = _tables(run.vehicle_text)
+    names, unit = _command(data, run.applied.shape[1])
+    fields = [{"name": name, **_about(name, names, unit)} for name in columns]
+    events = [
+        {"t": (e.t_ns - int(run.t_ns[0])) / NANOSECONDS, "severity": e.level, "source": e.source,
+         "text": e.text if e.diagnostic is None else e.diagnostic.to_json()}
+        for e in run.events if e.source != "refused"
+    ]  # fmt: skip
+    around = {
+        "name": run.name, "kind": run.metadata.get("kind", ""), "rows": len(run.t_ns), "seconds": run.duration_s,
+        "vehicle": vehicle_of(data, len(names)), "blocks": _blocks(data, kinds or {}), "route": route_of(run),
+        "events": events,
+    }  # fmt: skip
+    x = (
+        np.column_stack([*columns.values()]).astype(np.float32)
+        if len(run.t_ns)
+        else np.zeros((0, len(fields)))
+    )
+    return PackedRun(fields, run.t_s, np.ascontiguousarray(x, np.float32), around)
+
+
+def _columns(run: Run) -> dict[str, np.ndarray]:
+    """Return each column (N,) by its name."""
+    t, n = run.t_ns, len(run.t_ns)
+    silent = np.full(n, np.nan)
+    columns: dict[str, np.ndarray] = {"t": run.t_s}
+    log = run.estimate
+    eta, nu, cov = _poses(log, t), _rates(log, t), None
+    if log is not None and len(log.t_ns):
+        cov = at_times(t, log.t_ns, log.cov.reshape(len(log.t_ns), -1)).reshape(n, 6, 6)
+    columns |= {f"eta.{a}": eta[:, k] for k, a in enumerate(ETA)}
+    columns |= {f"P.{a}": silent if cov is None else cov[:, i, j] for a, (i, j) in P.items()}
+    columns |= {f"nu.{a}": nu[:, k] for k, a in enumerate(NU)}
+    asked = run.asked
+    ref = _poses(asked, t)
+    columns |= {f"ref.{a}": ref[:, k] for k, a in enumerate(ETA)} | {"ref.u": _rates(asked, t)[:, 0]}
+    true = _poses(run.truth, t)
+    columns |= {f"truth.{a}": true[:, k] for k, a in enumerate(ETA)}
+    for k in range(run.applied.shape[1]):
+        columns[f"u.{k}"] = run.applied[:, k]
+        columns[f"asked.{k}"] = silent if run.requested is None else run.requested[:, k]
+    columns |= _readings(run)
+    off = eta[:, :2] - ref[:, :2]
+    columns["cross"] = -off[:, 0] * np.sin(ref[:, 2]) + off[:, 1] * np.cos(ref[:, 2])  # (1)
+    steps = np.hypot(*np.diff(ref[:, :2], axis=0, prepend=ref[:1, :2]).T)
+    columns["progress"] = np.where(np.isnan(ref[:, 0]), np.nan, np.nancumsum(steps))  # (2)
+    return columns
+
+
+def _poses(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
+    """Return the poses (N, 3) of a log at the ticks, NaN where it has none."""
+    if log is None or not len(log.t_ns):
+        return np.full((len(t_ns), 3), np.nan)
+    return poses_at(t_ns, log.t_ns, log.eta)
+
+
+def _rates(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
+    if log is None or not len(log.t_ns):
+        return np.full((len(t_ns), 3), np.nan)
+    return at_times(t_ns, log.t_ns, log.nu)
+
+
+def _readings(run: Run) -> dict[str, np.ndarray]:
+    """Return what each number of each sensor read at a tick, what was expected, and the innovation with its sd."""
+    n = len(run.t_ns)
+    names = [f"{name}[{k}]" for name, channel in run.sensors.items() for k in range(channel.z.shape[1])]
+    z = np.full((n, len(names)), np.nan)
+    at = 0
+    for channel in run.sensors.values():
+        newest = np.searchsorted(channel.arrival_ns, run.t_ns, side="right") - 1
+        fresh = np.diff(newest, prepend=-1) > 0
+        m = channel.z.shape[1]
+        z[fresh, at : at + m] = channel.z[newest[fresh]]
+        at += m
+    columns = {f"z.{name}": z[:, k] for k, name in enumerate(names)}
+    log = run.estimate
+    if log is None or log.innovation is None or log.innovation.shape[1] != len(names) or len(log.t_ns) != n:
+        return columns | {"nis": np.full(n, np.nan)}
+    y, S = log.innovation, log.innovation_cov
+    columns |= {f"model.{name}": z[:, k] - y[:, k] for k, name in enumerate(names)}
+    columns |= {f"innov.{name}": y[:, k] for k, name in enumerate(names)}
+    if S is None:
+        return columns | {"nis": np.full(n, np.nan)}
+    columns |= {f"S.{name}": np.sqrt(np.maximum(S[:, k, k], 0.0)) for k, name in enumerate(names)}
+    value, freedom = nis(y, S)
+    return columns | {"nis": value / np.where(freedom > 0, freedom, np.nan)}  # (3)
+
+
+def _about(name: str, commands: list[str], unit: str) -> "JsonObject":
+    """Return unit and group of a column: what belongs into one strip has one group."""
+    first, _, rest = name.partition(".")
+    if first in ("u", "asked"):
+        return {"unit": unit, "group": commands[int(rest)]}
+    if first in ("z", "model", "innov", "S"):
+        return {"unit": _unit_of_reading(rest), "group": rest.partition("[")[0]}
+    like = name.replace("truth.", "eta.").replace("ref.", "eta.") if name != "ref.u" else name
+    measured = {"progress": "m", "cross": "m"}
+    return {"unit": UNITS.get(like, measured.get(name, "")), "group": "route" if name in measured else first}
+
+
+def _unit_of_reading(channel: str) -> str:
+    """Return the unit of a number of the IMU; the others have several."""
+    return {"imu[0]": "m/s²", "imu[1]": "m/s²", "imu[2]": "rad/s"}.get(channel, "")
+
+
+def _tables(vehicle_text: str) -> "JsonObject":
+    """Return the tables of the vehicle file in a run; nothing that it names is imported."""
+    try:
+        return tomllib.loads(vehicle_text)
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return {}
+
+
+def _table(data: "JsonObject", name: str) -> "JsonObject":
+    held = data.get(name)
+    return held if isinstance(held, dict) else {}
+
+
+def _command(data: "JsonObject", n: int) -> tuple[list[str], str]:
+    command = _table(data, "command")
+    names, unit = command.get("names"), str(command.get("unit", ""))
+    if isinstance(names, list) and len(names) == n:
+        return [str(name) for name in names], unit
+    return [f"u[{k}]" for k in range(n)], unit
+
+
+def vehicle_of(data: "JsonObject", n: int, world: str = "recorded") -> "JsonObject":
+    """Return what the page shows of a vehicle with `n` commands, by the tables of its file."""
+    names, unit = _command(data, n)
+    limit = _table(data, "command").get("limit")
+    limits = limit if isinstance(limit, list) and len(limit) == n else [1.0] * n
+    return {
+        "name": str(data.get("name", "")), "footprint": _footprint(_table(data, "geometry")),
+        "command": [
+            {"name": name, "low": -_number(high), "high": _number(high), "unit": unit}
+            for name, high in zip(names, limits, strict=True)
+        ],
+        "rate_hz": _number(data.get("rate_hz", 0.0)), "world": world,
+    }  # fmt: skip
+
+
+def _footprint(geometry: "JsonObject") -> "JsonObject":
+    if "radius_m" in geometry:
+        across = 2.0 * _number(geometry["radius_m"])
+        return {"kind": "round", "length_m": across, "width_m": across}
+    if "length_m" in geometry and "width_m" in geometry:
+        return {
+            "kind": "car", "length_m": _number(geometry["length_m"]), "width_m": _number(geometry["width_m"]),
+        }  # fmt: skip
+    return ROUND
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
+    """Return the kind of each block by its room."""
+    named = {room: _table(data, room).get("kind", kind) for room, kind in kinds.items()}
+    return {room: str(kind) for room, kind in named.items()} | {
+        "model": str(_table(data, "model").get("kind", ""))
+    }
+
+
+def route_of(run: Run) -> "JsonObject | None":
+    """Return the path that was asked for, None of a run in which no guide asked."""
+    asked = run.asked
+    if asked is None:
+        return None
+    xy = asked.eta[np.isfinite(asked.eta).all(axis=1), :2]
+    if len(xy) < 2 or not np.ptp(xy, axis=0).any():
+        return None
+    closed = bool(np.hypot(*(xy[-1] - xy[0])) < CLOSED_M)
+    xy = xy[:: max(1, -(-len(xy) // ROUTE_POINTS))]
+    return {"name": "", "closed": closed, "x": xy[:, 0].round(4).tolist(), "y": xy[:, 1].round(4).tolist()}
+
+
+def listed(run: Run, modified_s: float) -> "JsonObject":
+    """Return a line of the list of runs."""
+    when = datetime.fromtimestamp(modified_s, UTC).isoformat(timespec="seconds")
+    return {
+        "kind": run.metadata.get("kind", ""), "seconds": run.duration_s, "when": when, "laps": None,
+        "verdict": run.metadata.get("verdict", ""),
+    }  # fmt: skip

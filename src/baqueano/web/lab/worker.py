@@ -1,0 +1,155 @@
+"""Lab worker: words on stdin, answers on stdout, one at a time. It ends with its stdin.
+
+to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission", …}
+from the worker    a line {…, "bytes": n} and n bytes behind it; {"no": diagnostic, "code": n, …}
+"""
+
+import json
+import sys
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from baqueano.diagnostics import fault
+from baqueano.errors import BaqueanoError, FileError, named
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.web.lab.recorded import PackedRun
+
+LONGEST_S = 3600.0  # of an experiment
+KEPT = 4  # runs that stay open
+
+
+class Worker:
+    """The open runs, and the words."""
+
+    def __init__(self) -> None:
+        self._open: OrderedDict[tuple[str, int], PackedRun] = OrderedDict()
+        self._lines: dict[tuple[str, int], JsonObject] = {}  # of the list
+
+    def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        """Return the answer to a word, and the bytes behind it."""
+        words: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
+            "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
+            "vehicle": _vehicle, "mission": _mission,
+        }  # fmt: skip
+        return words[word["do"]](word)
+
+    def _find(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        """The files of the runs of these names."""
+        from baqueano.runs.folder import find
+
+        paths = [find(name, word["folder"]) for name in word["names"]]
+        for path in paths:
+            self._recorded(path)
+        return {"paths": [str(path.resolve()) for path in paths]}, b""
+
+    def _begin(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        run = self._recorded(Path(word["path"]))
+        return run.around | {"fields": run.fields}, b""
+
+    def _frame(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        run = self._recorded(Path(word["path"]))
+        return {}, run.frame(word["number"], word["first"], word["count"])
+
+    def _recorded(self, path: Path) -> "PackedRun":
+        """A run, read when it is asked for first or has changed."""
+        from baqueano.runs import read_run
+        from baqueano.vehicle_file.build import DEFAULT_KIND
+        from baqueano.web.lab.recorded import recorded
+
+        key = _version(path)
+        if key not in self._open:
+            self._open[key] = recorded(read_run(path), DEFAULT_KIND)
+        self._open.move_to_end(key)
+        while len(self._open) > KEPT:
+            self._open.popitem(last=False)
+        return self._open[key]
+
+    def _runs(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        """A line for each of these files; a file that is no run has its fault in words."""
+        from baqueano.runs import read_run
+        from baqueano.web.lab.recorded import listed
+
+        lines: list[JsonObject] = []
+        for path in map(Path, word["paths"]):
+            try:
+                key = _version(path)
+                if key not in self._lines:
+                    self._lines[key] = listed(read_run(path), path.stat().st_mtime)
+                lines.append(self._lines[key])
+            except BaqueanoError:
+                lines.append(
+                    {"kind": "?", "seconds": None, "when": None, "laps": None, "verdict": "UNREADABLE"}
+                )
+        return {"runs": lines}, b""
+
+    def _report(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        from baqueano.report import report
+        from baqueano.runs import read_run
+
+        report(read_run(Path(word["path"])), Path(word["to"]))
+        return {}, b""
+
+
+def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
+    """Return what the page says of a real vehicle before its first drive, by its file here; and the routes here."""
+    from baqueano.door.descriptions import vehicle_words
+    from baqueano.vehicle_file import load
+
+    routes = [{"name": path.stem} for path in sorted(Path(word["routes"]).glob("*.csv"))]
+    return {"vehicle": vehicle_words(load(word["vehicle"]), "real"), "routes": routes}, b""
+
+
+def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
+    """Return a whole mission in JSON, with the vehicle file and the blocks that it names."""
+    from baqueano.drive.mission import Mission, packed
+    from baqueano.identify.design.signals import excitation
+    from baqueano.runs.route_file import read_route
+    from baqueano.vehicle_file import load
+
+    file, said, kind = load(word["vehicle"]), word["said"], word["kind"]
+    route = u = None
+    if kind == "repeat":
+        known = {path.stem: path for path in Path(word["routes"]).glob("*.csv")}
+        if said.get("route") not in known:
+            raise FileError(fault("door.no-route", found=repr(said.get("route")), known=sorted(known)))
+        route = read_route(known[said["route"]])
+    if kind == "experiment":
+        signal, long_s = (
+            str(said.get("signal", "random_steps")),
+            min(float(said.get("seconds", 60.0)), LONGEST_S),
+        )
+        u = excitation(signal, file.command.limit, long_s, file.rate_hz, 0)
+    mission = Mission(kind, u=u, route=route, laps=max(0, round(said.get("laps", 1))))
+    return {"mission": packed(mission, file).json()}, b""
+
+
+def _version(path: Path) -> tuple[str, int]:
+    try:
+        return str(path), path.stat().st_mtime_ns
+    except OSError as error:
+        raise FileError(fault("web.run-gone", path=path.name)) from error
+
+
+def serve(coming: BinaryIO, going: BinaryIO) -> None:
+    """Answer words until there are no more."""
+    worker = Worker()
+    for line in coming:
+        word = json.loads(line)
+        behind = b""
+        try:
+            reply, behind = worker.answer(word)
+        except BaqueanoError as error:
+            reply = {"no": error.diagnostic.to_json(), "code": error.exit_code}
+        except Exception as error:  # a damaged run must not end the page
+            reply = {"no": fault("web.lab-failed", error=named(error)).to_json(), "code": 1}
+        reply |= {"bytes": len(behind)}
+        going.write(json.dumps(reply).encode() + b"\n" + behind)
+        going.flush()
+
+
+if __name__ == "__main__":
+    serve(sys.stdin.buffer, sys.stdout.buffer)

@@ -1,0 +1,370 @@
+"""The words of a browser that drives, and those of the vehicle: between the page and a service.
+
+The page never makes a sign of life: each beat of the holder that counts is handed on as one `hand`.
+"""
+
+import asyncio
+import math
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import suppress
+from typing import TYPE_CHECKING
+from uuid import uuid4
+
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
+from baqueano.door import VERSION
+from baqueano.errors import BaqueanoError, SafetyStop, UsageError
+from baqueano.language import within
+from baqueano.messages import text
+from baqueano.printable import one_line, typed
+from baqueano.web.feed import Feed
+from baqueano.web.guard import Role
+from baqueano.web.lease import Lease
+from baqueano.web.sentence import described
+from baqueano.web.service import Link
+from baqueano.web.visitor import Visitor
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+HZ = 20.0
+STATE_S = 0.4  # between states
+ODD_S = 15.0  # of driving, for which an event stays in the sentence
+EVENTS = 40  # that a late browser gets: fewer than its queue holds
+COMMANDS = 8
+LONGEST = 60  # letters of a name
+MISSIONS: "dict[str, dict[str, type]]" = {  # what a mission of a kind may say beside
+    "teach": {"name": str, "shape": str, "size_m": float, "speed_m_s": float, "closed": bool},
+    "repeat": {"route": str, "laps": float}, "experiment": {"seconds": float, "signal": str}, "drive": {},
+    "first drive": {},
+}  # fmt: skip
+
+
+class Live:
+    """A vehicle that is watched by many and driven by one."""
+
+    def __init__(self, link: Link, visitors: Callable[[], Iterable[Visitor]]) -> None:
+        self._link, self._visitors = link, visitors
+        self.feed, self.lease = Feed(), Lease()
+        self.known = asyncio.Event()  # vehicle and columns have come
+        self.on_done: Callable[[], None] = lambda: None
+        self.pack: Callable[[str, JsonObject], Awaitable[str]] | None = (
+            None  # of a robot: kind, options → JSON
+        )
+        self.say_hello: Callable[[Visitor], None] = lambda visitor: None
+        self._state: JsonObject = {"is": "state", "state": "DISARMED"}
+        self._vehicle: JsonObject = {}
+        self._fields: list[JsonObject] = []
+        self._route: JsonObject | None = None
+        self._routes: list[JsonObject] = []
+        self._events: deque[tuple[float, Diagnostic]] = deque(maxlen=EVENTS)
+        self._asked: Visitor | None = None  # who sent the last word that the service may refuse
+        self._told: tuple[object, int] = (None, 0)  # holder and watchers, as all know them
+        self._changed = True
+
+    def begin(self) -> None:
+        """Ask for frames and routes."""
+        self._link.say("watch", hz=HZ)
+        self._link.say("routes")
+
+    def presume(self, vehicle: "JsonObject", routes: "list[JsonObject]") -> None:
+        """Take what is known of a robot before it says anything."""
+        self._vehicle, self._routes = self._vehicle or vehicle, self._routes or routes
+
+    async def run(self) -> None:
+        """Hear the service until it ends; then every browser is told."""
+        ticking = asyncio.create_task(self._tell_states())
+        try:
+            await self._link.hear(self._heard)
+        finally:
+            ticking.cancel()
+            self._state = {"is": "state", "state": "STOPPED", "why": fault("web.service-gone")}
+            self._say_state()
+
+    # from the browser
+
+    def hello(self, visitor: Visitor) -> "JsonObject":
+        """Return what hello says of the vehicle."""
+        with within(visitor.language):
+            state = self._described()
+        about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks")}
+        return {
+            "vehicle": about or None, "blocks": self._vehicle.get("blocks", {}), "fields": self._fields,
+            "driver": getattr(self.lease.holder, "name", None), "state": state, "route": self._route,
+            "routes": [route["name"] for route in self._routes],
+        }  # fmt: skip
+
+    def joined(self, visitor: Visitor) -> None:
+        """Send what has happened so far: the last 60 s, and events."""
+        for t_s, said in self._events:
+            self._say_event(visitor, t_s, said)
+        visitor.send_all(self._history(0.0))
+
+    async def heard(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Do a word. An error of ours is answered by `no`."""
+        if word["is"] == "mission" and self.pack is not None:
+            await self._whole_mission(visitor, word)
+            return
+        do = {
+            "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give,
+            "mission": self._mission, "pause": self._pass_on, "go": self._pass_on, "mark": self._pass_on,
+            "end": self._pass_on, "clear": self._clear, "set": self._set, "shake": self._set, "pace": self._pace,
+            "history": self._send_history,
+        }.get(word["is"])  # fmt: skip
+        if do is None:
+            raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:LONGEST]))
+        do(visitor, word)
+
+    def left(self, visitor: Visitor) -> None:
+        """A browser has gone. The holder's silence stops the vehicle by itself."""
+        self.lease.left(visitor)
+
+    def _stop(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Stop, by anyone who may, without the lease, at once."""
+        self._needs(visitor, Role.STOP)
+        self._link.say("stop", why=stop(StopReason.STOPPED_BY, words=visitor.name))
+
+    def _beat(self, visitor: Visitor, word: "JsonObject") -> None:
+        u = word["u"]
+        if not isinstance(u, list) or len(u) > COMMANDS or not all(_finite(x) for x in u):
+            raise UsageError(fault("web.not-understood", error="u"))
+        age_s = self.feed.age_s(int(word["seen"]))
+        if self.lease.beat(visitor, int(word["n"]), age_s, visitor.way_s):
+            self._link.say("hand", u=[float(x) for x in u])
+
+    def _take(self, visitor: Visitor, word: "JsonObject") -> None:
+        self._needs(visitor, Role.DRIVE)
+        self.lease.take(visitor, visitor.name)
+        self._say_lease()
+
+    def _give(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Give the lease away, to a visitor of this name who may drive."""
+        to = None
+        if word.get("to"):
+            named = [one for one in self._visitors() if one.name == word["to"] and one.role == Role.DRIVE]
+            if not named:
+                raise UsageError(fault("web.no-such-visitor", name=one_line(str(word["to"]))[:LONGEST]))
+            to = named[0]
+        self.lease.give(visitor, to, getattr(to, "name", ""))
+        self._say_lease()
+
+    def _mission(self, visitor: Visitor, word: "JsonObject") -> None:
+        kind, said = self._checked(visitor, word)
+        self._ask(visitor, kind=kind, **said)
+
+    async def _whole_mission(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Ask a robot, which knows no names, for a mission that is packed here."""
+        kind, said = self._checked(visitor, word)
+        assert self.pack is not None
+        if kind == "teach":
+            raise UsageError(fault("web.teach-there", typed("teach", "NAME", "--robot", "HOST")))
+        mission = await self.pack(kind, said)
+        self.lease.check(visitor)
+        self._ask(visitor, mission=mission)
+
+    def _ask(self, visitor: Visitor, **what: object) -> None:
+        self._asked = visitor
+        self._link.say("mission", id=uuid4().hex, attended=True, by="page", door=VERSION, **what)
+
+    def _checked(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
+        """Return kind and options of a mission that the holder asks for."""
+        self.lease.check(visitor)
+        kind = str(word["kind"])
+        if kind not in MISSIONS:
+            raise UsageError(fault("web.no-such-mission", kind=one_line(kind)[:LONGEST], known=[*MISSIONS]))
+        kinds = MISSIONS[kind]
+        return kind, {name: _of_kind(word[name], kinds[name]) for name in kinds if name in word}
+
+    def _pass_on(self, visitor: Visitor, word: "JsonObject") -> None:
+        self.lease.check(visitor)
+        self._asked = visitor
+        more = (
+            {"ticks": max(0, min(1000, int(word["ticks"])))} if word["is"] == "go" and "ticks" in word else {}
+        )
+        self._link.say(word["is"], **more)
+
+    def _clear(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Take a stop away: a person who may drive, and nobody else drives."""
+        self._needs(visitor, Role.DRIVE)
+        if self.lease.holder is not None:
+            self.lease.check(visitor)
+        self._link.say("clear")
+
+    def _set(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Hand on a gain, or a fault of a simulated vehicle."""
+        self.lease.check(visitor)
+        self._asked = visitor
+        self._link.say(word["is"], **{k: v for k, v in word.items() if k not in ("is", "do")})
+
+    def _pace(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Hand on the pace: of the holder, or of one who may drive while nobody does."""
+        self._needs(visitor, Role.DRIVE)
+        if self.lease.holder is not None:
+            self.lease.check(visitor)
+        self._asked = visitor
+        self._link.say("pace", factor=float(word["factor"]))
+
+    def _send_history(self, visitor: Visitor, word: "JsonObject") -> None:
+        visitor.send_all(self._history(float(word.get("from") or 0.0)))
+
+    async def _history(self, from_s: float) -> "AsyncIterator[bytes | JsonObject]":
+        frame = self.feed.history(from_s)
+        if frame is not None:
+            yield frame
+
+    def _needs(self, visitor: Visitor, role: Role) -> None:
+        if visitor.role is None or visitor.role < role:
+            raise SafetyStop(note("web.role", Severity.ERROR))
+
+    # from the vehicle
+
+    def _heard(self, word: "JsonObject") -> None:
+        do = {
+            "frame": self._on_frame, "state": self._on_state, "event": self._on_event, "no": self._on_no,
+            "vehicle": self._on_vehicle, "fields": self._on_fields, "route": self._on_route,
+            "routes": self._on_routes, "done": self._on_done,
+        }.get(word["is"])  # fmt: skip
+        if do is not None:
+            do(word)
+
+    def _on_frame(self, word: "JsonObject") -> None:
+        frame = self.feed.take(word)
+        if frame is not None:
+            for visitor in self._all():
+                visitor.show(frame)
+
+    def _on_state(self, word: "JsonObject") -> None:
+        if {k: word.get(k) for k in ("state", "mission", "paused", "pace")} != {
+            k: self._state.get(k) for k in ("state", "mission", "paused", "pace")
+        }:
+            self._changed = True
+        if word["state"] != self._state["state"] and word["state"] == "STOPPED":
+            self._state = word
+            self._say_state()  # at once: it is what everybody waits for
+        self._state = word
+
+    def _on_event(self, word: "JsonObject") -> None:
+        said = word["said"]
+        t_s = self.feed.value("t")
+        self._events.append((t_s if math.isfinite(t_s) else 0.0, said))
+        for visitor in self._all():
+            self._say_event(visitor, *self._events[-1])
+
+    def _on_no(self, word: "JsonObject") -> None:
+        """Tell a refusal of the service to who asked."""
+        about = word.get("about")
+        for visitor in [self._asked] if self._asked in set(self._all()) else self._all():
+            if visitor is not None:
+                with within(visitor.language):
+                    why = text(about) if isinstance(about, Diagnostic) else one_line(str(word["why"]))
+                visitor.say({"is": "no", "why": why, "code": getattr(about, "code", ""), "to": "mission"})
+
+    def _on_vehicle(self, word: "JsonObject") -> None:
+        self._vehicle = word
+
+    def _on_fields(self, word: "JsonObject") -> None:
+        names, units = word["names"], word.get("units", [])
+        changed = self.feed.columns([str(name) for name in names])
+        self._events.clear()
+        if changed:
+            commands = [str(one["name"]) for one in self._vehicle.get("command", [])]
+            pairs = zip(names, units, strict=False)
+            self._fields = [
+                {"name": str(n), "unit": "" if u == "1" else str(u), "group": _group(str(n), commands)}
+                for n, u in pairs
+            ]
+            for visitor in self._all():
+                self.say_hello(visitor)
+        self.known.set()
+
+    def _on_route(self, word: "JsonObject") -> None:
+        self._route = word if word["x"] else None
+        self._tell({"is": "route", "name": "", "closed": False, "x": [], "y": []} | word)
+
+    def _on_routes(self, word: "JsonObject") -> None:
+        self._routes = [route for route in word["routes"] if isinstance(route, dict) and "name" in route]
+        self._tell({"is": "routes", "routes": self._routes})
+
+    def _on_done(self, word: "JsonObject") -> None:
+        """A mission is over: say why, and what there is now."""
+        if word["why"] is not None:
+            self._on_event({"said": word["why"]})
+        with suppress(BaqueanoError):
+            self._link.say("routes")
+        self._changed = True
+        self.on_done()
+
+    # to all
+
+    def _all(self) -> list[Visitor]:
+        return [one for one in self._visitors() if one.role is not None]
+
+    def _tell(self, word: "JsonObject") -> None:
+        for visitor in self._all():
+            visitor.say(word)
+
+    async def _tell_states(self) -> None:
+        """Tell the state and the lease when they change; the state of a drive each STATE_S."""
+        while True:
+            await asyncio.sleep(STATE_S / 2)
+            if self._told != (self.lease.holder, len(self._all())):
+                self._say_lease()
+            driven = self._state["state"] in ("MISSION", "MANUAL")
+            if self._changed or driven:
+                self._changed = False
+                self._say_state()
+                await asyncio.sleep(STATE_S / 2)
+
+    def _say_state(self) -> None:
+        words: dict[str, JsonObject] = {}
+        for visitor in self._all():
+            if visitor.language not in words:
+                with within(visitor.language):
+                    words[visitor.language] = self._described()
+            visitor.say(words[visitor.language])
+
+    def _described(self) -> "JsonObject":
+        now_s = self.feed.value("t")
+        odd = [
+            said for t_s, said in self._events
+            if said.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > ODD_S
+        ]  # fmt: skip
+        return described(self._state, self.feed, self._route, odd[-3:])
+
+    def _say_lease(self) -> None:
+        holder, visitors = self.lease.holder, self._all()
+        self._told = holder, len(visitors)
+        for visitor in visitors:
+            visitor.say({
+                "is": "lease", "who": getattr(holder, "name", None), "until_ms": round(1e3 * self.lease.left_s),
+                "you": visitor is holder, "watching": len(visitors) - (holder is not None),
+            })  # fmt: skip
+
+    def _say_event(self, visitor: Visitor, t_s: float, said: Diagnostic) -> None:
+        with within(visitor.language):
+            visitor.say({"is": "event", "t": t_s, "severity": str(said.severity), "text": text(said)})
+
+
+def _group(name: str, commands: list[str]) -> str:
+    """Return the family of a column; of a command its name."""
+    first, _, rest = name.partition(".")
+    if first in ("u", "asked"):
+        return commands[int(rest)] if rest.isdecimal() and int(rest) < len(commands) else rest
+    if first in ("z", "model", "innov", "S"):
+        return rest.partition("[")[0]
+    return "route" if name in ("progress", "cross") else first
+
+
+def _finite(x: object) -> bool:
+    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+
+
+def _of_kind(value: object, kind: type) -> object:
+    """Return a value of a mission as what it must be. UsageError where it is something else."""
+    if kind is float and _finite(value):
+        return value
+    if kind is str and isinstance(value, str) and len(value) <= LONGEST:
+        return value
+    if kind is bool and isinstance(value, bool):
+        return value
+    raise UsageError(fault("web.not-understood", error=one_line(repr(value))[:LONGEST]))

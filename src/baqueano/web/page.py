@@ -1,0 +1,249 @@
+"""The words of a browser that every page has: hello, and runs that are opened. Words that drive go on to live.py.
+
+Text is made here, in the language of each browser; nothing of a browser is a path or a name of a file.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.errors import BaqueanoError, UsageError
+from baqueano.language import LANGUAGES, within
+from baqueano.messages import text
+from baqueano.printable import one_line
+from baqueano.web import PROTOCOL
+from baqueano.web.guard import Guard
+from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.shelf import Shelf
+from baqueano.web.visitor import POLICY, Visitor
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+ROWS = 4096  # of a frame of a run
+OF = {1: "run", 2: "ghost"}  # streams of what is opened
+STREAM = 24  # bits of the number of a frame, below its stream: 0 live, 1 the run, 2 its ghost
+IMU = {"imu[0]": "web.imu-ahead", "imu[1]": "web.imu-left", "imu[2]": "web.imu-turning"}
+LABELS = {
+    "t": "web.label-time", "eta.x": "web.label-x", "eta.y": "web.label-y", "eta.psi": "web.label-heading",
+    "P.xx": "web.label-var-x", "P.xy": "web.label-cov-xy", "P.yy": "web.label-var-y", "P.psi": "web.label-var-heading",
+    "nu.u": "web.label-speed", "nu.v": "web.label-sideways", "nu.r": "web.label-yaw-rate",
+    "ref.x": "web.label-ref-x", "ref.y": "web.label-ref-y", "ref.psi": "web.label-ref-heading",
+    "ref.u": "web.label-ref-speed", "truth.x": "web.label-true-x", "truth.y": "web.label-true-y",
+    "truth.psi": "web.label-true-heading", "nis": "web.label-nis", "progress": "web.label-progress",
+    "cross": "web.label-cross", "battery": "web.label-battery", "late_ms": "web.label-late",
+}  # fmt: skip
+SLOW = ("mission",)  # words that a worker may have to answer first
+LONGEST_NAME = 40  # letters
+SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
+
+
+class VehicleSide(Protocol):
+    """The part of a page that drives a vehicle."""
+
+    def hello(self, visitor: Visitor) -> "JsonObject":
+        """Return what hello says of the vehicle."""
+        ...
+
+    def joined(self, visitor: Visitor) -> None:
+        """A browser has had its hello."""
+        ...
+
+    async def heard(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Do a word. An error of ours is answered by `no`."""
+        ...
+
+    def left(self, visitor: Visitor) -> None:
+        """A browser has gone."""
+        ...
+
+
+class BrowserPage:
+    """The visitors of a page, with a vehicle (`live`) or with the recorded runs `opened`: one, and a ghost."""
+
+    def __init__(
+        self, lab: Lab, shelf: Shelf, guard: Callable[[], Guard], opened: tuple[Path, ...] = (),
+        live: VehicleSide | None = None,
+    ) -> None:  # fmt: skip
+        self._lab, self._shelf, self._guard, self._opened, self.live = lab, shelf, guard, opened, live
+        self._count = 0
+        self._reading: set[asyncio.Task[None]] = set()
+
+    async def heard(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Do a word of a browser; the next one does not wait for a slow one: it may be a stop."""
+        if word["is"] in SLOW:
+            self._later(self._do(visitor, word))
+        else:
+            await self._do(visitor, word)
+
+    async def _do(self, visitor: Visitor, word: "JsonObject") -> None:
+        words: dict[str, Callable[[Visitor, JsonObject], Awaitable[None]]] = {
+            "hello": self._hello, "open": self._open, "runs": self._runs, "ask": self._ask,
+        }  # fmt: skip
+        try:
+            if visitor.role is None and word["is"] != "hello":
+                raise UsageError(fault("web.no-hello"))
+            if (do := words.get(word["is"])) is not None:
+                await do(visitor, word)
+            elif self.live is not None:
+                await self.live.heard(visitor, word)
+            else:
+                raise UsageError(fault("web.no-vehicle", word=one_line(word["is"])[:LONGEST_NAME]))
+        except BaqueanoError as error:
+            self.refuse(visitor, word, error.diagnostic)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:  # any word may come
+            self.refuse(visitor, word, fault("web.not-understood", error=type(error).__name__))
+
+    def refuse(self, visitor: Visitor, word: "JsonObject", why: Diagnostic) -> None:
+        """Answer a word by `no`; who is not let in goes."""
+        with within(visitor.language):
+            visitor.say(
+                {"is": "no", "why": text(why), "code": str(why.code), "to": word["is"][:LONGEST_NAME]}
+            )
+        if visitor.role is None:
+            visitor.end(POLICY)
+
+    def left(self, visitor: Visitor) -> None:
+        """A browser has gone."""
+        if self.live is not None and visitor.role is not None:
+            self.live.left(visitor)
+
+    async def _hello(self, visitor: Visitor, word: "JsonObject") -> None:
+        if visitor.role is not None:
+            raise UsageError(fault("web.hello-again"))
+        if word.get("lang") in LANGUAGES:
+            visitor.language = word["lang"]
+        role = self._guard().role(visitor.address, str(word.get("token") or ""), visitor.from_page)
+        if role is None:
+            raise UsageError(fault("web.token"))
+        self._count += 1
+        named = one_line(str(word.get("name") or ""))[:LONGEST_NAME].strip()
+        with within(visitor.language):
+            visitor.name = named or text(note("web.visitor", number=self._count))
+        about = await self._about_run() if self.live is None else self.live.hello(visitor)
+        visitor.role = role
+        self.say_hello(visitor, about)
+        if self.live is not None:
+            self.live.joined(visitor)
+        if self._opened:
+            visitor.send_all(self._pieces(visitor, self._opened))
+        self._later(self._list(visitor))
+
+    def say_hello(self, visitor: Visitor, about: "JsonObject") -> None:
+        """Say what this page shows."""
+        said = {
+            "is": "hello", "protocol": PROTOCOL, "role": visitor.role.word if visitor.role else "",
+            "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
+            "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
+            "runs": self._shelf.runs(), "open": self._named(),
+        } | about  # fmt: skip
+        visitor.say(said | {"fields": labelled(said["fields"], visitor.language)})
+
+    def list_to(self, visitors: Iterable[Visitor]) -> None:
+        """Send the list of runs, which has changed, to all of these."""
+        for visitor in visitors:
+            self._later(self._list(visitor))
+
+    def _named(self) -> "JsonObject | None":
+        """Return the runs that the page was started with, by word."""
+        words = [self._shelf.word(path) for path in self._opened]
+        return {"run": words[0], "ghost": words[1] if len(words) > 1 else None} if words else None
+
+    async def _about_run(self) -> "JsonObject":
+        if not self._opened:
+            return {}
+        about, _ = await self._lab.ask("open", path=str(self._opened[0]))
+        return {name: about[name] for name in ("vehicle", "blocks", "fields", "route")}
+
+    async def _ask(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Answer a question; "ping" measures the way here and back."""
+        if word["what"] != "ping":
+            raise UsageError(fault("web.no-question", what=one_line(str(word["what"]))[:LONGEST_NAME]))
+        visitor.say({"is": "answer", "to": "ask", "id": word.get("id")})
+
+    async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Send the run of a word of the list, and its ghost."""
+        paths, found = self._shelf.paths(), []
+        for word_of_run in filter(None, (word["run"], word.get("ghost"))):
+            if word_of_run not in paths:
+                raise UsageError(fault("web.no-run"))
+            found.append(paths[word_of_run])
+        visitor.send_all(self._pieces(visitor, tuple(found)))
+
+    async def _runs(self, visitor: Visitor, word: "JsonObject") -> None:
+        self._later(self._list(visitor))
+
+    async def _list(self, visitor: Visitor) -> None:
+        """Send the list of runs once it is read."""
+        try:
+            visitor.say({"is": "runs", "runs": await self._shelf.read()})
+        except BaqueanoError as error:
+            self.refuse(visitor, {"is": "runs"}, error.diagnostic)
+
+    async def _pieces(self, visitor: Visitor, paths: tuple[Path, ...]) -> "AsyncIterator[bytes | JsonObject]":
+        """Yield what there is to say of each run, and its frames."""
+        for stream, path in enumerate(paths, 1):
+            try:
+                about, _ = await self._lab.ask("open", path=str(path))
+                start = {"is": "answer", "to": "open", "stream": stream, "of": OF[stream]}
+                yield start | self._about(visitor, path, about) | {"done": False}
+                for number, first in enumerate(range(0, about["rows"], ROWS), 1):
+                    _, frame = await self._lab.ask(
+                        "frame", path=str(path), number=stream << STREAM | number, first=first, count=ROWS
+                    )
+                    yield frame
+                yield start | {"done": True, "seconds": about["seconds"]}
+            except BaqueanoError as error:
+                with within(visitor.language):
+                    yield {
+                        "is": "no",
+                        "why": text(error.diagnostic),
+                        "code": error.diagnostic.code,
+                        "to": "open",
+                    }
+
+    def _about(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
+        """Return what there is to say of a run, in the language of a visitor."""
+        held = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
+        with within(visitor.language):
+            figures = {name: about[name] for name in ("name", "kind", "seconds")}
+            sentence = text(note("web.recorded", events=len(about["events"]), **figures))
+        known = {name: about[name] for name in ("name", "kind", "seconds")}
+        return held | {
+            "id": self._shelf.word(path), "name": about["name"], "run": self._shelf.line(path) | known,
+            "fields": labelled(about["fields"], visitor.language), "sentence": sentence,
+            "events": [worded(one, visitor.language) for one in about["events"]],
+        }  # fmt: skip
+
+    def _later(self, job: Coroutine[None, None, None]) -> None:
+        task = asyncio.create_task(job)
+        self._reading.add(task)
+        task.add_done_callback(self._reading.discard)
+
+
+def worded(event: "JsonObject", language: str) -> "JsonObject":
+    """Return an event with its sentence in this language."""
+    severity = SEVERITIES.get(event["severity"], event["severity"])
+    said = event["text"]
+    with within(language):
+        return event | {
+            "severity": severity,
+            "text": text(Diagnostic.of_json(said) if isinstance(said, dict) else said),
+        }
+
+
+def labelled(fields: "list[JsonObject]", language: str) -> "list[JsonObject]":
+    """Return the fields with a label for people: the name of the quantity, or of the channel."""
+    with within(language):
+        return [field | {"label": _label(field["name"], field["group"])} for field in fields]
+
+
+def _label(name: str, group: str) -> str:
+    first, _, rest = name.partition(".")
+    if first in ("u", "asked"):
+        return text(note("web.label-command", name=group))
+    if first in ("z", "model", "innov", "S"):
+        return text(note(IMU[rest])) if rest in IMU else rest
+    return text(note(LABELS[name])) if name in LABELS else name

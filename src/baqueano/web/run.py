@@ -1,0 +1,139 @@
+"""The page process from its begin to its end: it listens, prints where, and ends with Ctrl-C."""
+
+import asyncio
+import signal
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.errors import RobotUnreachable
+from baqueano.web.guard import HOLDS_S, Role
+from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.shelf import Shelf
+from baqueano.web.live import Live
+from baqueano.web.page import BrowserPage
+from baqueano.web.server import LOOPBACK, Server
+from baqueano.web.service import Link
+from baqueano.web.share import open_tab, own_address, own_names, qr_code, url
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+GREETING_S = 60.0  # a busy laptop starts Python
+QUIET_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """The way in which a page is served."""
+
+    folder: Path  # of the runs
+    port: int = 0
+    share: bool = False
+    address: str = ""  # of the network; found where none is given
+    browser: bool = True  # a tab is opened
+
+
+async def show_runs(names: tuple[str, ...], how: Served, say: Callable[[Diagnostic | str], object]) -> None:
+    """Serve recorded runs, the second a ghost of the first, until the process is told to end."""
+    lab = Lab()
+    try:
+        found, _ = await lab.ask("find", names=names, folder=str(how.folder))
+        paths = tuple(map(Path, found["paths"]))
+        shelf = Shelf(how.folder, paths)
+        page = BrowserPage(lab, shelf, lambda: server.guard, paths)
+        server = _server(page, shelf, how)
+        try:
+            async with server:
+                announce(server, how, say)
+                await ended()
+        finally:
+            await shelf.close()
+    finally:
+        await lab.close()
+
+
+async def show_vehicle(
+    start: Callable[[], Awaitable[Link]],
+    how: Served,
+    say: Callable[[Diagnostic | str], object],
+    robot: "tuple[str, Path] | None" = None,
+) -> None:
+    """Serve a vehicle until the process is told to end, or its service ends. Of a `robot` its file here, and the folder
+    of routes."""
+    lab, shelf = Lab(), Shelf(how.folder)
+    link = await start()
+    live = Live(link, lambda: server.visitors)
+    page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
+    live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
+    live.on_done = lambda: page.list_to(server.visitors)
+    server = _server(page, shelf, how)
+    if robot is not None:
+        await _presumed(live, lab, *robot)
+    live.begin()
+    hearing = asyncio.create_task(live.run())
+    known = asyncio.create_task(live.known.wait())
+    try:
+        greeting_s = GREETING_S if robot is None else QUIET_S  # a robot says what it is with its first drive
+        await asyncio.wait({hearing, known}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
+        if hearing.done():
+            raise RobotUnreachable(fault("web.service-gone"))
+        async with server:
+            announce(server, how, say)
+            ending = asyncio.create_task(ended())
+            await asyncio.wait({ending, hearing}, return_when=asyncio.FIRST_COMPLETED)
+            if not ending.done():
+                raise RobotUnreachable(fault("web.service-gone"))
+    finally:
+        await link.close()
+        for task in (hearing, known):
+            task.cancel()
+        await shelf.close()
+        await lab.close()
+
+
+async def _presumed(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
+    """Say what a robot is by its vehicle file here, and pack its missions here."""
+
+    async def pack(kind: str, said: "JsonObject") -> str:
+        reply, _ = await lab.ask("mission", vehicle=vehicle, routes=str(routes), kind=kind, said=said)
+        return reply["mission"]
+
+    about, _ = await lab.ask("vehicle", vehicle=vehicle, routes=str(routes))
+    live.presume(about["vehicle"], about["routes"])
+    live.pack = pack
+
+
+def _server(page: BrowserPage, shelf: Shelf, how: Served) -> Server:
+    shared_at = (how.address or own_address()) if how.share else ""
+    names = own_names() if how.share else ()
+    return Server(page.heard, page.left, shelf.body, port=how.port, shared_at=shared_at, names=names)
+
+
+def announce(server: Server, how: Served, say: Callable[[Diagnostic | str], object]) -> None:
+    """Print the addresses, and open a tab."""
+    tokens = server.guard.tokens
+    if not how.share:
+        own = url(LOOPBACK, server.port, tokens)
+    else:
+        address = server.shared_at
+        own = url(address, server.port, tokens, Role.DRIVE)
+        say(qr_code(own))
+        say(note("web.to-stop", url=url(address, server.port, tokens, Role.STOP)))
+        say(note("web.to-view", url=url(address, server.port, tokens, Role.VIEW)))
+        say(note("web.plain", hours=HOLDS_S / 3600.0))
+    say(note("web.at", url=own))
+    if how.browser:
+        asyncio.get_running_loop().run_in_executor(None, open_tab, own)
+
+
+async def ended() -> None:
+    """Wait for Ctrl-C, or the end of the terminal or of the system."""
+    done, loop = asyncio.Event(), asyncio.get_running_loop()
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        with suppress(NotImplementedError, AttributeError, RuntimeError):  # Windows, or not the main thread
+            loop.add_signal_handler(getattr(signal, name), done.set)
+    await done.wait()

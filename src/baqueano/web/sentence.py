@@ -1,0 +1,76 @@
+"""The state of a vehicle in words: what it does, how well, and what is odd, in the language of a reader."""
+
+import math
+from typing import TYPE_CHECKING
+
+from baqueano.diagnostics import Diagnostic, Severity, note
+from baqueano.messages import ended, text
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.web.feed import Feed
+
+TITLES = {
+    "teach": "web.title-teach", "repeat": "web.title-repeat", "drive": "web.title-drive",
+    "experiment": "web.title-experiment", "first drive": "web.title-first-drive",
+}  # fmt: skip
+STATES = {"READY": "web.title-ready", "STOPPED": "web.title-stopped", "DISARMED": "web.title-disarmed"}
+NIS_S = 10.0
+FEWEST = 100  # values of the NIS that say something
+HALF_BAND = 1.96 * math.sqrt(2.0)  # of the mean of N squared normals, times √N
+
+
+def described(
+    state: "JsonObject", feed: "Feed", route: "JsonObject | None", odd: list[Diagnostic]
+) -> "JsonObject":
+    """Return the word `state` for a browser, in the current language."""
+    kind, name = state.get("mission"), state["state"]
+    driven = kind is not None and name in ("MISSION", "MANUAL")
+    lap, laps = _lap(feed, route), state.get("laps")
+    title = TITLES.get(str(kind), "web.title-drive") if driven else STATES.get(name, "web.title-ready")
+    title = "web.title-paused" if state.get("paused") and driven else title
+    parts = _driving(state, feed, lap, laps) if driven else [_standing(state)]
+    grave = Severity.ERROR if name == "STOPPED" else Severity.WARNING if odd else Severity.INFO
+    routed = {} if not route or not route.get("name") else {"route": route["name"]}
+    return {
+        "is": "state", "state": name, "mission": {"kind": kind, **routed} if driven else None,
+        "lap": lap if driven else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
+        "paused": bool(state.get("paused")), "pace": state.get("pace"), "title": text(note(title)),
+        "sentence": " ".join(ended(text(one)) for one in parts), "severity": str(grave),
+        "odd": [text(one) for one in odd], "battery_v": state.get("battery_v"),
+    }  # fmt: skip
+
+
+def _standing(state: "JsonObject") -> Diagnostic:
+    why = state.get("why")
+    if state["state"] == "STOPPED":
+        return note("web.stopped", cause=why or "")
+    if state["state"] == "DISARMED":
+        return note("web.disarmed", cause=why or "")
+    return note("web.ready")
+
+
+def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:
+    """Return what it does, and how well."""
+    parts: list[Diagnostic] = []
+    if state.get("mission") == "repeat" and lap is not None:
+        parts.append(note("web.lap-of", lap=lap, laps=laps) if laps else note("web.lap", lap=lap))
+    cross = feed.value("cross")
+    if state.get("mission") in ("repeat", "teach") and math.isfinite(cross):
+        parts.append(note("web.from-route", cm=100.0 * abs(cross)))
+    elif math.isfinite(speed := feed.value("nu.u")):
+        parts.append(note("web.speed", speed_m_s=speed))
+    mean, count = feed.mean("nis", NIS_S)
+    if count >= FEWEST:
+        half = HALF_BAND / math.sqrt(count)
+        code = "web.filter-too-sure" if mean > 1.0 + half else "web.filter-fits"
+        parts.append(note("web.filter-cautious" if mean < 1.0 - half else code, nis=mean))
+    return parts or [note("web.begins")]
+
+
+def _lap(feed: "Feed", route: "JsonObject | None") -> int | None:
+    """Return the number of the lap by the way along the route."""
+    length_m, progress = (route or {}).get("length_m") or 0.0, feed.value("progress")
+    if not (length_m > 0.0 and math.isfinite(progress)):
+        return None
+    return max(1, math.floor(progress / length_m) + 1)

@@ -1,0 +1,153 @@
+"""The server: static files from a table made at start, runs and reports by their word, and one WebSocket.
+
+It listens on loopback; on one more address where it is shared. Nothing changes its state by HTTP.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from http import HTTPStatus
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from websockets.server import ServerProtocol
+from websockets.typing import Subprotocol
+
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.web import SUBPROTOCOL
+from baqueano.web.guard import Guard
+from baqueano.web.http import LONGEST_HEAD, Content, Head, Refused, head_of, read_head, refuse, reply, static
+from baqueano.web.visitor import LONGEST, POLICY, Visitor
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+STATIC = Path(__file__).with_name("static")
+VISITORS = 32
+CONNECTIONS = 96  # those that fetch files included
+HANDSHAKE_S = 5.0
+LOOPBACK = "127.0.0.1"
+
+
+class Server:
+    """Listens while it is entered: `async with Server(…) as server`."""
+
+    def __init__(
+        self,
+        on_word: "Callable[[Visitor, JsonObject], Awaitable[None]]",
+        on_leave: Callable[[Visitor], None],
+        body: Callable[[str], Awaitable[Content | None]],
+        *,
+        port: int = 0,
+        shared_at: str = "",
+        names: tuple[str, ...] = (),
+    ) -> None:
+        self._on_word, self._on_leave, self._body = on_word, on_leave, body
+        self._addresses = tuple(filter(None, (LOOPBACK, shared_at)))
+        self._names, self.shared_at, self.port = names, shared_at, port
+        self._files = static(STATIC)
+        self._servers: list[asyncio.Server] = []
+        self._connections, self.visitors = 0, set[Visitor]()
+        self._talks: set[asyncio.Task[None] | None] = set()
+        self.guard = Guard((), 0)
+
+    async def __aenter__(self) -> "Server":
+        """Listen. UsageError where the port is taken."""
+        for address in self._addresses:
+            try:
+                server = await asyncio.start_server(
+                    self._met, address, self.port, limit=LONGEST_HEAD, start_serving=False
+                )
+            except OSError as error:
+                await self._close()
+                raise UsageError(
+                    fault("web.port-taken", "--port 0", address=address, port=self.port, error=error.strerror)
+                ) from error
+            self._servers.append(server)
+            self.port = server.sockets[0].getsockname()[1]
+        self.guard = Guard((*self._addresses, "localhost", *self._names), self.port, bool(self.shared_at))
+        for server in self._servers:
+            await server.start_serving()
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        """Let everybody go."""
+        for visitor in list(self.visitors):
+            visitor.leave(1001)
+        await self._close()
+        for talk in list(self._talks):
+            if talk is not None:
+                talk.cancel()
+        await asyncio.gather(*filter(None, self._talks), return_exceptions=True)
+
+    async def _close(self) -> None:
+        for server in self._servers:
+            server.close()
+            with suppress(OSError):
+                await asyncio.wait_for(server.wait_closed(), 1.0)
+
+    async def _met(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        self._connections += 1
+        self._talks.add(task)
+        try:
+            if self._connections <= CONNECTIONS:
+                await self._answer(reader, writer)
+        except (OSError, EOFError, asyncio.CancelledError):  # the last: the server ends
+            pass
+        finally:
+            self._connections -= 1
+            self._talks.discard(task)
+            with suppress(OSError):
+                writer.close()
+
+    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            async with asyncio.timeout(HANDSHAKE_S):
+                data = await read_head(reader)
+            head = head_of(data)
+            if not self.guard.knows_host(head.values("host")):
+                raise Refused(HTTPStatus.FORBIDDEN)
+            if head.path == "/ws":
+                await self._upgrade(reader, writer, head, data)
+                return
+            body = self._files.get(head.path) or await self._body(head.path)
+            if body is None:
+                raise Refused(HTTPStatus.NOT_FOUND)
+            await reply(writer, body, head.method == "HEAD")
+        except Refused as why:
+            await refuse(writer, why)
+
+    async def _upgrade(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: Head, data: bytes
+    ) -> None:
+        origins = head.values("origin")
+        if not self.guard.knows_origin(origins):
+            raise Refused(HTTPStatus.FORBIDDEN)
+        if head.method != "GET" or not head.values("upgrade"):
+            raise Refused(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
+        if len(self.visitors) >= VISITORS:
+            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE)
+        protocol = ServerProtocol(subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=LONGEST)
+        protocol.receive_data(data)
+        requests = protocol.events_received()
+        response = protocol.accept(requests[0]) if requests else None  # pyright: ignore[reportArgumentType]
+        if response is None or response.status_code != HTTPStatus.SWITCHING_PROTOCOLS:
+            raise Refused(HTTPStatus.BAD_REQUEST)
+        protocol.send_response(response)
+        writer.write(b"".join(protocol.data_to_send()))
+        visitor = Visitor(reader, writer, protocol, writer.get_extra_info("peername")[0], bool(origins))
+        self.visitors.add(visitor)
+        late = asyncio.get_running_loop().call_later(HANDSHAKE_S, self._greeted, visitor)
+        try:
+            await visitor.talk(self._on_word)
+        finally:
+            late.cancel()
+            self.visitors.discard(visitor)
+            self._on_leave(visitor)
+
+    def _greeted(self, visitor: Visitor) -> None:
+        """Let a visitor go who has not said hello."""
+        if not visitor.spoke:
+            visitor.leave(POLICY)

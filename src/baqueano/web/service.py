@@ -1,0 +1,100 @@
+"""The vehicle's service, as the page process speaks to it: lines of JSON over pipes, or over a socket.
+
+a simulated vehicle   a child of this process (door/simulated), which ends with its pipes
+HOST                  ssh HOST baqueano robot attach: nothing listens on the robot
+a path, or here       the socket of a service on this machine
+"""
+
+import asyncio
+import json
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from baqueano.diagnostics import fault
+from baqueano.door import SOCKET
+from baqueano.door.ssh import attaching
+from baqueano.door.wire import decoded, encoded
+from baqueano.errors import RobotUnreachable
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+LONGEST = 4 << 20  # bytes of a line
+ENDS_S = 3.0  # for its last run
+FRAME = b'{"is":"frame"'
+UNSENT = 256 << 10  # bytes that wait for a service that does not read
+
+
+class Link:
+    """A service that is spoken to. `on_word` gets each of its words."""
+
+    def __init__(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter,
+        program: asyncio.subprocess.Process | None = None,
+    ) -> None:  # fmt: skip
+        self._reader, self._writer, self._program = reader, writer, program
+
+    def say(self, do: str, **words: object) -> None:
+        """Send a word; never waits. RobotUnreachable where the service has gone, or does not read."""
+        transport = self._writer.transport
+        if transport.is_closing() or transport.get_write_buffer_size() > UNSENT:
+            raise RobotUnreachable(fault("web.service-gone"))
+        self._writer.write(encoded({"do": do, **words}))
+
+    async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
+        """Hand on each word until the service ends."""
+        with suppress(OSError, ValueError):
+            while line := await self._reader.readline():
+                word = json.loads(line) if line.startswith(FRAME) else decoded(line)
+                if word is not None:
+                    on_word(word)
+
+    async def close(self) -> None:
+        """End the connection; a simulated vehicle is stopped by that and closes its run."""
+        with suppress(OSError):
+            self._writer.close()
+        if self._program is None:
+            return
+        try:
+            await asyncio.wait_for(self._program.wait(), ENDS_S)
+        except TimeoutError:
+            with suppress(ProcessLookupError):
+                self._program.kill()
+            await self._program.wait()
+
+
+async def simulated(vehicle: str, folder: Path, *more: str) -> Link:
+    """Start the service of a simulated vehicle."""
+    return await _started(
+        [sys.executable, "-m", "baqueano.door.simulated", vehicle, "--runs", str(folder), *more]
+    )
+
+
+async def reached(host: str) -> Link:
+    """Connect to the service at HOST. RobotUnreachable where there is none."""
+    if host == "here" or ("/" in host and not host.startswith("-")):
+        path = SOCKET if host == "here" else Path(host)
+        try:
+            return Link(*await asyncio.open_unix_connection(str(path), limit=LONGEST))
+        except OSError as error:
+            raise RobotUnreachable(
+                fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
+            ) from error
+    return await _started(attaching(host))
+
+
+async def _started(command: list[str]) -> Link:
+    """Return the link to a program that speaks over its pipes; what it says to people stays on stderr."""
+    try:
+        program = await asyncio.create_subprocess_exec(
+            *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LONGEST,
+            start_new_session=True,
+        )  # fmt: skip
+    except FileNotFoundError as error:
+        raise RobotUnreachable(fault("remote.no-ssh", host=command[0])) from error
+    assert program.stdin is not None
+    assert program.stdout is not None
+    return Link(program.stdout, program.stdin, program)

@@ -1,0 +1,232 @@
+"""A browser: its words, and what waits for it.
+
+    words     a queue of WORDS, none is dropped: one that fills it has stopped reading, and is let go             (1)
+    pieces    of a history or a run, made one at a time, when the one before has gone                             (2)
+    picture   one place: the newest frame takes the place of one that has not gone                                (3)
+
+The bytes are those of `websockets`' protocol without I/O; the socket's buffer is small, so that a picture is fresh.
+"""
+
+import asyncio
+import json
+import math
+import socket
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from websockets.frames import Opcode
+from websockets.protocol import State
+from websockets.server import ServerProtocol
+
+from baqueano.contracts.values import Value
+from baqueano.web.guard import Rate, Role
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+WORDS = 64
+LONGEST = 16 << 10  # bytes of a word of a browser
+RATE = 50.0  # words a second of a browser
+UNREAD = 4 << 20  # bytes that wait for the kernel: more than the largest piece
+SENDING = 64 << 10  # bytes in the socket's buffer
+PING_S = 2.0
+WAY_S = 0.2  # there and back, at most, that a picture is given
+GONE_S = 20.0  # without a byte
+POLICY, UNSUPPORTED, TOO_SLOW = 1008, 1003, 1013
+
+
+class Visitor:
+    """A connection that was let in; `role` is None until its first word."""
+
+    def __init__(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, protocol: ServerProtocol, address: str,
+        from_page: bool,
+    ) -> None:  # fmt: skip
+        self.address, self.from_page = address, from_page
+        self.role: Role | None = None
+        self.name, self.language = "", "en"
+        self.spoke = False
+        self._reader, self._writer, self._protocol = reader, writer, protocol
+        self._words: deque[JsonObject] = deque()
+        self._pieces: AsyncIterator[bytes | JsonObject] | None = None
+        self._picture: bytes | None = None
+        self._waiting, self._heard_s = asyncio.Event(), time.monotonic()
+        self._parts: list[bytes] = []
+        self._ending: int | None = None  # the code with which it ends, once its words have gone
+        self._rate = Rate(RATE)
+        self.way_s, self._pinged_s = 0.0, 0.0  # the way there and back
+        writer.transport.set_write_buffer_limits(high=0)  # `drain` waits until the kernel has it
+        line = writer.get_extra_info("socket")
+        if line is not None:
+            with suppress(OSError):
+                line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDING)
+                line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    @property
+    def open(self) -> bool:
+        """Return True while words can be sent."""
+        return self._protocol.state is State.OPEN and not self._writer.is_closing()
+
+    def say(self, word: "JsonObject") -> None:
+        """Put a word into the queue.  (1)"""
+        if len(self._words) >= WORDS:
+            self.leave(TOO_SLOW)
+            return
+        self._words.append(word)
+        self._waiting.set()
+
+    def show(self, picture: bytes) -> None:
+        """Put a frame in the place of the last one.  (3)"""
+        self._picture = picture
+        self._waiting.set()
+
+    def send_all(self, pieces: "AsyncIterator[bytes | JsonObject]") -> None:
+        """Send pieces one by one, in place of those that have not gone.  (2)"""
+        self._pieces = pieces
+        self._waiting.set()
+
+    def leave(self, code: int = 1000) -> None:
+        """Close the connection; what has not gone is dropped."""
+        if self._protocol.state is State.OPEN:
+            self._protocol.send_close(code)
+            self._flush()
+        if code == TOO_SLOW:  # whoever does not read does not read this either
+            self._writer.transport.abort()
+        else:
+            self._writer.close()
+        self._waiting.set()
+
+    def end(self, code: int) -> None:
+        """Close the connection when the words that wait have gone."""
+        self._ending = code
+        self._waiting.set()
+
+    async def talk(self, on_word: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
+        """Hand each word to `on_word` until the connection ends."""
+        tasks = [asyncio.create_task(job) for job in (self._send_words(), self._keep_alive())]
+        try:
+            await self._hear(on_word)
+        except (OSError, EOFError):
+            pass
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            self._writer.transport.abort() if not self._writer.is_closing() else self._writer.close()
+
+    async def _hear(self, on_word: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
+        while self._protocol.state is State.OPEN:
+            data = await self._reader.read(1 << 16)
+            if not data:
+                return
+            self._heard_s = time.monotonic()
+            self._protocol.receive_data(data)
+            self._flush()
+            for frame in self._protocol.events_received():
+                for word in self._words_in(frame):
+                    self.spoke = True
+                    await on_word(self, word)
+                    await asyncio.sleep(0)  # what it is answered goes before the next word is read
+
+    def _words_in(self, frame: object) -> "list[JsonObject]":
+        """Return the word that this frame completes. What is none, or comes too often, ends the connection."""
+        opcode, data, last = (
+            getattr(frame, "opcode", None),
+            getattr(frame, "data", b""),
+            getattr(frame, "fin", True),
+        )
+        if opcode is Opcode.PONG:
+            self.way_s = min(WAY_S, time.monotonic() - self._pinged_s)
+        if opcode is Opcode.BINARY:
+            self.leave(UNSUPPORTED)
+        if opcode not in (Opcode.TEXT, Opcode.CONT) or not self.open:
+            return []
+        self._parts = [data] if opcode is Opcode.TEXT else [*self._parts, data]
+        if not last:
+            return []
+        if not self._rate.one_more():
+            self.leave(POLICY)
+            return []
+        try:
+            word = json.loads(b"".join(self._parts))
+        except (ValueError, RecursionError):
+            word = None
+        if not isinstance(word, dict) or not isinstance(word.get("is"), str):
+            self.leave(POLICY)
+            return []
+        return [word]
+
+    async def _send_words(self) -> None:
+        with suppress(OSError, StopAsyncIteration):
+            while self.open:
+                await self._waiting.wait()
+                self._waiting.clear()
+                while self.open and (await self._one()):
+                    pass
+
+    async def _one(self) -> bool:
+        """Send what is first; False where nothing waits. A word goes before a picture, a picture before a piece."""
+        if self._words:
+            await self._write(self._words.popleft())
+        elif self._ending is not None:
+            self.leave(self._ending)
+        elif self._picture is not None:
+            picture, self._picture = self._picture, None
+            await self._write(picture)
+        elif self._pieces is not None:
+            pieces = self._pieces
+            try:
+                piece = await anext(pieces)
+            except StopAsyncIteration:
+                if self._pieces is pieces:
+                    self._pieces = None
+                return True
+            await self._write(piece)
+        else:
+            return False
+        return True
+
+    async def _write(self, what: "bytes | JsonObject") -> None:
+        if isinstance(what, bytes):
+            self._protocol.send_binary(what)
+        else:
+            self._protocol.send_text(encoded(what))
+        self._flush()
+        if not self._writer.is_closing():
+            await self._writer.drain()
+
+    def _flush(self) -> None:
+        """Hand to the socket what the protocol has to say; who asks and does not read is let go."""
+        for data in self._protocol.data_to_send():
+            if data and not self._writer.is_closing():
+                self._writer.write(data)
+            elif not data:
+                self._writer.close()
+        if self._writer.transport.get_write_buffer_size() > UNREAD:
+            self._writer.transport.abort()
+
+    async def _keep_alive(self) -> None:
+        while self.open:
+            await asyncio.sleep(PING_S)
+            if time.monotonic() - self._heard_s > GONE_S:
+                self._writer.transport.abort()
+                return
+            self._pinged_s = time.monotonic()
+            self._protocol.send_ping(b"")
+            self._flush()
+
+
+def encoded(word: "JsonObject") -> bytes:
+    """Return a word as JSON; a number that is not finite, which JSON has not, is null."""
+    return json.dumps(_plain(word), ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _plain(value: Value) -> Value:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _plain(held) for name, held in value.items()}
+    return [_plain(held) for held in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,144 @@
+"""A page process inside a test, with recorded runs, and browsers that speak to it."""
+
+import asyncio
+import json
+import struct
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from websockets.asyncio.client import ClientConnection, connect
+
+from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, write_run
+from baqueano.vehicle_file import load
+from baqueano.web import SUBPROTOCOL
+from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.shelf import Shelf
+from baqueano.web.page import BrowserPage
+from baqueano.web.server import Server
+
+TICK_NS = 10_000_000
+WAIT_S = 30.0  # the machine may be busy
+
+
+def drive(name: str = "circle", ticks: int = 300) -> Run:
+    """Return a run of a circle, driven 1 cm to the left of its reference."""
+    t_ns = TICK_NS * np.arange(1, ticks + 1)
+    psi = 0.01 * np.arange(ticks)
+    on = np.column_stack([np.sin(psi), 1.0 - np.cos(psi), psi])
+    off = on + 0.01 * np.column_stack([-np.sin(psi), np.cos(psi), 0.0 * psi])
+    nu = np.tile([1.0, 0.0, 1.0], (ticks, 1))
+    z = np.column_stack([np.arange(ticks), -np.ones(ticks), np.ones(ticks)])
+    y, S = np.tile([0.1, np.nan, 0.2], (ticks, 1)), np.tile(np.diag([0.01, 1.0, 0.04]), (ticks, 1, 1))
+    cov = np.tile(np.diag([4.0, 9.0, 1.0, 1.0, 1.0, 1.0]), (ticks, 1, 1))
+    return Run(
+        name, None, t_ns, np.tile([0.5, 0.0, 0.1], (ticks, 1)), requested=np.tile([0.6, 0.0, 0.1], (ticks, 1)),
+        sensors={"imu": Channel(t_ns, t_ns, z)}, estimate=EstimateLog(t_ns, off, nu, cov, y, S),
+        reference=ReferenceLog(t_ns, on, nu, np.zeros(ticks)), vehicle_text=load("small").text,
+        events=(Event(int(t_ns[3]), "warning", "test", "a stone"),), metadata={"kind": "repeat"},
+    )  # fmt: skip
+
+
+def folder_of(path: Path, **runs: Run) -> Path:
+    """Write runs into a folder, and return it."""
+    path.mkdir(exist_ok=True)
+    for name, run in runs.items():
+        write_run(run, path / f"{name}.mcap")
+    return path
+
+
+@asynccontextmanager
+async def recorded_page(folder: Path, *opened: str, **how: Any) -> AsyncIterator[Server]:
+    """Serve the runs of a folder."""
+    lab = Lab()
+    paths = tuple((folder / f"{name}.mcap").resolve() for name in opened)
+    shelf = Shelf(folder, paths)
+    page = BrowserPage(lab, shelf, lambda: server.guard, paths)
+    server = Server(page.heard, page.left, shelf.body, **how)
+    try:
+        async with server:
+            yield server
+    finally:
+        await shelf.close()
+        await lab.close()
+
+
+class Browser:
+    """One browser: its words, and what came."""
+
+    def __init__(self, line: ClientConnection) -> None:
+        self.line, self.frames = line, []
+        self.hello: dict[str, Any] = {}
+
+    async def say(self, word: str, **more: Any) -> None:
+        """Send a word."""
+        await self.line.send(json.dumps({"is": word, **more}))
+
+    async def next(
+        self, *kinds: str, where: Callable[[dict[str, Any]], bool] = lambda word: True
+    ) -> dict[str, Any]:
+        """Return the next word of these kinds; frames on the way are kept."""
+        while True:
+            data = await asyncio.wait_for(self.line.recv(), WAIT_S)
+            if isinstance(data, bytes):
+                self.frames.append(data)
+                continue
+            word = json.loads(data)
+            if word["is"] in kinds and where(word):
+                return word
+
+    def rows(self, stream: int, columns: int) -> np.ndarray:
+        """Return the rows (N, F) of a stream that came so far."""
+        found = [np.zeros((0, columns), "f4")]
+        for frame in self.frames:
+            number, count, _ = struct.unpack("<IId", frame[:16])
+            if number >> 24 == stream:
+                found.append(np.frombuffer(frame, "<f4", offset=16).reshape(count, columns))
+        return np.concatenate(found)
+
+
+def address(server: Server) -> str:
+    """Return the host of a page."""
+    return f"127.0.0.1:{server.port}"
+
+
+@asynccontextmanager
+async def line_to(server: Server, **how: Any) -> AsyncIterator[ClientConnection]:
+    """Connect as a page of the server does."""
+    host = address(server)
+    given = {"origin": f"http://{host}", "subprotocols": [SUBPROTOCOL], "compression": None} | how
+    async with connect(f"ws://{host}/ws", **given) as line:
+        yield line
+
+
+@asynccontextmanager
+async def browser(server: Server, lang: str = "en", **hello: Any) -> AsyncIterator[Browser]:
+    """Open a page and say hello."""
+    async with line_to(server) as line:
+        one = Browser(line)
+        await one.say("hello", lang=lang, **hello)
+        one.hello = await one.next("hello")
+        yield one
+
+
+async def request(
+    server: Server, head: str, *, host: str | None = "own"
+) -> tuple[int, dict[str, str], bytes]:
+    """Send a request of these lines, and return status, headers and body."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+    lines = head if host is None else f"{head}\r\nHost: {address(server) if host == 'own' else host}"
+    writer.write((lines + "\r\n\r\n").encode("latin-1"))
+    data = await asyncio.wait_for(reader.read(), WAIT_S)
+    writer.close()
+    top, _, body = data.partition(b"\r\n\r\n")
+    status, *rest = top.decode("latin-1").split("\r\n")
+    if not status:
+        return 0, {}, b""
+    return int(status.split()[1]), dict(line.split(": ", 1) for line in rest), body
+
+
+def run_page(job: Callable[[], Awaitable[None]]) -> None:
+    """Run a test of coroutines."""
+    asyncio.run(asyncio.wait_for(job(), 4 * WAIT_S))  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,430 @@
+"""The security of the page, row by row: who may connect, from where, and how much."""
+
+import asyncio
+import json
+import re
+import socket
+import time
+from contextlib import AsyncExitStack
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from baqueano.web import guard as guarding
+from baqueano.web import server as serving
+from baqueano.web.guard import FAILURES, HOLDS_S, Guard, Rate, Role
+from baqueano.web.http import REPORT_POLICY, Refused, head_of, static
+from baqueano.web.share import own_names, qr_code, url
+from tests.web.page_client import (
+    WAIT_S,
+    address,
+    browser,
+    drive,
+    folder_of,
+    line_to,
+    recorded_page,
+    request,
+    run_page,
+)
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'"
+)
+EVIL = "evil.example"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return folder_of(tmp_path_factory.mktemp("page") / "runs", circle=drive())
+
+
+@pytest.fixture
+def _static(monkeypatch, tmp_path):
+    """A folder of the page's files, with a link that leads out of it."""
+    (tmp_path / "index.html").write_text("<title>page</title>")
+    (tmp_path / "page.js").write_text("let x")
+    (tmp_path / "secret.key").write_text("secret")
+    (tmp_path / "out.txt").symlink_to("/etc/passwd")
+    monkeypatch.setattr(serving, "STATIC", tmp_path)
+
+
+def test_ne1_it_listens_on_loopback_and_where_it_is_shared(folder):
+    async def job():
+        async with recorded_page(folder) as server:
+            assert [one.getsockname()[0] for held in server._servers for one in held.sockets] == ["127.0.0.1"]
+            with pytest.raises(OSError, match="failed"):
+                await asyncio.open_connection("127.0.0.2", server.port)
+        async with recorded_page(folder, shared_at="127.0.0.2") as server:
+            listening = {one.getsockname() for held in server._servers for one in held.sockets}
+            assert listening == {("127.0.0.1", server.port), ("127.0.0.2", server.port)}
+
+    run_page(job)
+
+
+def test_ne1_the_address_that_is_printed_has_the_token_behind_the_number_sign():
+    tokens = Guard((), 1).tokens
+    assert len(set(tokens.values())) == 3
+    assert all(len(token) >= 22 for token in tokens.values())  # 128 bits, six a letter
+    printed = url("192.168.4.1", 8000, tokens, Role.VIEW)
+    assert printed == f"http://192.168.4.1:8000/#token={tokens[Role.VIEW]}"
+    assert "#" not in url("127.0.0.1", 8000, tokens)
+    assert len(qr_code(printed).splitlines()) > 10
+    assert own_names()[0].endswith(".local")
+
+
+@pytest.mark.parametrize(
+    "host",
+    [EVIL, "evil.example:{port}", "localhost.:{port}", "127.0.0.1", "127.0.0.1:1", "[::1]:{port}", "", None],
+)
+def test_ne2_a_host_that_is_not_served_is_refused_on_every_request(folder, host):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            named = None if host is None else host.format(port=server.port)
+            for path in ("/", "/run/x", "/ws", "/nothing"):
+                assert (await request(server, f"GET {path} HTTP/1.1", host=named))[0] == 403
+
+    run_page(job)
+
+
+def test_ne2_two_hosts_are_refused_and_each_own_one_is_served(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            twice = f"GET /run/x HTTP/1.1\r\nHost: {address(server)}"
+            assert (await request(server, twice))[0] == 403
+            assert (await request(server, "GET /run/x HTTP/1.1", host=f"LocalHost:{server.port}"))[0] == 404
+
+    run_page(job)
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1:{port}", "file://"]
+)
+def test_ne2_a_page_of_another_origin_does_not_connect(folder, origin):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            with pytest.raises(InvalidStatus, match="403"):
+                async with line_to(server, origin=origin.format(port=server.port)):
+                    pass
+
+    run_page(job)
+
+
+def test_ne2_who_has_no_origin_watches_with_a_token_and_without_one_goes(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            async with line_to(server, origin=None) as line:
+                await line.send(json.dumps({"is": "hello", "token": server.guard.tokens[Role.DRIVE]}))
+                assert json.loads(await line.recv())["role"] == "view"
+            async with line_to(server, origin=None) as line:
+                await line.send(json.dumps({"is": "hello"}))
+                assert json.loads(await line.recv())["code"] == "web.token"
+                with pytest.raises(ConnectionClosed) as closed:
+                    await line.recv()
+                assert closed.value.rcvd.code == 1008
+
+    run_page(job)
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "get"])
+def test_ne2_nothing_changes_by_http(folder, method):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            for path in ("/", "/ws", "/run/x"):
+                status, headers, _ = await request(server, f"{method} {path} HTTP/1.1")
+                assert (status, headers["Allow"]) == (405, "GET, HEAD")
+
+    run_page(job)
+
+
+def test_ne2_a_request_with_a_body_is_refused(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            for more in (
+                "Content-Length: 5",
+                "Transfer-Encoding: chunked",
+                "X: a\r\n b: c",
+                " x: y",
+                "novalue",
+            ):
+                assert (await request(server, f"GET / HTTP/1.1\r\n{more}"))[0] == 400
+
+    run_page(job)
+
+
+def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
+    async def job():
+        async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
+            for role, token in server.guard.tokens.items():
+                async with browser(server, token=token) as one:
+                    assert one.hello["role"] == role.word
+            async with line_to(server) as line:
+                await line.send(json.dumps({"is": "hello"}))
+                assert json.loads(await line.recv())["code"] == "web.token"
+
+    run_page(job)
+
+
+def test_ne4_after_five_wrong_tokens_none_is_looked_at_for_a_minute():
+    now = 0.0
+    guard = Guard((), 1, shared=True, now=lambda: now)
+    right = guard.tokens[Role.DRIVE]
+    for _ in range(FAILURES):
+        assert guard.role("10.0.0.1", "wrong", True) is None
+    assert guard.role("10.0.0.1", right, True) is None
+    assert guard.role("10.0.0.2", right, True) is Role.DRIVE
+    now = 60.1
+    assert guard.role("10.0.0.1", right, True) is Role.DRIVE
+    now = HOLDS_S + 1.0
+    assert guard.role("10.0.0.2", right, True) is None
+
+
+def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
+    compared = []
+    monkeypatch.setattr(guarding.hmac, "compare_digest", lambda a, b: compared.append(b) or a == b)
+    guard = Guard((), 1, shared=True)
+    for token in guard.tokens.values():
+        compared.clear()
+        assert guard.role("10.0.0.1", token, True)
+        assert len(compared) == len(Role)
+
+
+def test_ne4_addresses_that_guess_take_no_memory():
+    guard = Guard((), 1, shared=True)
+    for k in range(5000):
+        guard.role(f"10.0.{k // 256}.{k % 256}", "wrong", True)
+    assert len(guard._failures) <= guarding.ADDRESSES + 1
+
+
+def test_ne5_words_are_bounded_in_size_and_rate(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            for what, code in (
+                (" " * 17000, 1009),
+                (b"binary", 1003),
+                ("[1]", 1008),
+                ('{"is": 3}', 1008),
+                ("{", 1008),
+            ):
+                async with browser(server) as one:
+                    await one.line.send(what)
+                    with pytest.raises(ConnectionClosed):
+                        await one.next("never")
+                    assert one.line.close_code == code, what
+            async with browser(server) as one:
+                for _ in range(300):
+                    try:
+                        await one.say("ask", id=1, what="ping")
+                    except ConnectionClosed:
+                        break
+                with pytest.raises(ConnectionClosed):
+                    await one.next("never")
+                assert one.line.close_code == 1008
+
+    run_page(job)
+
+
+def test_ne5_fifty_words_a_second_are_taken():
+    now = 0.0
+    rate = Rate(50.0, lambda: now)
+    assert sum(rate.one_more() for _ in range(200)) == 100
+    now = 1.0
+    assert sum(rate.one_more() for _ in range(200)) == 50
+
+
+def test_ne5_thirty_two_browsers_are_let_in_and_the_next_is_not(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server, AsyncExitStack() as several:
+            lines = [await several.enter_async_context(line_to(server)) for _ in range(serving.VISITORS)]
+            with pytest.raises(InvalidStatus, match="503"):
+                async with line_to(server):
+                    pass
+            await lines[0].close()
+            while len(server.visitors) == serving.VISITORS:
+                await asyncio.sleep(0.01)
+            async with browser(server) as one:
+                assert one.hello["role"] == "drive"
+
+    run_page(job)
+
+
+def test_ne5_nothing_is_compressed(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server, line_to(server, compression="deflate") as line:
+            assert "Sec-WebSocket-Extensions" not in line.response.headers
+
+    run_page(job)
+
+
+def test_ne5_who_says_nothing_is_let_go(folder, monkeypatch):
+    monkeypatch.setattr(serving, "HANDSHAKE_S", 0.3)
+
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
+            writer.write(b"GET / HTTP/1.1\r\nHost:")
+            assert await asyncio.wait_for(reader.read(), WAIT_S) == b""
+            writer.close()
+            async with line_to(server) as line:
+                with pytest.raises(ConnectionClosed):
+                    await asyncio.wait_for(line.recv(), WAIT_S)
+
+    run_page(job)
+
+
+def test_ne5_a_long_head_is_refused(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            assert (await request(server, "GET / HTTP/1.1\r\nX: " + "a" * 40000))[0] in (431, 0)
+            many = "\r\n".join(f"X{k}: 1" for k in range(100))
+            assert (await request(server, f"GET / HTTP/1.1\r\n{many}"))[0] == 400
+
+    run_page(job)
+
+
+@pytest.mark.usefixtures("_static")
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../lab/worker.py", "/static/%2e%2e/lab/worker.py", "/static/..%2flab", "/static//etc/passwd",
+        "/static/secret.key", "/static/out.txt", "//etc/passwd", "/run/../circle", "/run/circle.mcap", "/run/",
+        "/report/../../x", "/static/page.js%00.html", "/static\\page.js", "/static/page.js/", "/.env", "/index.html",
+    ],
+)  # fmt: skip
+def test_ne6_only_files_of_the_table_are_served(folder, path):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            assert (await request(server, f"GET {path} HTTP/1.1"))[0] == 404
+            assert (await request(server, "GET /static/page.js HTTP/1.1"))[::2] == (200, b"let x")
+
+    run_page(job)
+
+
+@pytest.mark.parametrize("path", ["x", "http://evil.example/", "/\0", "/a b", "*", "/\xe9"])
+def test_ne6_what_is_no_path_is_refused(folder, path):
+    with pytest.raises(Refused):
+        head_of(f"GET {path} HTTP/1.1\r\n\r\n".encode("latin-1"))
+
+
+def test_ne6_a_link_in_the_folder_of_runs_leads_nowhere(tmp_path):
+    runs = folder_of(tmp_path / "runs", circle=drive())
+    secret = tmp_path / "secret.mcap"
+    secret.write_bytes(b"secret")
+    (runs / "link.mcap").symlink_to(secret)
+
+    async def job():
+        async with recorded_page(runs) as server, browser(server) as one:
+            assert [run["name"] for run in one.hello["runs"]] == ["circle"]
+            word = one.hello["runs"][0]["id"]
+            assert len(word) == 24
+            (runs / "circle.mcap").unlink()
+            (runs / "circle.mcap").symlink_to(secret)
+            assert (await request(server, f"GET /run/{word} HTTP/1.1"))[0] == 404
+
+    run_page(job)
+
+
+def test_ne6_a_run_is_opened_by_its_word_alone(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server, browser(server) as one:
+            for run in ("circle", "../runs/circle.mcap", str(folder / "circle.mcap"), 3, {"a": 1}, None):
+                await one.say("open", run=run)
+                if run:
+                    assert (await one.next("no"))["to"] == "open"
+
+    run_page(job)
+
+
+@pytest.mark.usefixtures("_static")
+def test_ne7_the_policy_stands_on_every_answer_and_no_address_leaks(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            for path in ("/", "/static/page.js", "/nothing", "/run/x"):
+                _, headers, _ = await request(server, f"GET {path} HTTP/1.1")
+                assert headers["Content-Security-Policy"].startswith(POLICY)
+                assert headers["X-Content-Type-Options"] == "nosniff"
+                assert headers["Referrer-Policy"] == "no-referrer"
+                assert headers["X-Frame-Options"] == "DENY"
+                assert headers["Cache-Control"] == "no-store"
+                assert "Server" not in headers
+
+    run_page(job)
+    assert "frame-ancestors 'none'" in REPORT_POLICY
+    assert "script-src" not in REPORT_POLICY
+
+
+def test_ne7_a_token_is_in_no_output_but_the_printed_addresses(folder, caplog, capfd):
+    async def job():
+        async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
+            tokens = list(server.guard.tokens.values())
+            async with browser(server, token=tokens[0]):
+                pass
+            async with line_to(server) as line:
+                await line.send(json.dumps({"is": "hello", "token": tokens[1][:-1]}))
+                assert json.loads(await line.recv())["code"] == "web.token"
+            shown = caplog.text + "".join(capfd.readouterr())
+            assert not any(token[:-1] in shown for token in tokens)
+
+    run_page(job)
+
+
+def test_ne8_no_file_of_the_page_names_another_place():
+    for path, held in static(serving.STATIC).items():
+        text = held.content.decode("utf-8", "replace")
+        foreign = [
+            one
+            for one in re.findall(r"(?:https?|wss?)://[\w.${}]+", text)
+            if "www.w3.org" not in one and "${" not in one
+        ]
+        assert not foreign, f"{path}: {foreign}"
+        assert not re.search(r"\b(innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\()", text), path
+
+
+def test_ne8_hostile_names_stay_text(tmp_path):
+    from dataclasses import replace
+
+    name = "<img src=x onerror=alert(1)>"
+    run = replace(drive(), vehicle_text=drive().vehicle_text.replace('name = "small"', f'name = "{name}"'))
+    runs = folder_of(tmp_path / "runs", evil=run)
+
+    async def job():
+        async with recorded_page(runs, "evil") as server, browser(server, name=name) as one:
+            assert one.hello["vehicle"]["name"] == one.hello["you"] == name
+            assert (await request(server, f"GET /{name.replace(' ', '')} HTTP/1.1"))[2] == b"404 Not Found\n"
+
+    run_page(job)
+
+
+def test_no_port_is_taken_twice(folder):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+
+        async def job():
+            from baqueano.errors import UsageError
+
+            with pytest.raises(UsageError, match=str(port)) as error:
+                async with recorded_page(folder, port=port):
+                    pass
+            assert error.value.diagnostic.code == "web.port-taken"
+
+        run_page(job)
+
+
+def test_a_browser_that_does_not_read_is_given_one_picture_and_let_go_when_words_pile_up(folder):
+    async def job():
+        async with recorded_page(folder, "circle") as server, browser(server) as one:
+            (visitor,) = server.visitors
+            one.line.transport.pause_reading()
+            picture, begun = bytes(200_000), time.monotonic()
+            for _ in range(400):
+                visitor.show(picture)
+                await asyncio.sleep(0)
+            assert time.monotonic() - begun < WAIT_S
+            assert visitor._writer.transport.get_write_buffer_size() <= len(picture) + 100
+            for _ in range(70):
+                visitor.say({"is": "event", "text": "x" * 1000})
+            while server.visitors:
+                await asyncio.sleep(0.01)
+            one.line.transport.abort()
+
+    run_page(job)

@@ -1,0 +1,106 @@
+"""One driver at a time, whose beats count only before a fresh picture."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from baqueano.errors import SafetyStop
+from baqueano.web.lease import HOLDS_S, Lease
+
+
+class Clock:
+    """A clock that is set."""
+
+    s = 0.0
+
+    def __call__(self) -> float:
+        return self.s
+
+
+def held(by="ana"):
+    clock = Clock()
+    lease = Lease(clock)
+    lease.take(by, by)
+    return clock, lease
+
+
+def test_rt13_a_lease_ends_300_ms_after_the_last_beat():
+    clock, lease = held()
+    clock.s = 0.2
+    assert lease.beat("ana", 1, 0.0)
+    clock.s = 0.2 + HOLDS_S
+    assert lease.holder == "ana"
+    clock.s += 0.001
+    assert lease.holder is None
+    assert not lease.beat("ana", 2, 0.0)
+
+
+def test_rt13_who_looks_at_a_frozen_picture_loses_the_vehicle():
+    clock, lease = held()
+    for k in range(1, 11):
+        clock.s = 0.05 * k
+        lease.beat("ana", k, age_s=0.0 if k < 3 else clock.s)
+    assert lease.holder == "ana"
+    clock.s = 0.31 + HOLDS_S
+    assert lease.holder is None
+
+
+def test_rt13_a_slow_way_is_allowed_for():
+    _, lease = held()
+    assert not lease.beat("ana", 1, age_s=0.4)
+    assert lease.beat("ana", 2, age_s=0.4, way_s=0.15)
+    assert not lease.beat("ana", 3, age_s=float("nan"), way_s=0.15)
+
+
+def test_rt14_a_second_driver_is_told_who_drives_and_may_be_given_the_vehicle():
+    _, lease = held()
+    with pytest.raises(SafetyStop) as error:
+        lease.take("luis", "luis")
+    assert error.value.diagnostic.figures["name"] == "ana"
+    with pytest.raises(SafetyStop):
+        lease.give("luis", "luis", "luis")
+    lease.give("ana", "luis", "luis")
+    assert lease.holder == "luis"
+    lease.give("luis")
+    lease.take("ana", "ana")
+    assert not lease.left("luis")
+    assert lease.left("ana")
+    assert lease.holder is None
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["ana", "luis", "eva"]), st.sampled_from(["take", "give", "beat", "left"]),
+            st.integers(-2, 12), st.sampled_from([0.0, 0.1, 0.5, float("inf")]), st.sampled_from([0.0, 0.05, 0.4]),
+        )
+    )
+)  # fmt: skip
+def test_rt14_commands_of_two_drivers_never_mix(words):
+    clock = Clock()
+    lease, counted = Lease(clock), []
+    holder, last, n_last = None, float("-inf"), 0
+    for who, word, n, age, later in words:
+        clock.s += later
+        if holder is not None and clock.s > last + HOLDS_S:
+            holder = None
+        if word == "take":
+            if holder in (None, who):
+                lease.take(who, who)
+                holder, last, n_last = who, clock.s, 0
+            else:
+                with pytest.raises(SafetyStop):
+                    lease.take(who, who)
+        elif word == "beat":
+            counts = holder == who and n > n_last and age <= HOLDS_S
+            assert lease.beat(who, n, age) == counts
+            n_last = n if holder == who and n > n_last else n_last
+            last = clock.s if counts else last
+            counted += [who] if counts else []
+        elif word == "left":
+            lease.left(who)
+            holder = None if holder == who else holder
+        elif holder == who:
+            lease.give(who)
+            holder = None
+        assert lease.holder == holder

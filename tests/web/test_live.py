@@ -1,0 +1,460 @@
+"""A vehicle on the page: who is handed on to it, who is shown it, and in which words."""
+
+import asyncio
+import math
+import struct
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+
+from baqueano.diagnostics import Severity, StopReason, note, stop
+from baqueano.errors import RobotUnreachable
+from baqueano.web.feed import HEAD, KEPT_S, Feed
+from baqueano.web.guard import Role
+from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.shelf import Shelf
+from baqueano.web.live import Live
+from baqueano.web.page import BrowserPage
+from baqueano.web.server import Server
+from tests.web.page_client import WAIT_S, browser, run_page
+
+COLUMNS = ["t", "eta.x", "u.0", "z.imu[2]", "nis", "progress", "cross"]
+VEHICLE = {
+    "is": "vehicle",
+    "name": "small",
+    "world": "simulated",
+    "command": [{"name": "u_x", "low": -1, "high": 1}],
+}
+
+
+class FakeLink:
+    """A service that writes down what it is told, and says what the test wants."""
+
+    def __init__(self):
+        self.heard, self.gone = [], False
+        self.on_word = lambda word: None
+
+    def say(self, do, **words):
+        if self.gone:
+            raise RobotUnreachable(note("web.service-gone", Severity.ERROR))
+        self.heard.append({"do": do} | words)
+
+    async def hear(self, on_word):
+        self.on_word = on_word
+        await asyncio.Event().wait()
+
+    def told(self, *kinds):
+        return [word for word in self.heard if word["do"] in kinds]
+
+    def frame(self, t, rows=1, **values):
+        row = {"t": t} | values
+        x = [[row.get(name) if name != "t" else t + 0.01 * k for name in COLUMNS] for k in range(rows)]
+        self.on_word({"is": "frame", "t_ns": 0, "n": 1, "x": x})
+
+    def state(self, state="READY", **more):
+        self.on_word({"is": "state", "state": state} | more)
+
+
+@asynccontextmanager
+async def live_page(tmp_path, **how):
+    """Serve a fake vehicle."""
+    link, lab, shelf = FakeLink(), Lab(), Shelf(tmp_path)
+    live = Live(link, lambda: server.visitors)
+    page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
+    server = Server(page.heard, page.left, shelf.body, **how)
+    live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
+    live.begin()
+    hearing = asyncio.create_task(live.run())
+    await asyncio.sleep(0)
+    link.on_word(VEHICLE)
+    link.on_word({"is": "fields", "names": COLUMNS, "units": ["s", "m", "duty", "rad/s", "1", "m", "m"]})
+    link.state()
+    try:
+        async with server:
+            yield server, link, live
+    finally:
+        hearing.cancel()
+        await asyncio.gather(hearing, return_exceptions=True)
+        await shelf.close()
+        await lab.close()
+
+
+async def until(true):
+    """Wait until something is true."""
+    async with asyncio.timeout(WAIT_S):
+        while not true():
+            await asyncio.sleep(0.005)
+
+
+def test_hello_says_what_there_is_to_see(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, _):
+            assert link.heard[0] == {"do": "watch", "hz": 20.0}
+            link.on_word({"is": "routes", "routes": [{"name": "oval"}]})
+            async with browser(server, "es", name="Ana") as one:
+                hello = one.hello
+                assert (hello["mode"], hello["you"], hello["driver"]) == ("live", "Ana", None)
+                assert hello["vehicle"]["name"] == "small"
+                assert hello["routes"] == ["oval"]
+                assert [field["name"] for field in hello["fields"]] == COLUMNS
+                assert hello["fields"][0]["label"] == "tiempo"
+                assert hello["state"]["state"] == "READY"
+
+    run_page(job)
+
+
+def test_who_comes_late_gets_the_last_minute(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, live):
+            for k in range(80):
+                link.frame(float(k), 100, **{"eta.x": k})
+            async with browser(server) as one:
+                await until_frames(one, 1)
+                rows = one.rows(0, len(COLUMNS))
+                assert rows[0, 0] >= 79 - KEPT_S
+                assert len(rows) == 61 * 100
+                await one.say("history", **{"from": 75.0})
+                await until_frames(one, 2)
+                assert one.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
+            link.frame(0.01)  # another drive begins
+            assert live.feed.history() is not None
+            assert HEAD.unpack(live.feed.history()[:16])[1] == 1
+
+    run_page(job)
+
+
+async def until_frames(one, count):
+    """Hear until so many frames have come."""
+    async with asyncio.timeout(WAIT_S):
+        while len(one.frames) < count:
+            data = await one.line.recv()
+            if isinstance(data, bytes):
+                one.frames.append(data)
+
+
+def test_frames_are_float32_in_the_order_of_the_fields():
+    feed = Feed()
+    feed.columns(COLUMNS)
+    frame = feed.take({"x": [[1.0, 2.0, None, 4.0, 5.0, 6.0, 7.0], [1.5, 0, 0, 0, 0, 0, 1e-3]]})
+    number, rows, t0 = struct.unpack("<IId", frame[:16])
+    assert (number, rows, t0) == (1, 2, 1.0)
+    x = np.frombuffer(frame, "<f4", offset=16).reshape(2, 7)
+    assert math.isnan(x[0, 2])
+    assert x[1, 6] == np.float32(1e-3)
+    assert feed.value("cross") == 1e-3
+    assert math.isnan(feed.value("battery"))
+    assert feed.take({"x": [[1.0]]}) is None
+    assert feed.take({"x": [["a"] * 7]}) is None
+
+
+def test_the_mean_of_a_column_is_over_the_last_seconds():
+    feed = Feed()
+    feed.columns(COLUMNS)
+    for k in range(30):
+        feed.take({"x": [[float(k), 0, 0, 0, 1.0 if k < 20 else 3.0, 0, 0], [k + 0.5, 0, 0, 0, None, 0, 0]]})
+    assert feed.mean("nis", 9.5) == (3.0, 10)
+    assert feed.mean("battery", 9.0)[1] == 0
+
+
+def test_the_page_hands_on_each_beat_of_the_driver_and_makes_none(tmp_path):
+    async def job():
+        page = live_page(tmp_path)
+        async with (
+            page as (server, link, live),
+            browser(server, name="ana") as ana,
+            browser(server, name="luis") as luis,
+        ):
+            await ana.say("beat", n=1, seen=0, u=[0.1])
+            await ana.say("take")
+            assert (await ana.next("lease", where=lambda word: word["you"]))["who"] == "ana"
+            for n in range(1, 6):
+                link.frame(0.05 * n)
+                await ana.say("beat", n=n, seen=live.feed.number, u=[0.1 * n])
+                await luis.say("beat", n=n, seen=live.feed.number, u=[-1.0])
+                await until(lambda n=n: len(link.told("hand")) == n)
+            assert [word["u"] for word in link.told("hand")] == [[0.1 * n] for n in range(1, 6)]
+            await ana.say("beat", n=5, seen=live.feed.number, u=[1.0])
+            await ana.say("beat", n=4, seen=live.feed.number, u=[1.0])
+            await ana.next("lease", where=lambda word: word["who"] is None)  # she fell silent
+            assert len(link.told("hand", "beat")) == 5
+
+    run_page(job)
+
+
+def test_a_driver_with_a_frozen_picture_is_not_handed_on(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, live), browser(server) as ana:
+            await ana.say("take")
+            seen, n = live.feed.number, 0
+            while live.lease.holder is not None or n == 0:
+                n += 1
+                link.frame(0.05 * n)
+                await ana.say("beat", n=n, seen=seen, u=[1.0])
+                await asyncio.sleep(0.05)
+            assert len(link.told("hand")) < 16  # 0.3 s, and as much as the way may take
+            assert n > 2
+
+    run_page(job)
+
+
+@pytest.mark.parametrize("u", [[1e400], ["a"], None, 3, [float("nan")], [0.0] * 9, [True], [None]])
+def test_a_beat_that_is_no_command_is_refused(tmp_path, u):
+    async def job():
+        async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
+            await ana.say("take")
+            await ana.say("beat", n=1, seen=0, u=u)
+            assert (await ana.next("no"))["to"] == "beat"
+            assert not link.told("hand")
+
+    run_page(job)
+
+
+def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
+    async def job():
+        async with live_page(tmp_path, shared_at="127.0.0.2") as (server, link, _):
+            tokens = server.guard.tokens
+            async with (
+                browser(server, token=tokens[Role.DRIVE]) as driver,
+                browser(server, token=tokens[Role.STOP], name="eva") as stopper,
+                browser(server, token=tokens[Role.VIEW]) as viewer,
+            ):
+                await driver.say("take")
+                await viewer.say("stop")
+                assert (await viewer.next("no"))["code"] == "web.role"
+                assert not link.told("stop")
+                await stopper.say("take")
+                assert (await stopper.next("no"))["code"] == "web.role"
+                await stopper.say("stop")
+                await until(lambda: link.told("stop"))
+                why = link.told("stop")[0]["why"]
+                assert (why.code, why.figures["words"]) == (StopReason.STOPPED_BY, "eva")
+                link.state("STOPPED", why=why)
+                for one in (driver, stopper, viewer):
+                    assert (
+                        "eva"
+                        in (await one.next("state", where=lambda w: w["state"] == "STOPPED"))["sentence"]
+                    )
+
+    run_page(job)
+
+
+MOVING = (
+    ("mission", {"kind": "drive"}), ("mark", {}), ("end", {}), ("pause", {}), ("go", {}), ("give", {}),
+    ("set", {"path": "controller.k_x", "value": 1.0}), ("shake", {"kind": "push"}),
+)  # fmt: skip
+
+
+def test_nothing_that_moves_the_vehicle_is_done_without_the_lease(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, _), browser(server) as ana, browser(server) as luis:
+            before = len(link.heard)
+            for holder in (False, True):
+                if holder:
+                    await ana.say("take")
+                    await ana.next("lease", where=lambda word: word["you"])
+                for word, more in MOVING:
+                    await luis.say(word, **more)
+                    no = await luis.next("no")
+                    assert (no["code"], no["to"]) == ("web.lease-needed", word)
+            assert len(link.heard) == before
+
+    run_page(job)
+
+
+def test_missions_are_asked_for_by_name_alone(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
+            await ana.say("take")
+            await ana.say(
+                "mission", kind="repeat", route="oval", laps=3, mission="{}", do="stop", by="me", seed=1
+            )
+            await until(lambda: link.told("mission"))
+            asked = link.told("mission")[0]
+            assert {
+                "kind": "repeat",
+                "route": "oval",
+                "laps": 3,
+                "by": "page",
+                "attended": True,
+            }.items() <= asked.items()
+            assert "mission" not in asked
+            assert "seed" not in asked
+            for wrong in (
+                {"kind": "fly"},
+                {"kind": "repeat", "route": 3},
+                {"kind": "repeat", "route": "x" * 99},
+                {},
+            ):
+                await ana.say("take")
+                await ana.say("mission", **wrong)
+                assert (await ana.next("no"))["to"] == "mission"
+            assert len(link.told("mission")) == 1
+            link.on_word(
+                {"is": "no", "why": "no such route", "about": note("door.no-route", found="oval", known=[])}
+            )
+            assert "oval" in (await ana.next("no"))["why"]
+
+    run_page(job)
+
+
+def test_the_vehicle_is_handed_over_by_name(tmp_path):
+    async def job():
+        page = live_page(tmp_path)
+        async with (
+            page as (server, link, live),
+            browser(server, name="ana") as ana,
+            browser(server, name="luis") as luis,
+        ):
+            await ana.say("take")
+            await luis.say("take")
+            no = await luis.next("no")
+            assert no["code"] == "web.lease-taken"
+            assert "ana" in no["why"]
+            await ana.say("take")
+            await ana.say("give", to="luis")
+            assert (await luis.next("lease", where=lambda word: word["you"]))["who"] == "luis"
+            await luis.say("beat", n=1, seen=live.feed.number, u=[0.3])
+            await until(lambda: link.told("hand"))
+            await luis.line.close()
+            await until(lambda: live.lease.holder is None)
+
+    run_page(job)
+
+
+def test_a_browser_that_goes_takes_its_lease_with_it(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, live):
+            async with browser(server) as ana:
+                await ana.say("take")
+                await until(lambda: live.lease.holder is not None)
+                ana.line.transport.abort()
+                await until(lambda: not server.visitors)
+            assert live.lease.holder is None
+            assert not link.told("hand")
+
+    run_page(job)
+
+
+def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
+    async def job():
+        page = live_page(tmp_path)
+        async with page as (server, link, _), browser(server, "es") as uno, browser(server, "en") as one:
+            link.on_word(
+                {"is": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0, 1], "y": [0, 1]}
+            )
+            for k in range(20):
+                link.frame(0.5 * k, 10, nis=4.0, progress=2.5, cross=-0.012)
+            link.on_word(
+                {
+                    "is": "event",
+                    "level": "warning",
+                    "said": note("sensor.degraded", Severity.WARNING, cause="imu[2]"),
+                }
+            )
+            link.state("MISSION", mission="repeat", laps=3, left_s=12.0, t_s=9.0, pace=1.0, paused=False)
+            said = await one.next("state", where=lambda word: word["state"] == "MISSION")
+            assert (said["lap"], said["laps"], said["mission"]) == (
+                2,
+                3,
+                {"kind": "repeat", "route": "oval"},
+            )
+            assert said["title"] == "REPEATING"
+            assert "Lap 2 of 3" in said["sentence"]
+            assert "1.2 cm" in said["sentence"]
+            assert "NIS 4.0" in said["sentence"]
+            assert (said["severity"], len(said["odd"])) == ("warning", 1)
+            assert (
+                "1,2 cm"
+                in (await uno.next("state", where=lambda word: word["state"] == "MISSION"))["sentence"]
+            )
+
+    run_page(job)
+
+
+def test_another_vehicle_is_told_by_another_hello(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, _), browser(server) as one:
+            link.on_word(VEHICLE | {"name": "car"})
+            link.on_word({"is": "fields", "names": ["t", "battery"], "units": ["s", "V"]})
+            hello = await one.next("hello")
+            assert hello["vehicle"]["name"] == "car"
+            assert [field["label"] for field in hello["fields"]] == ["time", "battery"]
+
+    run_page(job)
+
+
+def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
+    async def job():
+        page = live_page(tmp_path)
+        async with page as (server, link, live), browser(server) as stalled, browser(server) as one:
+            stalled.line.transport.pause_reading()
+            for k in range(1500):
+                link.frame(0.05 * k, 5)
+                await asyncio.sleep(0)
+            newest = live.feed.number
+            while True:
+                data = await asyncio.wait_for(one.line.recv(), WAIT_S)
+                if isinstance(data, bytes) and HEAD.unpack(data[:16])[0] == newest:
+                    break
+            held = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
+            assert max(held) < 1 << 20
+            stalled.line.transport.abort()
+
+    run_page(job)
+
+
+def test_a_service_that_ends_is_told_to_everybody(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, live), browser(server) as one:
+            link.gone = True
+            await one.say("stop")
+            assert (await one.next("no"))["code"] == "web.service-gone"
+            live._state = {"is": "state", "state": "STOPPED", "why": stop(StopReason.SERVICE_ENDED)}
+            live._changed = True
+            assert (await one.next("state", where=lambda word: word["state"] == "STOPPED"))[
+                "severity"
+            ] == "error"
+
+    run_page(job)
+
+
+def test_a_robot_is_asked_for_whole_missions_that_are_packed_here(tmp_path):
+    from baqueano.drive.mission import Mission
+    from baqueano.guides.shapes import sinuous_circle
+    from baqueano.runs.route_file import write_route
+    from baqueano.web.run import _presumed
+
+    write_route(sinuous_circle(0.6, 0.08, 5, 0.2), tmp_path / "oval.csv")
+
+    async def job():
+        page = live_page(tmp_path)
+        async with page as (server, link, live):
+            lab = Lab()
+            await _presumed(live, lab, "small", tmp_path)
+            async with browser(server) as ana:
+                assert ana.hello["routes"] == ["oval"]
+                for kind, more in (("repeat", {"route": "oval", "laps": 2}), ("drive", {})):
+                    await driven(ana, link, kind, **more)
+                    mission = Mission.of_json(link.told("mission")[-1]["mission"])
+                    assert (mission.kind, mission.laps) == (kind, more.get("laps", 1))
+                    assert 'name = "small"' in mission.vehicle
+                for kind, more in (("repeat", {"route": "../oval"}), ("teach", {})):
+                    await ana.say("take")
+                    await ana.say("mission", kind=kind, **more)
+                    assert (await ana.next("no"))["to"] == "mission"
+            await lab.close()
+
+    run_page(job)
+
+
+async def driven(one, link, kind, **more):
+    """Ask for a mission, and beat until it is packed."""
+    before, n = len(link.told("mission")), 0
+    await one.say("take")
+    await one.say("mission", kind=kind, **more)
+    async with asyncio.timeout(WAIT_S):
+        while len(link.told("mission")) == before:
+            n += 1
+            await one.say("beat", n=n, seen=0, u=[0.0])
+            await asyncio.sleep(0.05)
