@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy
 import pytest
 
 import baqueano
@@ -89,8 +90,8 @@ def test_no_example_is_left_out():
 
 
 def examples_of(module: str) -> list[doctest.DocTest]:
-    """The docstrings of a module that have examples, which run among the names of that module."""
-    names = vars(importlib.import_module(module))
+    """The docstrings of a module that have examples, which run among the names of that module, np and bq."""
+    names = {"np": numpy, "bq": baqueano, **vars(importlib.import_module(module))}
     parse = doctest.DocTestParser().get_doctest
     return [
         parse(text, names, name, module, line)

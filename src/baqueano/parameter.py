@@ -10,8 +10,11 @@ so that a vehicle of your own is served as ours are. `role` says what a default 
 """
 
 import dataclasses
+import inspect
+import re
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,30 +22,75 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 
+__all__ = ["Parameter", "documented", "parameter", "parameters"]
+
 INF = float("inf")
+Kind = TypeVar("Kind", bound=type)
+FAR = 1e3  # a bound beyond it keeps out what is absurd, and says nothing to a reader
+SECTION = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
+ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
 ROLES = ("fitted", "gain", "offset", "term", "known", "scale", "noise")
 Words = str | tuple[str, ...]  # for all entries, or one for each index of the first axis
 
 
 class Parameter(NamedTuple):
-    """The properties of a field that do not depend on its value."""
+    """The properties of a field that do not depend on its value.
 
-    unit: str  # SI, "1" for none; one for all entries, or one per entry separated by ", "
-    low: float  # smallest allowed value of any entry
-    high: float  # largest allowed value
-    meaning: str  # one line
-    shape: tuple[int, ...] | None  # of the array; () for a number; None where it depends on the vehicle
+    Attributes
+    ----------
+    unit : str
+        SI, "1" for none; one for all entries, or one per entry separated by ", ".
+    low, high : float
+        Smallest and largest value that any entry may have.
+    meaning : str
+        One line.
+    shape : tuple of int or None
+        Of the array; () for a number; None where it depends on the vehicle.
+    role : str
+        One of ROLES; what a default fit does with it.
+    neutral : float or None
+        Value at which the effect vanishes; None: it never does.
+    term : str or tuple of str
+        Name of the term that `choose` may add; entries and fields of one name are one term.
+    start : tuple of float
+        Values from which a search begins.
+    shown_by : str or tuple of str
+        The motion that makes it identifiable.
+    measured_by : str
+        The way in which a person measures it.
+    symbol : str or tuple of str
+        Its letter, in LaTeX.
+    std : str
+        Field with its standard deviation; a filter may take it into its state.
+    walk : str
+        Field with its random walk in 1 s: a bias; "" for a constant.
+    slip : str
+        Field with the deviation by which it comes and goes; "" if it does not.
+    fade : str
+        Field with the time over which that fades.
+
+    Examples
+    --------
+    >>> dict(parameters(bq.vehicles.Planar))["mass_kg"].unit
+    'kg'
+    """
+
+    unit: str
+    low: float
+    high: float
+    meaning: str
+    shape: tuple[int, ...] | None
     role: str = "fitted"
-    neutral: float | None = None  # value at which it is not there; None: it always is
-    term: Words = ""  # the name of what `choose` may add; entries and fields of one name are one term
-    start: tuple[float, ...] = ()  # where a search begins; from the file's value on, without neutral
-    shown_by: Words = ""  # the motion that shows it
-    measured_by: str = ""  # how a person measures it
-    symbol: Words = ""  # its letter, in LaTeX
-    std: str = ""  # the field that says how well it is known; a filter may take it into its state
-    walk: str = ""  # the field of its random walk in 1 s: a bias; "": a constant
-    slip: str = ""  # the field of the deviation by which it comes and goes; "": it does not
-    fade: str = ""  # the field of the time over which that fades
+    neutral: float | None = None
+    term: Words = ""
+    start: tuple[float, ...] = ()
+    shown_by: Words = ""
+    measured_by: str = ""
+    symbol: Words = ""
+    std: str = ""
+    walk: str = ""
+    slip: str = ""
+    fade: str = ""
 
     @property
     def axes(self) -> bool:
@@ -61,8 +109,44 @@ def parameter(
     role: str = "fitted",
     **physics: Tree,
 ) -> Any:
-    """A dataclass field that carries a `Parameter`; `physics` are its other fields. Array defaults are given as lists
-    or tuples. A term is neutral at 0 if `neutral` is not given."""
+    """Return a dataclass field that carries a `Parameter`. A term is neutral at 0 if `neutral` is not given.
+
+    Parameters
+    ----------
+    unit : str
+        SI, "1" for none; one for all entries, or one per entry separated by ", ".
+    meaning : str
+        One line.
+    low, high : float
+        Smallest and largest value that any entry may have.
+    default : object
+        Value of the field; arrays are given as lists or tuples.
+    shape : tuple of int or None
+        Of the array; () for a number; None where it depends on the vehicle.
+    role : str
+        One of ROLES; what a default fit does with it.
+    **physics : object
+        The other fields of `Parameter`.
+
+    Returns
+    -------
+    dataclasses.Field
+        For the body of a dataclass.
+
+    Raises
+    ------
+    Invalid
+        Where the role is unknown; a ValueError.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass
+    ... class Wheel:
+    ...     radius_m: float = parameter("m", "radius of the wheel", low=0.0, default=0.03)
+    >>> Wheel().radius_m
+    0.03
+    """
     if role not in ROLES:
         raise Invalid(fault("field.role", found=repr(role), known=ROLES))
     if role == "term":
@@ -75,7 +159,25 @@ def parameter(
 
 
 def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
-    """(field name, Parameter) of a block or of its class, in the order of the fields."""
+    """Yield the parameters of a block or of its class, in the order of the fields.
+
+    Parameters
+    ----------
+    block : object or type
+        A dataclass whose fields were made by `parameter`.
+
+    Yields
+    ------
+    name : str
+        Name of the field.
+    parameter : Parameter
+        Its properties.
+
+    Examples
+    --------
+    >>> [name for name, _ in parameters(bq.controllers.Pd)]
+    ['alpha', 'beta', 'gamma', 'limit']
+    """
     for field in dataclasses.fields(block):
         if "parameter" in field.metadata:
             yield field.name, field.metadata["parameter"]
@@ -93,3 +195,77 @@ def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:
     for name, p in parameters(block):
         if getattr(block, name) is not None:
             yield f"{path}.{name}", p
+
+
+def documented(block: Kind) -> Kind:
+    """Complete the section Parameters in the docstring of a block's class from the metadata of its fields.
+
+    The meaning of a field then stands in one place. The section itself describes the fields without metadata; a
+    field that is inherited is described as in the base class.
+
+    Parameters
+    ----------
+    block : type
+        A dataclass, below its decorator.
+
+    Returns
+    -------
+    type
+        The same class.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @documented
+    ... @dataclass
+    ... class Wheel:
+    ...     radius_m: float = parameter("m", "radius of the wheel", low=0.0, default=0.03)
+    >>> print(Wheel.__doc__.splitlines()[-1])
+        Radius of the wheel; at least 0. Default 0.03.
+    """
+    if block.__doc__ is None:  # python -OO
+        return block
+    entries: dict[str, str] = {}
+    for kind in reversed(block.__mro__):
+        entries |= {
+            one[1]: one[0].rstrip() for one in ENTRY.finditer(_section(inspect.cleandoc(kind.__doc__ or "")))
+        }
+    own = inspect.cleandoc(block.__doc__)
+    described = [
+        _entry(field) if "parameter" in field.metadata else entries.get(field.name, "")
+        for field in dataclasses.fields(block)
+    ]
+    before = _section(own)
+    if before:
+        own = own.replace(f"Parameters\n----------\n{before}", "")
+    first = SECTION.search(own)
+    head, tail = (own[: first.start()], own[first.start() :]) if first else (own, "")
+    rows = "\n".join(filter(None, described))
+    block.__doc__ = f"{head.rstrip()}\n\nParameters\n----------\n{rows}\n\n{tail}".rstrip()
+    return block
+
+
+def _section(doc: str) -> str:
+    """Return the entries of the section Parameters."""
+    sections = list(SECTION.finditer(doc))
+    for here, following in pairwise([*sections, None]):
+        if here is not None and here[1] == "Parameters":
+            return doc[here.end() + 1 : following.start() if following else None]
+    return ""
+
+
+def _entry(field: dataclasses.Field[Any]) -> str:
+    """Return the entry of a field in a docstring."""
+    p: Parameter = field.metadata["parameter"]
+    of_shape = p.shape or ("" if re.search(r"\(\w+,[ \w]*\)", p.meaning) else "(k,)")
+    kind = "float" if p.shape == () else f"ndarray {of_shape}".rstrip()
+    default = field.default_factory() if field.default_factory is not dataclasses.MISSING else field.default
+    bounds = [f"at least {p.low:g}"] if p.low > -FAR else []
+    bounds += [f"at most {p.high:g}"] if p.high < FAR else []
+    limits = f"; {', '.join(bounds)}" if bounds else ""
+    shown = "" if default is dataclasses.MISSING else f" Default {_shown(default)}."
+    return f"{field.name} : {kind} [{p.unit}]\n    {p.meaning[:1].upper()}{p.meaning[1:]}{limits}.{shown}"
+
+
+def _shown(default: Any) -> str:
+    return str(default.tolist()) if isinstance(default, np.ndarray) else str(default)

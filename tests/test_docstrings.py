@@ -1,0 +1,202 @@
+"""A public name has a docstring that numpydoc can read: parameters, results, errors, source, and an example.
+
+Public is what stands in `__all__` of a room below. Other rooms are private: they do not have `__all__`.
+"""
+
+import ast
+import dataclasses
+import enum
+import importlib
+import inspect
+import re
+import textwrap
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from numpydoc.docscrape import NumpyDocString
+
+SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
+ROOMS = [
+    "baqueano",
+    "blocks",
+    "compare",
+    "contracts",
+    "controllers",
+    "drive",
+    "estimators",
+    "geometry",
+    "guides",
+    "guides.shapes",
+    "identify",
+    "monitor",
+    "parameter",
+    "report",
+    "runs",
+    "sensors",
+    "signals",
+    "simulate",
+    "symbolic",
+    "tune",
+    "vehicle_file",
+    "vehicles",
+    "worlds",
+]
+NOT_YET = ("identify", "block_checks", "estimators/augmented")  # rooms leave this list one by one
+MOST_NAMES = 165  # of all rooms together
+MODULE_LINES = 15  # of the docstring of a module: equations and source
+LONGER = {  # leave this list one by one
+    "door/sockets.py", "controllers/heading_hold.py", "drive/closure.py", "drive/first_drive.py",
+    "robot/imu/bus_recovery.py", "robot/imu/sample_clock.py", "robot/imu/mpu6050.py",
+    "robot/workshop/calibrate_motors.py", "robot/uno/frames.py", "sensors/tags.py", "sensors/imu.py",
+    "compare/errors.py", "estimators/ekf.py", "estimators/readings/place_gate.py",
+    "runs/maps/column_map.py", "study/identification/trials.py", "vehicles/car.py",
+    "vehicles/drivetrain.py", "vehicles/planar.py", "vehicle_file/history.py",
+}  # fmt: skip
+LETTERS = re.compile(r"(eta|nu|u|psi|xy|nu_dot)(_\w+)?")  # physical quantities by their letter alone
+BARE_RAISE = {
+    "NotImplementedError",
+    "AttributeError",
+}  # a base class and `__getattr__` give no advice to a user
+
+
+def module_of(room: str) -> ModuleType:
+    return importlib.import_module("baqueano" if room == "baqueano" else f"baqueano.{room}")
+
+
+def public() -> dict[str, object]:
+    """Return the public names and what they are, each once, under the first room that offers it."""
+    offered, once = {}, set()
+    for room in ROOMS:
+        module = module_of(room)
+        for name in module.__all__:
+            one = getattr(module, name)
+            if not isinstance(one, ModuleType) and id(one) not in once:
+                once.add(id(one))
+                offered[f"{room}.{name}"] = one
+    return offered
+
+
+PUBLIC = public()
+
+
+def documented_here(one: object) -> bool:
+    """Return True where the object is a class or a function of a room that is held to the rules."""
+    module = getattr(one, "__module__", "") or ""
+    file = module.removeprefix("baqueano.").replace(".", "/")
+    return callable(one) and module.startswith("baqueano") and not file.startswith(NOT_YET)
+
+
+HELD = {name: one for name, one in PUBLIC.items() if documented_here(one)}
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_a_public_name_is_documented(name):
+    one = HELD[name]
+    doc = NumpyDocString(inspect.getdoc(one) or "")
+    lacks = in_a_class(one, doc) if isinstance(one, type) else in_a_function(one, doc)
+    lacks += [] if "".join(doc["Summary"]).strip() else ["a summary"]
+    lacks += [] if ">>> " in "\n".join(doc["Examples"]) else ["Examples"]
+    assert not lacks, f"{name} lacks {', '.join(lacks)}"
+
+
+def in_a_function(one, doc: NumpyDocString) -> list[str]:
+    signature = inspect.signature(one)
+    parameters = [p for p in signature.parameters.values() if p.name not in ("self", "cls")]
+    lacks = entries([(str(p).split(":")[0].split("=")[0].strip(), p.annotation) for p in parameters], doc)
+    tree = ast.parse(textwrap.dedent(inspect.getsource(one))).body[0]
+    gives = str(signature.return_annotation)
+    if gives not in ("None", "NoReturn") and not (doc["Returns"] or doc["Yields"]):
+        lacks.append("Returns")
+    named = {entry.type for entry in doc["Raises"]}
+    lacks += [f"Raises {error}" for error in sorted(raised(tree) - BARE_RAISE - named)]
+    return lacks + source(doc)
+
+
+def in_a_class(one: type, doc: NumpyDocString) -> list[str]:
+    if getattr(one, "_is_protocol", False) or issubclass(one, BaseException | enum.Enum):
+        return []
+    if dataclasses.is_dataclass(one):
+        fields = [(field.name, str(field.type)) for field in dataclasses.fields(one)]
+    elif hasattr(one, "_fields"):
+        fields = [(name, str(one.__annotations__.get(name, ""))) for name in one._fields]
+    else:
+        arguments = inspect.signature(one).parameters.values()
+        fields = [
+            (p.name, str(p.annotation)) for p in arguments if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+        ]
+    lacks = entries([(name, kind) for name, kind in fields if not name.startswith("_")], doc)
+    equations = "(1)" in (inspect.getmodule(one).__doc__ or "") and hasattr(one, "step")
+    return lacks + (
+        ["References or Notes"] if equations and not (doc["References"] or doc["Notes"]) else source(doc)
+    )
+
+
+def entries(wanted: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
+    """Return what is amiss with the entries of these parameters: absent, without type, shape or unit."""
+    there = {
+        name.strip(): entry
+        for entry in [*doc["Parameters"], *doc["Attributes"], *doc["Other Parameters"]]
+        for name in entry.name.split(",")
+    }
+    lacks = []
+    for name, annotation in wanted:
+        entry = there.get(name)
+        if entry is None:
+            lacks.append(f"the parameter {name}")
+            continue
+        text = " ".join([entry.type, *entry.desc])
+        if not entry.type or not "".join(entry.desc).strip():
+            lacks.append(f"type and meaning of {name}")
+        if "ndarray" in str(annotation) and not re.search(r"\([^)]*,[^)]*\)|\(\)", text):
+            lacks.append(f"the shape of {name}")
+        if LETTERS.fullmatch(name) and "ndarray" in str(annotation) and "[" not in text:
+            lacks.append(f"the unit of {name}")
+    return lacks
+
+
+def raised(function: ast.AST) -> set[str]:
+    """Return the names of the errors that stand in a `raise` of the function itself."""
+    return {
+        ast.unparse(node.exc.func).rpartition(".")[2]
+        for node in ast.walk(function)
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)
+    }
+
+
+def source(doc: NumpyDocString) -> list[str]:
+    """Return what is amiss where a docstring cites an equation by its number."""
+    text = " ".join([*doc["Summary"], *doc["Extended Summary"]])
+    return (
+        ["References or Notes"]
+        if re.search(r" \(\d\)", text) and not (doc["Notes"] or doc["References"])
+        else []
+    )
+
+
+def test_few_names_are_public():
+    assert len(PUBLIC) <= MOST_NAMES, len(PUBLIC)
+
+
+def test_a_private_room_has_no_list_of_public_names():
+    offering = {
+        path.relative_to(SOURCE).as_posix().removesuffix("/__init__.py").removesuffix(".py").replace("/", ".")
+        for path in SOURCE.rglob("*.py")
+        if re.search(r"^__all__ = ", path.read_text(encoding="utf-8"), re.M)
+        and not path.relative_to(SOURCE).as_posix().startswith(NOT_YET)
+    }
+    assert not offering - {*ROOMS, "__init__"}, "write no __all__ there, or name the room in ROOMS"
+
+
+def test_the_docstring_of_a_module_is_short():
+    long = {
+        file: lines
+        for path in SOURCE.rglob("*.py")
+        if not (file := path.relative_to(SOURCE).as_posix()).startswith(NOT_YET)
+        and (
+            lines := len((ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").splitlines())
+        )
+        > MODULE_LINES
+        and file not in LONGER
+    }
+    assert not long, f"derivations stand in docs/derivations/, measured figures in docs/benchmarks.md: {long}"
