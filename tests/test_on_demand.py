@@ -46,7 +46,6 @@ def test_a_name_on_demand_is_that_of_its_module(path):
         room = import_module(f"baqueano.{name}") if module == "baqueano" else None
         assert getattr(package, name) is (room or getattr(import_module(module), there))
     assert all(hasattr(package, name) for name in package.__all__)
-    assert modules.keys() <= set(package.__all__)
 
 
 @pytest.mark.parametrize("path", PACKAGES[1:], ids=lambda path: path.parent.name)

@@ -1,7 +1,6 @@
 """`kind` in the vehicle file → block: one of ours by its short name, or one of yours as "file.py:Class".
 
-What the six rooms promise each other is checked by `check_vehicle`, `check_sensor`, `check_estimator`,
-`check_guide`, `check_controller` and `check_supervisor`, for the author of a block.
+What the six rooms promise each other is checked by block_checks, for the author of a block.
 """
 
 import importlib
@@ -11,40 +10,11 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from baqueano.block_checks import (
-    CHECKS,
-    check,
-    check_controller,
-    check_estimator,
-    check_guide,
-    check_sensor,
-    check_supervisor,
-    check_vehicle,
-    notes,
-)
 from baqueano.block_checks.source import place as place_of
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import USERS, FileError, UsageError, from_outside, in_users_file, named
 
-__all__ = [
-    "CHECKS",
-    "ROOMS",
-    "check",
-    "check_controller",
-    "check_estimator",
-    "check_guide",
-    "check_room",
-    "check_sensor",
-    "check_supervisor",
-    "check_vehicle",
-    "classes_in",
-    "kinds",
-    "notes",
-    "place_of",
-    "read",
-    "resolve",
-    "room_of",
-]
+__all__ = ["kinds", "resolve"]
 
 ROOMS: dict[str, dict[str, str]] = {
     "vehicle": {
@@ -92,14 +62,60 @@ _loaded: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when 
 
 
 def kinds(room: str) -> tuple[str, ...]:
-    """The short names of our blocks in a room."""
+    """Return the short names of our blocks in a room.
+
+    Parameters
+    ----------
+    room : str
+        "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
+
+    Returns
+    -------
+    tuple of str
+        What `kind` of a vehicle file may be.
+
+    Raises
+    ------
+    UsageError
+        For another room.
+
+    Examples
+    --------
+    >>> kinds("guide")
+    ('repeat', 'repeat_by_progress', 'sinuous_circle')
+    """
     if room not in ROOMS:
         raise UsageError(fault("block.room-unknown", found=room, near=nearest(room, ROOMS)))
     return tuple(ROOMS[room])
 
 
 def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
-    """The class behind `kind`. A relative "file.py:Class" is looked for in `folder`, then where we stand."""
+    """Return the class behind the `kind` of a vehicle file.
+
+    Parameters
+    ----------
+    room : str
+        "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
+    kind : str
+        A short name of ours, or "file.py:Class".
+    folder : path, optional
+        Where a relative file is searched for first, then in the working directory.
+
+    Returns
+    -------
+    type
+        The class.
+
+    Raises
+    ------
+    FileError
+        Where it does not exist, with the nearest names.
+
+    Examples
+    --------
+    >>> resolve("controller", "pd").__name__
+    'Pd'
+    """
     known = kinds(room)
     if kind in known:
         module, name = ROOMS[room][kind].split(":")

@@ -7,36 +7,135 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 
+__all__ = ["align", "compose", "map_from_body", "pose_error", "wrap"]
+
 TAU = 2.0 * np.pi
 
 
 def wrap(angle: Value) -> Value:
-    """`angle` [rad] brought to [−π, π); same shape."""
+    """Return the angle brought to [−π, π).
+
+    Parameters
+    ----------
+    angle : float or ndarray [rad]
+        Any angle, of any shape.
+
+    Returns
+    -------
+    float or ndarray [rad]
+        The same shape.
+
+    Examples
+    --------
+    >>> print(f"{wrap(3.5 * np.pi) / np.pi:.1f} π")
+    -0.5 π
+    """
     return angle - TAU * np.floor((angle + np.pi) / TAU)
 
 
 def map_from_body(psi: Value) -> np.ndarray:
-    """J(ψ), (3, 3): turns a velocity in the body frame into one in the map frame.  (1)"""
+    """Return the matrix that turns a velocity of the body frame into one of the map frame.
+
+    Parameters
+    ----------
+    psi : float [rad]
+        Heading, counter-clockwise from the map's x.
+
+    Returns
+    -------
+    ndarray (3, 3)
+        J(ψ).
+
+    Notes
+    -----
+    Grotz et al., `equ:J`.
+
+    Examples
+    --------
+    >>> print(map_from_body(np.pi / 2).round(3) @ [1.0, 0.0, 0.0])
+    [0. 1. 0.]
+    """
     c, s = np.cos(psi), np.sin(psi)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def pose_error(eta_ref: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """e = J(ψ)⁻¹ (η_ref − η), (3,): the reference seen from the body, heading difference wrapped."""
+    """Return the reference as the body sees it: e = J(ψ)⁻¹ (η_ref − η), the difference of heading wrapped.
+
+    Parameters
+    ----------
+    eta_ref : ndarray (3,) [m, m, rad]
+        Pose of the reference in the map.
+    eta : ndarray (3,) [m, m, rad]
+        Pose of the vehicle in the map.
+
+    Returns
+    -------
+    ndarray (3,) [m, m, rad]
+        The error ahead, to the left, and of the heading.
+
+    Examples
+    --------
+    >>> print(pose_error(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, np.pi / 2])).round(2))
+    [ 0.   -1.   -1.57]
+    """
     d = eta_ref - eta
     e = map_from_body(eta[2]).T @ d
     return np.array([e[0], e[1], wrap(d[2])])
 
 
 def compose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
-    """map_from_a ∘ a_from_b, (3,): pose b, given in the frame of pose a, seen from the map."""
+    """Return pose b, given in the frame of pose a, as the map sees it: map_from_a ∘ a_from_b.
+
+    Parameters
+    ----------
+    eta_a : ndarray (3,) [m, m, rad]
+        Pose a in the map.
+    eta_b : ndarray (3,) [m, m, rad]
+        Pose b in the frame of a.
+
+    Returns
+    -------
+    ndarray (3,) [m, m, rad]
+        Pose b in the map; the heading is wrapped.
+
+    Examples
+    --------
+    >>> print(compose(np.array([1.0, 0.0, np.pi / 2]), np.array([0.5, 0.0, 0.0])).round(2))
+    [1.   0.5  1.57]
+    """
     d = map_from_body(eta_a[2]) @ eta_b
     return np.array([eta_a[0] + d[0], eta_a[1] + d[1], wrap(eta_a[2] + eta_b[2])])
 
 
 def align(xy_from: np.ndarray, xy_to: np.ndarray) -> tuple[float, np.ndarray]:
-    """Rigid alignment in the plane: angle [rad] and shift (2,) [m] that take `xy_from` (n, 2) nearest to
-    `xy_to` (n, 2) in least squares.  Kabsch 1976, without reflection; no scale."""
+    """Return the rotation and the shift that bring points nearest to others in least squares, without scale.
+
+    Parameters
+    ----------
+    xy_from : ndarray (n, 2) [m]
+        Points to move.
+    xy_to : ndarray (n, 2) [m]
+        Points to which they belong, in the same order.
+
+    Returns
+    -------
+    angle : float [rad]
+        Rotation about the origin, counter-clockwise.
+    shift : ndarray (2,) [m]
+        Added after the rotation.
+
+    References
+    ----------
+    Kabsch, Acta Crystallographica A, 1976; without reflection.
+
+    Examples
+    --------
+    >>> square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    >>> angle, shift = align(square, square + np.array([0.5, 0.0]))
+    >>> print(f"{angle:.2f}", shift)
+    -0.00 [0.5 0. ]
+    """
     a, b = xy_from - xy_from.mean(axis=0), xy_to - xy_to.mean(axis=0)
     psi = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
     return float(psi), xy_to.mean(axis=0) - map_from_body(psi)[:2, :2] @ xy_from.mean(axis=0)

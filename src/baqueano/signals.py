@@ -14,13 +14,33 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 
+__all__ = ["Command", "Estimate", "Motion", "Reference", "Slot", "Tick", "seconds"]
+
 NANOSECONDS = 1_000_000_000
 Entry = TypeVar("Entry")
 STANDARD_GRAVITY = 9.80665  # m/s², by definition: accelerometers are calibrated by it
 
 
 def seconds(t_ns: Value, since_ns: Value = 0) -> Value:
-    """The span from `since_ns` to `t_ns` [s]; the difference is taken before it is rounded to a float."""
+    """Return the time from `since_ns` to `t_ns` in seconds; the difference is taken before it is rounded.
+
+    Parameters
+    ----------
+    t_ns : int or ndarray
+        Time of the clock of the run.
+    since_ns : int or ndarray
+        Time to count from.
+
+    Returns
+    -------
+    float or ndarray [s]
+        The same shape.
+
+    Examples
+    --------
+    >>> seconds(1_500_000_000)
+    1.5
+    """
     return (t_ns - since_ns) * 1e-9
 
 
@@ -38,59 +58,162 @@ class ByName(Protocol[Entry]):
 
 
 class Command(NamedTuple):
-    """The command of a controller, and the one that the supervisor passes on."""
+    """The command of a controller, and the one that the supervisor passes on.
+
+    Attributes
+    ----------
+    t_ns : int
+        Time of the estimate for which it was computed.
+    u : ndarray (n,)
+        In the unit of the vehicle file; [-1, 1] on a real robot.
+
+    Examples
+    --------
+    >>> Command(0, np.array([0.5, 0.0, 0.1])).u
+    array([0.5, 0. , 0.1])
+    """
 
     t_ns: int
-    u: np.ndarray  # (n,) in the unit of the vehicle file; [-1, 1] on a real robot
+    u: np.ndarray
 
 
 class Motion(NamedTuple):
-    """The true motion of a vehicle, which sensors measure."""
+    """The true motion of a vehicle, which sensors measure.
 
-    eta: np.ndarray  # (3,) x, y [m], ψ [rad], map frame
-    nu: np.ndarray  # (3,) ν_x, ν_y [m/s], ν_ψ [rad/s], body frame
-    nu_dot: np.ndarray  # (3,) rate of change of the components of ν [m/s², m/s², rad/s²]
-    gravity: np.ndarray  # (2,) gravity along body x and y [m/s²]; zero on a level floor
-    tick: Tree = None  # (Motion, Motion, Motion) at begin, middle and end of the tick; None where not known
+    Attributes
+    ----------
+    eta : ndarray (3,) [m, m, rad]
+        Pose in the map: x, y, ψ.
+    nu : ndarray (3,) [m/s, m/s, rad/s]
+        Velocity in the body frame: ν_x, ν_y, ν_ψ.
+    nu_dot : ndarray (3,) [m/s², m/s², rad/s²]
+        Rate of change of the components of ν.
+    gravity : ndarray (2,) [m/s²]
+        Gravity along body x and y; zero on a level floor.
+    tick : tuple of Motion, optional
+        Motion at the beginning, the middle and the end of the tick; None where not known.
+
+    Examples
+    --------
+    >>> forward = Motion(np.zeros(3), np.array([0.5, 0.0, 0.0]), np.zeros(3), np.zeros(2))
+    >>> forward.nu
+    array([0.5, 0. , 0. ])
+    """
+
+    eta: np.ndarray
+    nu: np.ndarray
+    nu_dot: np.ndarray
+    gravity: np.ndarray
+    tick: Tree = None
 
 
 class Slot(NamedTuple):
-    """A sensor's place in a tick; z is zero where `has` is 0."""
+    """A sensor's place in a tick; z is zero where `has` is 0.
 
-    has: float  # 1.0 when a measurement arrived since the previous tick, else 0.0
-    z: np.ndarray  # (m,) the measurement, in the sensor's own units (SI)
-    age_s: float = 0.0  # how long before the tick it was measured, as its stamp tells [s]
+    Attributes
+    ----------
+    has : float
+        1.0 where a measurement arrived since the previous tick, else 0.0.
+    z : ndarray (m,)
+        The measurement, in the sensor's own units (SI).
+    age_s : float
+        Time by which it is older than the tick, by its stamp.
+
+    Examples
+    --------
+    >>> Slot(1.0, np.array([0.2]))
+    Slot(has=1.0, z=array([0.2]), age_s=0.0)
+    """
+
+    has: float
+    z: np.ndarray
+    age_s: float = 0.0
 
 
 class Tick(NamedTuple):
-    """The readings and the command up to `t_ns`."""
+    """The readings and the command up to `t_ns`.
+
+    Attributes
+    ----------
+    t_ns : int
+        Time of the tick.
+    u : ndarray (n,) [unit of u]
+        Command that reached the motors during the interval that ends at t_ns.
+    sensors : NamedTuple of Slot
+        One slot per sensor of the vehicle: `tick.sensors.imu.z`.
+
+    Examples
+    --------
+    >>> tick = Tick(0, np.zeros(3), silent({"imu": 3}))
+    >>> tick.sensors.imu.has
+    0.0
+    """
 
     t_ns: int
-    u: np.ndarray  # (n,) the command that reached the motors during the interval that ends at t_ns
-    sensors: ByName["Slot"]  # a NamedTuple with one Slot per sensor of the vehicle: tick.sensors.imu.z
+    u: np.ndarray
+    sensors: ByName["Slot"]
 
 
 class Estimate(NamedTuple):
-    """The estimated motion at `t_ns`."""
+    """The estimated motion at `t_ns`.
+
+    Attributes
+    ----------
+    t_ns : int
+        Time of the tick.
+    eta : ndarray (3,) [m, m, rad]
+        Pose in the map.
+    nu : ndarray (3,) [m/s, m/s, rad/s]
+        Velocity in the body frame.
+    cov : ndarray (6, 6)
+        Covariance of (η, ν).
+    innovation : ndarray (m,), optional
+        z − h(μ̄); NaN where nothing arrived; None: not reported.
+    innovation_cov : ndarray (m, m), optional
+        S = H Σ̄ Hᵀ + Q.
+    weight : ndarray (m,), optional
+        Weight of each innovation: 1 counts in full, below ½ is refused, NaN did not arrive.
+
+    Examples
+    --------
+    >>> here = Estimate(0, np.array([1.0, 0.0, 0.0]), np.zeros(3), np.eye(6))
+    >>> here.eta
+    array([1., 0., 0.])
+    """
 
     t_ns: int
-    eta: np.ndarray  # (3,) pose, map frame [m, m, rad]
-    nu: np.ndarray  # (3,) velocity, body frame [m/s, m/s, rad/s]
-    cov: np.ndarray  # (6, 6) covariance of (η, ν)
-    innovation: np.ndarray | None = None  # (m,) z − h(μ̄); NaN where nothing arrived; None: not reported
-    innovation_cov: np.ndarray | None = None  # (m, m) S = H Σ̄ Hᵀ + Q
-    weight: np.ndarray | None = (
-        None  # (m,) of each innovation: 1 counts, below ½ is refused, NaN did not arrive
-    )
+    eta: np.ndarray
+    nu: np.ndarray
+    cov: np.ndarray
+    innovation: np.ndarray | None = None
+    innovation_cov: np.ndarray | None = None
+    weight: np.ndarray | None = None
 
 
 class Reference(NamedTuple):
-    """The wanted pose and velocity at `t_ns`."""
+    """The wanted pose and velocity at `t_ns`.
+
+    Attributes
+    ----------
+    t_ns : int
+        Time of the tick.
+    eta : ndarray (3,) [m, m, rad]
+        Pose in the map.
+    nu : ndarray (3,) [m/s, m/s, rad/s]
+        Velocity along the route, in the body frame of the route.
+    done : float
+        1.0 where the guide is at its end, else 0.0.
+
+    Examples
+    --------
+    >>> Reference(0, np.zeros(3), np.array([0.2, 0.0, 0.0]), 0.0).nu
+    array([0.2, 0. , 0. ])
+    """
 
     t_ns: int
-    eta: np.ndarray  # (3,) pose, map frame [m, m, rad]
-    nu: np.ndarray  # (3,) velocity along the route, body frame of the route [m/s, m/s, rad/s]
-    done: float  # 1.0 when the guide has nothing more to ask for, else 0.0
+    eta: np.ndarray
+    nu: np.ndarray
+    done: float
 
 
 def measured_ns(t_ns: int, slot: Slot) -> int:

@@ -20,7 +20,7 @@ from baqueano.contracts.blocks import Block
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import from_outside, named
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
 
@@ -44,6 +44,7 @@ class SupervisorState(NamedTuple):
     heard_ns: int  # when the IMU last spoke; -1 before the first tick
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Supervisor:
     """Clips the command to `limit` and stops for the reasons above. A limit that is not given is infinite."""

@@ -1,6 +1,7 @@
 """A good block for every room, as a student writes it: the tests break them, one way each."""
 
-from baqueano.blocks import check, resolve
+from baqueano.block_checks import check
+from baqueano.blocks import resolve
 
 HEAD = '''"""A block of a student."""
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from baqueano.blocks import notes, resolve, room_of
+from baqueano.block_checks import notes
+from baqueano.blocks import resolve, room_of
 
 from .students import CONTROLLER, GOOD, findings_about
 

@@ -1,6 +1,7 @@
 """What is no block, or is in no room, or is written as neither a kind nor a file, is told."""
 
-from baqueano.blocks import check, resolve, room_of
+from baqueano.block_checks import check
+from baqueano.blocks import resolve, room_of
 from baqueano.errors import FileError, UsageError
 from tests.codes import refused
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.blocks import check_controller
+from baqueano.block_checks import check_controller
 from baqueano.compare.errors import cross_track, rms
 from baqueano.compare.evenness import limits_of, pace, share_at_limit, sign_changes
 from baqueano.controllers import ModelFollower, PdFeedforward, Tracking

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.blocks import check_estimator, notes
+from baqueano.block_checks import check_estimator, notes
 from baqueano.estimators import Complementary
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer

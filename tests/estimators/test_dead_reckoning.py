@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from baqueano.blocks import check_estimator, notes
+from baqueano.block_checks import check_estimator, notes
 from baqueano.estimators import DeadReckoning
 from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, map_from_body, wrap

@@ -8,7 +8,7 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from scipy.stats import chi2
 
-from baqueano.blocks import check_estimator, notes
+from baqueano.block_checks import check_estimator, notes
 from baqueano.estimators import Ekf, Unscented
 from baqueano.estimators.covariance import root
 from baqueano.estimators.kalman import Gaussian

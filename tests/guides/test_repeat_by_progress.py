@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.blocks import check_guide
+from baqueano.block_checks import check_guide
 from baqueano.guides import RepeatByProgress
 from baqueano.guides.shapes import circle, eight, rectangle
 from baqueano.signals import Estimate

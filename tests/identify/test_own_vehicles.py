@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from baqueano.blocks import check
+from baqueano.block_checks import check
 from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps

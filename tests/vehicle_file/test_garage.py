@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.blocks import check
+from baqueano.block_checks import check
 from baqueano.errors import FileError
 from baqueano.vehicle_file import garage_names, load
 from tests.codes import refused

@@ -3,7 +3,15 @@
 compare(runs).table()      # ATE, RPE, across the path, NEES, NIS with their χ² bands
 """
 
+from typing import TYPE_CHECKING
+
 from baqueano.compare.comparison import Comparison, JudgedPath, compare
 from baqueano.compare.consistency import Band
+from baqueano.on_demand import on_demand
 
-__all__ = ["Band", "Comparison", "JudgedPath", "compare"]
+if TYPE_CHECKING:
+    from baqueano.compare.corridor_ahead import CorridorAhead
+
+__all__ = ["Comparison", "compare"]
+
+__getattr__ = on_demand(__name__, {"corridor_ahead": ("CorridorAhead",)})

@@ -25,12 +25,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CorridorAhead(Result):
-    """The corridor at the end of each lap, or of an open route."""
+    """The corridor at the end of each lap, or of an open route.
+
+    Attributes
+    ----------
+    corridor : Corridor
+        Half widths with 95 % probability, tick by tick.
+    laps : int
+        Number of laps.
+    lap_s : float
+        Duration of a lap.
+    run : Run
+        The simulated drive.
+    """
 
     corridor: Corridor
     laps: int
     lap_s: float
-    run: "Run"  # the simulated drive
+    run: "Run"
 
     @property
     def verdict(self) -> str:
@@ -66,9 +78,31 @@ class CorridorAhead(Result):
 def corridor_ahead(
     vehicle_file: "VehicleFile", route: "Route", laps: int = 1, backend: str = "auto"
 ) -> CorridorAhead:
-    """Return the corridor that the vehicle will claim on `route`, driven `laps` times. AnswerNo where its estimator
-    says nothing of the pose.
+    """Return the corridor that the vehicle will claim on a route, before it drives there.
 
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle with its estimator and controller.
+    route : Route
+        The path and its times.
+    laps : int
+        Laps of a closed route.
+    backend : str
+        "auto", "c", "python" or "numpy".
+
+    Returns
+    -------
+    CorridorAhead
+        A row per lap.
+
+    Raises
+    ------
+    AnswerNo
+        Where the estimator of the file reports no covariance of the pose.
+
+    Examples
+    --------
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
     >>> ahead = corridor_ahead(load("small"), circle(0.3, 0.2), 2)

@@ -15,7 +15,19 @@ from baqueano.signals import ByName, Command, Estimate, Motion, Reference, Slot,
 
 
 class Block(Protocol):
-    """Any block."""
+    """Any block: a state, and a step from one tick to the next.
+
+    Examples
+    --------
+    >>> class Counter:
+    ...     def init(self):
+    ...         return 0
+    ...     def step(self, state, *inputs):
+    ...         return state + 1, state
+    >>> block: Block = Counter()
+    >>> block.step(block.init())
+    (1, 0)
+    """
 
     @property
     def init(self) -> Callable[..., Tree]:
@@ -32,7 +44,14 @@ OwnBlock: TypeAlias = str | type | Block  # a kind or "file.py:Class", a class, 
 
 
 class Sensor(Protocol):
-    """A sensor, as the world, the estimators and the fit use it. m = `size`."""
+    """A sensor, as the world, the estimators and the fit use it. m = `size`.
+
+    Examples
+    --------
+    >>> gyro: Sensor = bq.sensors.Imu()
+    >>> gyro.size, gyro.rate_hz
+    (3, 100.0)
+    """
 
     @property
     def size(self) -> int:
@@ -76,7 +95,14 @@ SensorBlocks: TypeAlias = ByName[Sensor]  # the sensors of a vehicle
 
 
 class Estimator(Protocol):
-    """Measurements → estimate."""
+    """Measurements → estimate.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> estimator: Estimator = robot.estimator()
+    >>> belief = estimator.init(np.array([1.0, 0.0, 0.0]))
+    """
 
     @property
     def init(self) -> Callable[..., Tree]:
@@ -91,7 +117,15 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class Guide(Protocol):
-    """Estimate → reference."""
+    """Estimate → reference.
+
+    Examples
+    --------
+    >>> guide: Guide = bq.guides.Idle(duration_s=2.0)
+    >>> state, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> reference.nu
+    array([0., 0., 0.])
+    """
 
     def init(self) -> Tree:
         """The state before the first tick."""
@@ -103,7 +137,16 @@ class Guide(Protocol):
 
 
 class Controller(Protocol):
-    """Reference → command."""
+    """Reference → command.
+
+    Examples
+    --------
+    >>> law: Controller = bq.controllers.Pd(alpha=4.0, beta=1.0)
+    >>> here = Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
+    >>> state, command = law.step(law.init(), Reference(0, np.array([0.1, 0.0, 0.0]), np.zeros(3), 0.0), here)
+    >>> print(command.u)
+    [0.4 0.  0. ]
+    """
 
     def init(self) -> Tree:
         """The state before the first tick."""
@@ -115,7 +158,13 @@ class Controller(Protocol):
 
 
 class Supervision(Protocol):
-    """The last word before the motors; `supervisor.Supervisor` is ours."""
+    """The block that decides last before the motors; `supervisor.Supervisor` is ours.
+
+    Examples
+    --------
+    >>> stop: Supervision = bq.load("small").supervisor()
+    >>> state = stop.init()
+    """
 
     def init(self) -> Tree:
         """Not stopped."""
@@ -127,8 +176,16 @@ class Supervision(Protocol):
 
 
 class World(Protocol):
-    """A world in which the loop runs: simulated, replayed, or the real robot. The defaults stand for a world that does
-    not measure or count these things."""
+    """A world in which the loop runs: simulated, replayed, or the real robot.
+
+    The defaults stand for a world that does not measure or count these things.
+
+    Examples
+    --------
+    >>> world: World = bq.worlds.Simulated(bq.load("small").vehicle, bq.load("small").sensors, 100.0)
+    >>> world.commands
+    3
+    """
 
     commands: int  # n, the length of a command
     notes: Sequence[Diagnostic | str] = ()  # for the beginning of a run

@@ -23,7 +23,14 @@ LINES, LETTERS = 12, 110  # of a short print
 
 
 class Result:
-    """A result as a person sees it. `print(result)` gives at most LINES lines, `result.table()` all of it."""
+    """A result as a person sees it. `print(result)` gives at most LINES lines, `result.table()` all of it.
+
+    Examples
+    --------
+    >>> run: Result = bq.simulate(bq.load("small"), np.zeros((10, 3)))
+    >>> run.rows()[0]["topic"]
+    'command applied'
+    """
 
     __slots__ = ()
 

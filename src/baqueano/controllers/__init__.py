@@ -21,7 +21,6 @@ from baqueano.controllers.stanley import Stanley
 __all__ = [
     "CarefulController",
     "Controller",
-    "FollowerState",
     "Hand",
     "HeadingHold",
     "Kanayama",
@@ -29,7 +28,6 @@ __all__ = [
     "ModelFollower",
     "Pd",
     "PdFeedforward",
-    "PdState",
     "PurePursuit",
     "Schedule",
     "Stanley",

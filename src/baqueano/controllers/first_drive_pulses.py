@@ -9,11 +9,29 @@ from baqueano.signals import Command, Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarefulController:
-    """Plays the pulses."""
+    """Play the pulses of a first drive.
+
+    Parameters
+    ----------
+    pulses : object
+        With init() → state, and advance(state, estimate) → (state, u (n,), over).
+
+    Examples
+    --------
+    `first_drive` builds it; its command is that of the pulses.
+
+    >>> from baqueano.signals import Estimate
+    >>> class Still:
+    ...     def init(self): return 0
+    ...     def advance(self, state, estimate): return state + 1, np.zeros(2), state > 9
+    >>> state, command = CarefulController(Still()).step(0, None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> command.u
+    array([0., 0.])
+    """
 
     as_written: ClassVar[bool] = True
 
-    pulses: Tree  # init(), and advance(state, estimate) -> (state, u (n,), over)
+    pulses: Tree
 
     def init(self) -> Tree:
         """Standing."""

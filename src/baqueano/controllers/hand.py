@@ -16,12 +16,26 @@ class Ended(FromOutside, KeyboardInterrupt):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hand:
-    """A controller that asks a person. It is the one block that is not pure: a run of it is replayed from the
-    commands that were recorded."""
+    """A controller that asks a person for the command.
+
+    It is the one block that is not pure: a run of it is replayed from the commands that were recorded.
+
+    Parameters
+    ----------
+    ask : callable
+        Returns the command (n,) that is wanted now; KeyboardInterrupt ends the drive.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> hand = Hand(lambda: [0.3, 0.0, 0.1])
+    >>> hand.step(None, None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))[1].u
+    array([0.3, 0. , 0.1])
+    """
 
     as_written: ClassVar[bool] = True
 
-    ask: Callable[[], object]  # the command (n,) that is wanted now; KeyboardInterrupt ends the drive
+    ask: Callable[[], object]
 
     def init(self) -> None:
         """Return no state."""

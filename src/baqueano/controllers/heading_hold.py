@@ -70,14 +70,41 @@ class HeadingHoldState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingHold:
-    """The commands of the controller `hand`, with (1) where it asks for straight on."""
+    """Keep the heading by the gyro while the controller `hand` asks for speed and no turn.
+
+    Parameters
+    ----------
+    hand : Controller
+        Gives the commands.
+    gains : Gains
+        Gains of (1), from (3): `drive.by_hand.heading_gains` finds them for a vehicle file.
+    limit : float
+        Largest u_ψ; the hold uses a quarter of it.
+    of_speed : float
+        Bound of the correction over |u_x|.
+    gyro : Gyro, optional
+        Place of the gyro in the innovations of an estimator that may leave it out.
+
+    Notes
+    -----
+    Equations (1)-(3) of the module: a PI-D loop around the heading with placed poles.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> from baqueano.controllers.hand import Hand
+    >>> hold = HeadingHold(Hand(lambda: [0.3, 0.0, 0.0]), placed(k=8.0, tau_s=0.2, late_s=0.03), limit=1.0)
+    >>> state, command = hold.step(hold.init(), None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> print(command.u)
+    [0.3 0.  0. ]
+    """
 
     as_written: ClassVar[bool] = True
 
     hand: Tree
     gains: Gains
-    limit: float  # of u_ψ
-    of_speed: float = inf  # bound over |u_x|
+    limit: float
+    of_speed: float = inf
     gyro: Gyro | None = None
 
     def init(self) -> HeadingHoldState:

@@ -14,12 +14,27 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Kanayama(ModelFollower):
-    """Tracks a moving reference with one gain per error."""
+    """Track a moving reference with one gain per error.
+
+    References
+    ----------
+    Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990: equation (1) of the module.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> law = Kanayama(robot.vehicle, limit=robot.command.limit, k_y=30.0)
+    >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
+    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
+    0.20 m/s, 0.60 rad/s
+    """
 
     k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
     k_y: float = parameter("1/m²", "curvature per error beside e_y", low=0.0, high=1e3, default=20.0)

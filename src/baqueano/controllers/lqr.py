@@ -19,16 +19,32 @@ import numpy as np
 from baqueano.contracts.values import Tree, Value
 from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
 from baqueano.geometry import compose, map_from_body, pose_error
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.symbolic import jacobian
 
 SLOWEST_M_S = 0.05
 BEGIN_S = 10.0  # of (3) before the first tick, at SLOWEST_M_S
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Lqr(ModelFollower):
-    """The best linear feedback for four sizes that you choose."""
+    """The optimal linear feedback for four sizes that you choose.
+
+    References
+    ----------
+    Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control Systems,
+    2015. Equations (1)-(4) of the module.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> law = Lqr(robot.vehicle, limit=robot.command.limit, e_max=np.array([0.1, 0.02, 0.3]))
+    >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
+    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
+    0.20 m/s, 4.06 rad/s
+    """
 
     e_max: np.ndarray = parameter(
         "m, m, rad",

@@ -23,7 +23,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, pose_error, wrap
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
@@ -40,31 +40,90 @@ DAMPING = 1e-6  # of the Newton step where no effort helps, as the servo of a ca
 
 
 class FollowerState(NamedTuple):
-    """The reference without jumps, the effort that follows it, and what the law remembers."""
+    """The reference without jumps, the effort that follows it, and the memory of the law.
 
-    t_ns: int  # -1 before the first tick
-    nu: np.ndarray  # (3,) ν_f [m/s, m/s, rad/s]
-    v_i: float  # integral of the error ahead [m/s]
-    effort: np.ndarray  # (n,) ε [unit of u]
-    law: np.ndarray  # of any shape
+    Attributes
+    ----------
+    t_ns : int
+        Time of the last tick; -1 before the first.
+    nu : ndarray (3,) [m/s, m/s, rad/s]
+        ν_f, the reference without jumps, in the body frame.
+    v_i : float [m/s]
+        Integral of the error ahead.
+    effort : ndarray (n,) [unit of u]
+        ε, from which the command follows.
+    law : ndarray
+        Memory of the law, of any shape ().
+    """
+
+    t_ns: int
+    nu: np.ndarray
+    v_i: float
+    effort: np.ndarray
+    law: np.ndarray
 
 
 class Tracking(NamedTuple):
-    """Inputs of a law."""
+    """Inputs of a law of `ModelFollower`.
 
-    e: np.ndarray  # (3,) e, e_x within ± REACH_M [m, m, rad]
-    e_chi: float  # e_χ [rad], the error of the course
-    nu_f: np.ndarray  # (3,) ν_f [m/s, m/s, rad/s]
-    kappa: float  # curvature of the reference, ω_r / v_r [1/m]
-    ahead: float  # 1 forward, −1 backward, 0 at rest, smooth between
-    dt_s: Value  # since the last tick [s]
+    Attributes
+    ----------
+    e : ndarray (3,) [m, m, rad]
+        Error of the pose in the body frame; e_x lies within ± REACH_M.
+    e_chi : float [rad]
+        Error of the course.
+    nu_f : ndarray (3,) [m/s, m/s, rad/s]
+        Velocity of the reference without jumps, in the body frame.
+    kappa : float [1/m]
+        Curvature of the reference.
+    ahead : float
+        1 forward, −1 backward, 0 at rest, smooth between.
+    dt_s : float
+        Time since the last tick.
+
+    Examples
+    --------
+    >>> now = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
+    >>> print(now.e[1])
+    0.1
+    """
+
+    e: np.ndarray
+    e_chi: float
+    nu_f: np.ndarray
+    kappa: float
+    ahead: float
+    dt_s: Value
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFollower:
-    """A controller that gives its law, `wants(memory, tracking) → memory, (v, ω)`, and nothing else."""
+    """A controller that gives its law, `wants(memory, tracking) → memory, (v, ω)`, and nothing else.
 
-    vehicle: DynamicVehicle  # a block of vehicles/
+    Parameters
+    ----------
+    vehicle : DynamicVehicle
+        The model that gives the command for a velocity: a block of vehicles/.
+    rate_hz : float
+        Ticks a second.
+
+    Notes
+    -----
+    Equations (1)-(5) of the module; computed torque, Slotine and Li, Applied Nonlinear Control, 1991, ch. 9.
+    docs/derivations/pd_feedforward.md derives them.
+
+    Examples
+    --------
+    >>> class Slow(ModelFollower):
+    ...     def wants(self, memory, now):
+    ...         return memory, (0.5 * now.nu_f[0] + now.e[0], 2.0 * now.e_chi)
+    >>> robot = bq.load("small")
+    >>> print(f"{Slow(robot.vehicle, limit=robot.command.limit).late_s:.2f} s behind its reference")
+    0.15 s behind its reference
+    """
+
+    vehicle: DynamicVehicle
     k_i: float = parameter("1/s²", "speed per integral of e_x", low=0.0, high=10.0, default=0.5)
     rate_hz: float = 100.0
     limit: np.ndarray = parameter(

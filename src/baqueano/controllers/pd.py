@@ -18,21 +18,46 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import pose_error, wrap
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
 
 class PdState(NamedTuple):
-    """The data of the previous tick that the derivative needs."""
+    """Memory of the derivative of a PD controller: the previous tick.
 
-    t_ns: int  # -1 before the first tick
-    e_psi: float  # [rad]
+    Attributes
+    ----------
+    t_ns : int
+        Time of the tick; -1 before the first.
+    e_psi : float [rad]
+        Error of the heading.
+    """
+
+    t_ns: int
+    e_psi: float
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Pd:
-    """Proportional along the path, proportional and derivative in heading."""
+    """Proportional along the path, proportional and derivative in heading.
+
+    Usually you want `PdFeedforward`: this one never corrects the error beside the path (errata 10).
+
+    References
+    ----------
+    Grotz et al., section Base Controller: equations (1) and (2) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate, Reference
+    >>> law = Pd(alpha=4.0, beta=1.0, gamma=0.1, limit=np.ones(3))
+    >>> here = Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
+    >>> _, command = law.step(law.init(), Reference(0, np.array([0.1, 0.0, 0.2]), np.zeros(3), 0.0), here)
+    >>> print(command.u)
+    [0.4 0.  0.2]
+    """
 
     alpha: float = parameter("unit of u per m", "gain α of the error ahead, e_x")
     beta: float = parameter("unit of u per rad", "gain β of the heading error e_ψ")

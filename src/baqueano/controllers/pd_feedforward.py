@@ -13,12 +13,27 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class PdFeedforward(ModelFollower):
-    """Feed-forward from `vehicle`, a block of vehicles/, with weak feedback of place and course."""
+    """Feed-forward from the model, with weak feedback of place and course: the recommended controller.
+
+    References
+    ----------
+    Fossen, Handbook of Marine Craft, 2011, ch. 12: equation (1) of the module. docs/derivations/pd_feedforward.md.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> law = PdFeedforward(robot.vehicle, limit=robot.command.limit, join_m=0.2)
+    >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
+    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
+    0.20 m/s, 1.85 rad/s
+    """
 
     k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
     k_chi: float = parameter("1/s", "turn per error of the course e_χ", low=0.0, high=20.0, default=4.0)

@@ -14,12 +14,27 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking, point_ahead
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class PurePursuit(ModelFollower):
-    """Steers to a point of the path; one length to choose."""
+    """Steer to a point of the path; one length to choose.
+
+    References
+    ----------
+    Coulter, CMU-RI-TR-92-01, 1992: equation (1) of the module.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> law = PurePursuit(robot.vehicle, limit=robot.command.limit, look_ahead_m=0.15)
+    >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
+    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
+    0.20 m/s, 0.74 rad/s
+    """
 
     k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
     look_ahead_m: float = parameter("m", "way L to the point, at rest", low=0.01, high=10.0, default=0.1)

@@ -22,16 +22,33 @@ class ScheduleState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """Play commands in time, without looking at the estimate; each holds until the next."""
+    """Play commands in time, without looking at the estimate; each holds until the next.
+
+    Parameters
+    ----------
+    t_ns : ndarray (N,)
+        Times from the first tick on, int64, increasing from 0.
+    u : ndarray (N, n) [unit of u]
+        The commands.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> plan = Schedule.at_rate(np.array([[0.1, 0.0], [0.2, 0.0]]), rate_hz=50.0)
+    >>> here = Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
+    >>> state, command = plan.step(plan.init(), None, here)
+    >>> plan.step(state, None, here._replace(t_ns=20_000_000))[1].u
+    array([0.2, 0. ])
+    """
 
     as_written: ClassVar[bool] = True
 
-    t_ns: np.ndarray  # (N,) int64, from 0 at the first tick, increasing
-    u: np.ndarray  # (N, n)
+    t_ns: np.ndarray
+    u: np.ndarray
 
     @classmethod
     def at_rate(cls, u: np.ndarray, rate_hz: float) -> "Schedule":
-        """Return the command of this tick."""
+        """Return the schedule of the commands `u` (N, n) at a steady rate."""
         return cls(
             np.round(np.arange(len(u)) * (NANOSECONDS / rate_hz)).astype(np.int64), np.array(u, dtype=float)
         )

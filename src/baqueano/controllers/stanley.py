@@ -15,12 +15,27 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Stanley(ModelFollower):
-    """Steers by the error of a front axle."""
+    """Steer by the error of a front axle.
+
+    References
+    ----------
+    Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007: equation (1) of the module.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> law = Stanley(robot.vehicle, limit=robot.command.limit, k=3.0)
+    >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
+    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
+    0.20 m/s, 0.96 rad/s
+    """
 
     k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
     k: float = parameter("1/s", "rate at which the error beside falls", low=0.0, high=20.0, default=2.0)

@@ -5,18 +5,4 @@ from baqueano.drive.session import drive, stop_of
 from baqueano.drive.smoothing import smoothed
 from baqueano.drive.verbs import Taught, experiment, repeat, replay, route_of, teach
 
-__all__ = [
-    "First",
-    "Taught",
-    "drive",
-    "experiment",
-    "felt",
-    "first_drive",
-    "repeat",
-    "replay",
-    "rough",
-    "route_of",
-    "smoothed",
-    "stop_of",
-    "teach",
-]
+__all__ = ["First", "Taught", "drive", "experiment", "first_drive", "repeat", "replay", "teach"]

@@ -57,16 +57,40 @@ class Pulse(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class First:
-    """The result of a first drive."""
+    """The result of a first drive.
+
+    Attributes
+    ----------
+    run : Run
+        The drive.
+    pulses : tuple of Pulse
+        Each pulse, and the motion after it.
+    wiring : tuple of Diagnostic
+        Wrong wiring, with what to do; empty where it is right.
+    still : tuple of Diagnostic
+        Directions in which nothing moved.
+    gain_along, gain_about : float
+        Gains of the vehicle over those of the file's model, along x and about z; NaN where no motion was measured.
+    moves_at : ndarray (D,)
+        Part of the limit at which motion was first measured, per direction; NaN: never.
+    late : bool
+        True where the vehicle moved before that: the dead zones are then those of the file.
+
+    Examples
+    --------
+    >>> nothing = First(bq.simulate(bq.load("small"), np.zeros((9, 3))), (), (), (), np.nan, np.nan, np.zeros(4))
+    >>> print(nothing.table())
+    0 pulses, 0 of them moved the vehicle
+    """
 
     run: Run
     pulses: tuple[Pulse, ...]
-    wiring: tuple[Diagnostic, ...]  # what is wired wrong, with what to do; empty if nothing is
-    still: tuple[Diagnostic, ...]  # directions in which nothing moved
-    gain_along: float  # of the file's model, (1); NaN where nothing was felt
+    wiring: tuple[Diagnostic, ...]
+    still: tuple[Diagnostic, ...]
+    gain_along: float
     gain_about: float
-    moves_at: np.ndarray  # (D,) part of the limit at which it was first felt, per direction; NaN: never
-    late: bool = False  # whether it moved before that: then the dead zones are those of the file
+    moves_at: np.ndarray
+    late: bool = False
 
     @property
     def moved(self) -> int:
@@ -84,12 +108,34 @@ class First:
 
 
 def first_drive(vehicle_file: VehicleFile, **options: Any) -> First:
-    """A careful drive of the vehicle, mostly of about a minute; options as in `session.drive` and its `Conditions`. It
-    needs an IMU, and nothing else. UsageError where the file has no sensor imu, or no finite [command] limit above 0.
+    """Drive a vehicle carefully for about a minute, and measure how strongly it answers. It needs an IMU alone.
 
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle; its model is a guess.
+    **options : object
+        Keywords of `drive` and of its `Conditions`.
+
+    Returns
+    -------
+    First
+        Rough gains, dead zones, and what is wired wrong.
+
+    Raises
+    ------
+    UsageError
+        Where the file has no sensor imu, or no finite [command] limit above 0.
+
+    Notes
+    -----
+    Equations (1) and (2) of the module.
+
+    Examples
+    --------
     >>> from baqueano.vehicle_file import load
-    >>> found = first_drive(load("small"))
-    >>> found.wiring, found.still, round(found.gain_along, 1), round(found.gain_about, 1)
+    >>> drive = first_drive(load("small"))
+    >>> drive.wiring, drive.still, round(drive.gain_along, 1), round(drive.gain_about, 1)
     ((), (), 1.0, 1.0)
     """
     return felt(careful_drive(vehicle_file, **options), vehicle_file)

@@ -107,16 +107,49 @@ def drive(
     observers: Sequence[Observer] = (),
     **conditions: Any,
 ) -> Run:
-    """Drive `blocks` through a world until the guide is done, and return the run, which is also in the file `path`,
-    if that is given. `kind` stands in its metadata; the keywords of `Conditions` say where the drive goes.
+    """Drive blocks through a world until the guide is done.
 
-    `live`: a real vehicle, which waits neither for the disk nor for a block that hangs. The observers are asked at each
-    tick whether to stop, and see its record. A live drive into a file returns a run without records, which are in the
-    file: to read an hour takes more memory than a vehicle has.
+    Parameters
+    ----------
+    blocks : Blocks
+        Estimator, guide, controller and supervisor.
+    vehicle_file : VehicleFile
+        The vehicle to which they belong.
+    kind : str
+        The verb that stands in the metadata of the run.
+    path : path, optional
+        File in which the run is written while it happens.
+    live : bool
+        True for a real vehicle, which waits neither for the disk nor for a block that hangs.
+    observers : sequence of Observer
+        Asked at each tick whether to stop; they see its record.
+    **conditions : object
+        Keywords of `Conditions`: world, truth, seed, rate, back end.
 
-    UsageError where file and world take another number of commands; SafetyStop where the drive is stopped before its
-    first tick. One that is stopped later returns its run: `stop_of` says why. FileError at the end of a drive whose
-    disk took no more: what was written before is in `path`.
+    Returns
+    -------
+    Run
+        Without records where `live` writes into a file: an hour would take more memory than a vehicle has.
+
+    Raises
+    ------
+    UsageError
+        Where file and world take another number of commands.
+    SafetyStop
+        Where the drive is stopped before its first tick. One that is stopped later returns its run: `stop_of` has why.
+    FileError
+        At the end of a drive whose disk was full; `path` holds what was written before.
+
+    Examples
+    --------
+    >>> from baqueano.controllers import Schedule
+    >>> from baqueano.guides import Idle
+    >>> from baqueano.loop import Blocks
+    >>> robot = bq.load("small")
+    >>> plan = Schedule.at_rate(np.tile([0.5, 0.0, 0.0], (50, 1)), robot.rate_hz)
+    >>> run = drive(Blocks(robot.estimator(), Idle(0.5), plan, robot.supervisor()), robot, "experiment")
+    >>> run.duration_s
+    0.5
     """
     given = Conditions(**conditions)
     world = given.world_of(vehicle_file)

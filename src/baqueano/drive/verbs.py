@@ -29,12 +29,31 @@ CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start came back
 def experiment(
     vehicle_file: VehicleFile, u: np.ndarray, *, estimator: OwnBlock | None = None, **options: Any
 ) -> Run:
-    """Plays the commands `u` (N, n), in the unit of the file's [command], one per tick, open loop: the supervisor and
-    the recording are those of any drive. The run has N + 1 ticks, the first under no command. `estimator` as in
-    `repeat`, options as in `session.drive`.
+    """Play commands open loop, one per tick; supervisor and recording are those of any drive.
 
-    UsageError where `u` has another shape, or a number that is not finite.
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle; it is simulated unless a `world` is given.
+    u : ndarray (N, n) [unit of the file's [command]]
+        One command per tick. The run has N + 1 ticks, the first under no command.
+    estimator : str, type or block, optional
+        In place of the file's, as in `repeat`.
+    **options : object
+        Keywords of `drive` and of its `Conditions`: `path`, `seed`, `truth`, `world`, …
 
+    Returns
+    -------
+    Run
+        Commands, measurements, estimate, and the true motion where the vehicle is simulated.
+
+    Raises
+    ------
+    UsageError
+        Where `u` has another shape, or a number that is not finite.
+
+    Examples
+    --------
     >>> from baqueano.vehicle_file import load
     >>> run = experiment(load("small"), np.tile([0.5, 0.0, 0.0], (100, 1)))  # both wheels at half duty for 1 s
     >>> print(run.applied.shape, f"{run.truth.nu[-1, 0]:.2f} m/s")
@@ -57,27 +76,59 @@ Driver: TypeAlias = Route | Guide | Sequence[tuple[float, Sequence[float]]] | Ca
 
 
 class Taught(NamedTuple):
-    """The result of a lesson."""
+    """The result of `teach`.
+
+    Attributes
+    ----------
+    run : Run
+        The drive.
+    route : Route
+        The estimated path, at ROUTE_RATE_HZ, in the map in which the drive began.
+
+    Examples
+    --------
+    >>> from baqueano.vehicle_file import load
+    >>> teach(load("small"), [(1.0, [0.6, 0.0, 0.0])]).route
+    Route(21 poses, 1.0 s, 0.17 m, open)
+    """
 
     run: Run
-    route: Route  # of the estimate, at ROUTE_RATE_HZ
+    route: Route
 
     def __repr__(self) -> str:
         return f"{self.route!r}\n{self.run!r}"
 
 
 def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> Taught:
-    """Drives as `driver` says and keeps the estimated path as a route.
+    """Drive as `driver` directs, and keep the estimated path as a route.
 
-    `driver`: a Route or a guide to follow with the vehicle's own controller; a list of (seconds,
-    command (n,)); or a function without arguments that returns the command (n,) wanted now (`cockpit.Cockpit` is
-    one). `closed` says that the drive comes back to where it began. `estimator` and `controller`, as in `repeat`, are
-    options besides those of `session.drive`, and so is `hold`: where a function asks for straight on, the gyro holds
-    the heading (controllers/heading_hold.py).
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle; it is simulated unless a `world` is given.
+    driver : Route, guide, list or callable
+        A route or a guide to follow with the vehicle's own controller; a list of (seconds, command (n,)); or a function
+        without arguments that returns the command (n,) of this moment.
+    closed : bool
+        True where the drive comes back to its start.
+    **options : object
+        `estimator` and `controller` as in `repeat`; `hold`: where a function asks for straight on, the gyro keeps the
+        heading; keywords of `drive`.
 
-    UsageError for another driver; AnswerNo where the vehicle did not move, or `closed` did not come back within
-    CLOSE_M and CLOSE_RAD.
+    Returns
+    -------
+    Taught
+        The run and the route.
 
+    Raises
+    ------
+    UsageError
+        For another driver.
+    AnswerNo
+        Where the vehicle did not move, or a closed drive ended farther from its start than CLOSE_M and CLOSE_RAD.
+
+    Examples
+    --------
     >>> from baqueano.vehicle_file import load
     >>> run, route = teach(load("small"), [(1.0, [0.6, 0.0, 0.0]), (1.0, [0.6, 0.0, 0.1])])
     >>> run.duration_s, route.eta.shape, route.closed
@@ -115,13 +166,36 @@ def repeat(
     vehicle_file: VehicleFile, route: Route, laps: int = 1, *, estimator: OwnBlock | None = None,
     guide: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
-    """Repeats `route` for `laps` laps, 0 for ever, from the pose at which it begins, with the blocks of the file.
+    """Repeat a route from the pose at which it begins, with the blocks of the file.
 
-    `estimator`, `guide` and `controller` take the place of the file's: a kind of ours, "file.py:Class", a class, which
-    is made with what the file says, or a block as it is. The run records the text of those that are not ours. Options
-    as in `session.drive` and its `Conditions`. FileError where the file lacks gains or noise: `tune`, `identify` find
-    them. UsageError for what cannot stand in its room.
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle; it is simulated unless a `world` is given.
+    route : Route
+        The path and its times.
+    laps : int
+        Laps of a closed route; 0 is for ever.
+    estimator, guide, controller : str, type or block, optional
+        In place of the file's: a kind of ours, "file.py:Class", a class, which is made with what the file holds, or a
+        block as it is. The run records the text of those that are not ours.
+    **options : object
+        Keywords of `drive` and of its `Conditions`: `path`, `seed`, `truth`, `world`, …
 
+    Returns
+    -------
+    Run
+        Commands, measurements, estimate, reference, and the true motion where the vehicle is simulated.
+
+    Raises
+    ------
+    FileError
+        Where the file lacks gains or noise: `tune` and `identify` find them.
+    UsageError
+        For a block of another room.
+
+    Examples
+    --------
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
     >>> run = repeat(load("small"), circle(0.3, 0.2))
@@ -142,14 +216,38 @@ def replay(
     estimator: OwnBlock | None = None, guide: OwnBlock | None = None, controller: OwnBlock | None = None,
     **options: Any,
 ) -> Run:  # fmt: skip
-    """The run's own ticks through blocks, by default those of `vehicle_file` with the references and, of
-    a drive that no controller made, the commands of the run, from where the run began. The same blocks and
-    back end give the same numbers, bit for bit.
+    """Pass the ticks of a run through blocks again; no vehicle moves.
 
-    Without `vehicle_file` the one that the run holds. `estimator`, `guide` and `controller` as in `repeat`; the
-    commands of a controller are recorded as asked for, and move nothing. ValueError for a run without ticks, UsageError
-    for one without a vehicle file.
+    The same blocks and back end give the same numbers, bit for bit. The commands of a controller are recorded as
+    requested, and move nothing.
 
+    Parameters
+    ----------
+    run : Run
+        A recorded run.
+    vehicle_file : VehicleFile, optional
+        Where the blocks come from; without it the file that the run holds.
+    blocks : Blocks, optional
+        All blocks of the loop at once.
+    estimator, guide, controller : str, type or block, optional
+        In place of the file's, as in `repeat`.
+    **options : object
+        Keywords of `drive`.
+
+    Returns
+    -------
+    Run
+        The same measurements with the estimates of these blocks.
+
+    Raises
+    ------
+    ValueError
+        For a run without ticks.
+    UsageError
+        For a run without a vehicle file.
+
+    Examples
+    --------
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
     >>> run = experiment(small, np.tile([0.5, 0.0, 0.0], (100, 1)))

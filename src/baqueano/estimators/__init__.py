@@ -19,7 +19,6 @@ from baqueano.estimators.unscented import Unscented
 
 __all__ = [
     "AugmentedEkf",
-    "Belief",
     "Complementary",
     "DeadReckoning",
     "Ekf",

@@ -28,7 +28,7 @@ from baqueano.estimators.pauses import chosen, either, in_rows, row_of, rows_bef
 from baqueano.estimators.readings.doubt import doubted
 from baqueano.estimators.readings.place_gate import PlaceDoubt, no_doubt
 from baqueano.estimators.readings.sensor_numbers import check_use
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
@@ -54,17 +54,43 @@ class AugmentedBelief(NamedTuple):
     drivetrain: DrivetrainState
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class AugmentedEkf:
-    """EKF that estimates disturbances and biases, and considers scales: the recommended estimator."""
+    """EKF that estimates disturbances and biases, and considers scales: the recommended estimator.
+
+    Parameters
+    ----------
+    vehicle : DynamicVehicle
+        The model: a block of vehicles/.
+    sensors : NamedTuple of Sensor
+        The sensors, by name.
+    use : tuple of str
+        Sensors that correct, or single numbers of them: "imu[2]".
+    speed_from : tuple of str
+        Inertial numbers that may correct the speed: "imu[1]".
+
+    References
+    ----------
+    Jazwinski 1970, section 8.4; Schmidt 1966; Skog et al. 2010 for the rest. docs/derivations/kalman.md.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Tick, silent
+    >>> robot = bq.load("small")
+    >>> ekf = AugmentedEkf(robot.vehicle, robot.sensors, gate_sigma=5.0)
+    >>> belief, estimate = ekf.step(ekf.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> estimate.cov.shape
+    (6, 6)
+    """
 
     has_kalman_gains: ClassVar[bool] = False  # a number corrects what it shows, not all that it bears on
 
-    vehicle: DynamicVehicle  # a block of vehicles/
-    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
+    vehicle: DynamicVehicle
+    sensors: SensorBlocks
     rate_hz: float = parameter("Hz", "the rate of the ticks", low=1e-3, default=100.0)
-    use: tuple[str, ...] = ("imu",)  # sensors that correct, or single numbers of them: "imu[2]"
-    speed_from: tuple[str, ...] = ()  # inertial numbers that may correct the speed: "imu[1]"
+    use: tuple[str, ...] = ("imu",)
+    speed_from: tuple[str, ...] = ()
     gate_sigma: float = parameter(
         "1", "a number further off than this loses its weight", low=1.0, default=4.0
     )

@@ -23,7 +23,7 @@ from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
 from baqueano.estimators.readings.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.state import DynamicVehicle
@@ -41,12 +41,36 @@ class ComplementaryBelief(NamedTuple):
     model: Value  # the vehicle as its model alone drives it
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Complementary:
-    """Wheels and model blended, gyro summed up: to be read in a minute, and beaten by `ekf`."""
+    """Wheels and model blended, gyro integrated: to be read in a minute. Usually you want `AugmentedEkf`.
 
-    vehicle: DynamicVehicle  # a block of vehicles/
-    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
+    Parameters
+    ----------
+    vehicle : DynamicVehicle
+        The model: a block of vehicles/.
+    sensors : NamedTuple of Sensor
+        The sensors, by name.
+    readings : tuple of Reading
+        Computed from the sensors; not an argument.
+
+    Notes
+    -----
+    Equations (1)-(4) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Tick, silent
+    >>> robot = bq.load("small")
+    >>> blend = Complementary(robot.vehicle, robot.sensors, blend_time_s=0.3)
+    >>> belief, estimate = blend.step(blend.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> estimate.nu
+    array([0., 0., 0.])
+    """
+
+    vehicle: DynamicVehicle
+    sensors: SensorBlocks
     rate_hz: float = parameter("Hz", "ticks a second", low=1e-3, default=100.0)
     blend_time_s: float = parameter("s", "T: slower than this is the wheels'", low=1e-3, default=0.5)
     rest_time_s: float = parameter("s", "T_b to learn the gyro's bias", low=1e-3, default=1.0)

@@ -28,7 +28,7 @@ from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unm
 from baqueano.estimators.readings.sensor_numbers import Uncertain, age_s, arrived, scale_std, uncertain
 from baqueano.estimators.readings.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
 from baqueano.geometry import map_from_body
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import ByName, Estimate, Slot, Tick
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
@@ -47,25 +47,54 @@ class DeadReckoningBelief(NamedTuple):
     drivetrain: DrivetrainState
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class DeadReckoning:
-    """Gyro and wheels summed up, the model where a sensor is missing, and how wrong that is by now. It corrects no
-    pose: usually you want `ekf` where a camera or a mark shows one."""
+    """Gyro and wheels integrated, the model where a sensor is missing, and how wrong that is by now.
 
-    vehicle: DynamicVehicle  # a block of vehicles/
-    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
+    It corrects no pose: usually you want `AugmentedEkf` where a camera or a mark shows one.
+
+    Parameters
+    ----------
+    vehicle : DynamicVehicle
+        The model: a block of vehicles/.
+    sensors : NamedTuple of Sensor
+        The sensors, by name.
+    use : tuple of str
+        Sensors that are read; empty: all that show a velocity.
+    readings : tuple of Reading
+        Computed from the sensors; not an argument.
+    gyro_bias : tuple of Uncertain
+        Computed from the gyro that is read first; not an argument.
+
+    References
+    ----------
+    Schmidt 1966 for the states that are only considered: equations (1)-(4) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Tick, silent
+    >>> robot = bq.load("small")
+    >>> sums = DeadReckoning(robot.vehicle, robot.sensors, 1e-4 * np.eye(6))
+    >>> belief, estimate = sums.step(sums.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> estimate.cov.shape
+    (6, 6)
+    """
+
+    vehicle: DynamicVehicle
+    sensors: SensorBlocks
     process_noise_cov: np.ndarray = parameter(
         "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6); that of ν is used",
         shape=(6, 6),
     )  # fmt: skip
     rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
-    use: tuple[str, ...] = ()  # sensors that are read; none named: all that show a velocity
+    use: tuple[str, ...] = ()
     initial_std: np.ndarray = parameter(
         "m, m, rad, m/s, m/s, rad/s", "standard deviations of (η, ν) at the start", low=0.0,
         default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2), shape=(6,),
     )  # fmt: skip
     readings: tuple[Reading, ...] = field(init=False)
-    gyro_bias: tuple[Uncertain, ...] = field(init=False)  # of the gyro that is read first; none without one
+    gyro_bias: tuple[Uncertain, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         check_bounds(self)

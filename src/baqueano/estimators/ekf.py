@@ -56,7 +56,7 @@ from baqueano.estimators.pauses import FilterRow, bounded, chosen, in_rows, row_
 from baqueano.estimators.readings.gate import gate
 from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.symbolic import jacobian
@@ -68,32 +68,73 @@ MODES = ("default", "paper")
 
 
 class Belief(NamedTuple):
-    """State of the filter: mean, covariance, drivetrain."""
+    """State of the filter: mean, covariance, drivetrain.
 
-    t_ns: int  # of the last tick; -1 before the first
-    mean: np.ndarray  # (9,) η, ν, ν̇
-    cov: np.ndarray  # (9, 9)
-    effort: np.ndarray  # (n,) the command that the body felt at the end of the last interval
-    drivetrain: DrivetrainState  # delay line and motor lag
+    Attributes
+    ----------
+    t_ns : int
+        Time of the last tick; -1 before the first.
+    mean : ndarray (9,)
+        η, ν, ν̇.
+    cov : ndarray (9, 9)
+        Their covariance.
+    effort : ndarray (n,) [unit of u]
+        Effort on the body at the end of the last interval.
+    drivetrain : DrivetrainState
+        Delay line and motor lag.
+    """
+
+    t_ns: int
+    mean: np.ndarray
+    cov: np.ndarray
+    effort: np.ndarray
+    drivetrain: DrivetrainState
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Ekf:
-    """Extended Kalman filter over any vehicle and any sensors, with the paper's state."""
+    """Extended Kalman filter over any vehicle and any sensors, with the paper's state. Usually you want `AugmentedEkf`.
+
+    Parameters
+    ----------
+    vehicle : DynamicVehicle
+        The model: a block of vehicles/.
+    sensors : NamedTuple of Sensor
+        The sensors, by name.
+    mode : str
+        "default", or "paper": the equations as printed.
+    use : tuple of str
+        Sensors that correct; the others are only recorded.
+
+    References
+    ----------
+    Grotz et al., section State Estimation; Thrun, Burgard and Fox 2005, table 3.3. Derivation:
+    docs/derivations/ekf_with_pose.md.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Tick, silent
+    >>> robot = bq.load("small")
+    >>> ekf = Ekf(robot.vehicle, robot.sensors, 1e-4 * np.eye(6))
+    >>> belief, estimate = ekf.step(ekf.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> estimate.cov.shape
+    (6, 6)
+    """
 
     stacks_innovations: ClassVar[bool] = True
 
-    vehicle: DynamicVehicle  # a block of vehicles/
-    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
+    vehicle: DynamicVehicle
+    sensors: SensorBlocks
     process_noise_cov: np.ndarray = parameter(
         "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6)", shape=(6, 6)
     )
     rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
-    mode: str = "default"  # "paper" or "default"
+    mode: str = "default"
     gate_sigma: float = parameter(
         "1", "a measurement further off than this is left out", low=0.0, default=4.0
     )
-    use: tuple[str, ...] = ("imu",)  # sensors that correct; the others are only recorded
+    use: tuple[str, ...] = ("imu",)
     disturbance_time_s: float = parameter(
         "s", "T_d, time over which an unexplained acceleration fades", low=1e-6, default=0.5
     )

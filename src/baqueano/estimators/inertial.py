@@ -39,7 +39,25 @@ class InertialBelief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertial:
-    """An estimator that knows no model: (1) to (3). ν is (v, 0, ω), their variances stand in the covariance."""
+    """Dead reckoning on the IMU alone, for a vehicle of which no model is known. ν is (v, 0, ω).
+
+    Parameters
+    ----------
+    sensor : str
+        Name of the IMU.
+
+    Notes
+    -----
+    Equations (1)-(3) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.signals import silent
+    >>> alone = Inertial()
+    >>> state, estimate = alone.step(alone.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> estimate.nu
+    array([0., 0., 0.])
+    """
 
     as_written: ClassVar[bool] = True
 

@@ -20,7 +20,21 @@ class KnownStateBelief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownState:
-    """Take the measurement of the sensor named `sensor` for the state."""
+    """Take the measurement of the sensor named `sensor` for the state.
+
+    Parameters
+    ----------
+    sensor : str
+        Name of a `sensors.Truth`.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Slot, sensor_slots
+    >>> exact = KnownState()
+    >>> tick = Tick(0, np.zeros(3), sensor_slots(("truth",))(Slot(1.0, np.arange(6.0))))
+    >>> exact.step(exact.init(), tick)[1].eta
+    array([0., 1., 2.])
+    """
 
     sensor: str = "truth"
 

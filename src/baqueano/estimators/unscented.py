@@ -28,7 +28,7 @@ from baqueano.estimators.readings.gate import gate
 from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.vehicles.bounds import check_bounds
@@ -47,13 +47,38 @@ class UnscentedBelief(NamedTuple):
     drivetrain: DrivetrainState
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Unscented:
-    """Kalman filter without derivatives: for a vehicle or a sensor that bends within what is uncertain. Usually you
-    want `ekf`, which is quicker and as good where nothing bends much."""
+    """Kalman filter without derivatives, for a model that bends within its uncertainty.
 
-    vehicle: DynamicVehicle  # a block of vehicles/ with nu_dot
-    sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
+    Usually you want `AugmentedEkf`.
+
+    Parameters
+    ----------
+    vehicle : DynamicVehicle
+        The model with nu_dot: a block of vehicles/.
+    sensors : NamedTuple of Sensor
+        The sensors, by name.
+    use : tuple of str
+        Sensors that correct; the others are only recorded.
+
+    References
+    ----------
+    Julier and Uhlmann 1997: equations (1)-(3) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Tick, silent
+    >>> robot = bq.load("small")
+    >>> ukf = Unscented(robot.vehicle, robot.sensors, 1e-4 * np.eye(6))
+    >>> belief, estimate = ukf.step(ukf.init(), Tick(10_000_000, np.zeros(3), silent({"imu": 3})))
+    >>> estimate.cov.shape
+    (6, 6)
+    """
+
+    vehicle: DynamicVehicle
+    sensors: SensorBlocks
     process_noise_cov: np.ndarray = parameter(
         "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6)", shape=(6, 6)
     )
@@ -61,7 +86,7 @@ class Unscented:
     gate_sigma: float = parameter(
         "1", "a measurement further off than this is left out", low=0.0, default=4.0
     )
-    use: tuple[str, ...] = ("imu",)  # sensors that correct; the others are only recorded
+    use: tuple[str, ...] = ("imu",)
     disturbance_time_s: float = parameter(
         "s", "T_d, time over which an unexplained acceleration fades", low=1e-6, default=0.5
     )

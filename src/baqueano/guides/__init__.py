@@ -17,10 +17,8 @@ __all__ = [
     "Guide",
     "Idle",
     "Playback",
-    "ProgressState",
     "Repeat",
     "RepeatByProgress",
-    "RepeatState",
     "Route",
     "SinuousCircle",
 ]

@@ -11,11 +11,26 @@ from baqueano.signals import Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarefulGuide:
-    """Says when the pulses are over; asks for nothing else."""
+    """Report when the pulses of a first drive are over; the reference is where the vehicle is.
+
+    Parameters
+    ----------
+    pulses : object
+        With init() → state, and advance(state, estimate) → (state, u (n,), over).
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> class Still:
+    ...     def init(self): return 0
+    ...     def advance(self, state, estimate): return state + 1, np.zeros(2), state > 9
+    >>> CarefulGuide(Still()).step(10, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))[1].done
+    1.0
+    """
 
     as_written: ClassVar[bool] = True
 
-    pulses: Tree  # init(), and advance(state, estimate) -> (state, u (n,), over)
+    pulses: Tree
 
     def init(self) -> Tree:
         """Standing."""

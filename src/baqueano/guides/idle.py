@@ -18,7 +18,22 @@ class IdleState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Idle:
-    """Ask for no motion: the reference is where the vehicle is. Done after `duration_s`."""
+    """Ask for no motion: the reference is where the vehicle is. Done after `duration_s`.
+
+    Parameters
+    ----------
+    duration_s : float
+        Time from the first tick to the end.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> guide = Idle(2.0)
+    >>> here = Estimate(0, np.array([1.0, 0.0, 0.0]), np.zeros(3), np.eye(6))
+    >>> state, reference = guide.step(guide.init(), here)
+    >>> reference.eta, guide.step(state, here._replace(t_ns=2_000_000_000))[1].done
+    (array([1., 0., 0.]), 1.0)
+    """
 
     as_written: ClassVar[bool] = True
 

@@ -10,14 +10,33 @@ from baqueano.signals import Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Playback:
-    """Give the references of a run again, bit for bit."""
+    """Give the references of a run again, bit for bit.
+
+    Parameters
+    ----------
+    t_ns : ndarray (N,)
+        Times, int64, increasing.
+    eta : ndarray (N, 3) [m, m, rad]
+        Poses in the map.
+    nu : ndarray (N, 3) [m/s, m/s, rad/s]
+        Velocities in the body frame.
+    done : ndarray (N,)
+        1.0 where the guide was at its end.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> guide = Playback(np.array([0, 10]), np.eye(2, 3), np.zeros((2, 3)), np.zeros(2))
+    >>> guide.step(guide.init(), Estimate(10, np.zeros(3), np.zeros(3), np.eye(6)))[1].eta
+    array([0., 1., 0.])
+    """
 
     as_written: ClassVar[bool] = True
 
-    t_ns: np.ndarray  # (N,) int64
-    eta: np.ndarray  # (N, 3)
-    nu: np.ndarray  # (N, 3)
-    done: np.ndarray  # (N,)
+    t_ns: np.ndarray
+    eta: np.ndarray
+    nu: np.ndarray
+    done: np.ndarray
 
     def init(self) -> None:
         """Return no state."""

@@ -20,7 +20,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import Estimate, Reference, seconds
 
 
@@ -30,9 +30,31 @@ class RepeatState(NamedTuple):
     start_ns: int  # -1 before the first tick
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Repeat:
-    """A route in time, for `laps` laps; 0 laps is for ever."""
+    """A route in time, repeated for `laps` laps.
+
+    Parameters
+    ----------
+    laps : int
+        Number of laps of a closed route; 0 is for ever.
+    closed : bool
+        True where the last pose is the first one again.
+
+    References
+    ----------
+    Grotz et al., section Guidance System: equation (1) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> from baqueano.guides.shapes import circle
+    >>> guide = Repeat.along(circle(0.5, 0.2), laps=2)
+    >>> _, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> print(reference.nu)
+    [0.2 0.  0.4]
+    """
 
     t_s: np.ndarray = parameter("s", "times of the route, from 0, increasing, (m,)", shape=None)
     eta: np.ndarray = parameter("m, m, rad", "poses of the route, heading continuous, (m, 3)", shape=None)

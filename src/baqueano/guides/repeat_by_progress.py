@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import Estimate, Reference, seconds
 
 HEADING_M = 0.1
@@ -35,9 +35,24 @@ class ProgressState(NamedTuple):
     tau_s: float  # time of the teacher, over all laps
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class RepeatByProgress(Repeat):
-    """A route that waits for its vehicle, for `laps` laps; 0 laps is for ever."""
+    """A route that waits for its vehicle, for `laps` laps; 0 laps is for ever.
+
+    Notes
+    -----
+    Equations (1)-(4) of the module; the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> from baqueano.guides.shapes import circle
+    >>> guide = RepeatByProgress.along(circle(0.5, 0.2))
+    >>> _, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> print(reference.eta)
+    [0. 0. 0.]
+    """
 
     slack_m: float = parameter("m", "way that the vehicle may be off along the route", low=0.0, default=0.03)
     slack_s: float = parameter("s", "time by which it may be late", low=0.0, high=10.0, default=0.3)

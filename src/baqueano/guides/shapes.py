@@ -17,9 +17,11 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.route import Route, from_start, route_of_curve
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import Estimate, Reference
 from baqueano.vehicles.bounds import check_bounds
+
+__all__ = ["SinuousCircle", "circle", "eight", "rectangle", "sinuous_circle"]
 
 POINTS = 1441  # of a drawn route, four to the degree of a circle
 SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")  # of `shape`
@@ -27,8 +29,30 @@ SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")  # of `shape`
 
 @lru_cache(maxsize=32)
 def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: float) -> Route:
-    """Return a circle whose radius varies `waves` times a lap by ± `amplitude_m`, once round at `speed_m_s`.  (1)
+    """Return a circle whose radius varies `waves` times a lap, driven once.
 
+    Parameters
+    ----------
+    radius_m : float
+        Mean radius.
+    amplitude_m : float
+        Largest deviation of the radius.
+    waves : int
+        Number of waves in a lap.
+    speed_m_s : float
+        Speed along the path.
+
+    Returns
+    -------
+    Route
+        Closed, from the origin of the map along x, to the left.
+
+    Notes
+    -----
+    Equation (1) of the module: the path of the evaluation in Grotz et al.
+
+    Examples
+    --------
     >>> route = sinuous_circle(0.6, 0.08, 5, 0.2)
     >>> print(route.eta.shape, f"{route.t_s[-1]:.1f} s, {route.eta[-1, 2] / np.pi:.1f} π")
     (1441, 3) 20.8 s, 2.0 π
@@ -42,12 +66,52 @@ def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: f
 
 
 def circle(radius_m: float, speed_m_s: float) -> Route:
-    """A circle to the left."""
+    """Return a circle to the left.
+
+    Parameters
+    ----------
+    radius_m : float
+        Radius.
+    speed_m_s : float
+        Speed along the path.
+
+    Returns
+    -------
+    Route
+        Closed, from the origin of the map along x.
+
+    Examples
+    --------
+    >>> circle(0.5, 0.2)
+    Route(1441 poses, 15.7 s, 3.14 m, closed)
+    """
     return sinuous_circle(radius_m, 0.0, 1, speed_m_s)
 
 
 def eight(half_length_m: float, speed_m_s: float) -> Route:
-    """An eight, `half_length_m` from its crossing to each end.  (2)"""
+    """Return an eight without a net turn.
+
+    Parameters
+    ----------
+    half_length_m : float
+        From the crossing to each end.
+    speed_m_s : float
+        Speed along the path.
+
+    Returns
+    -------
+    Route
+        Closed, from the origin of the map along x.
+
+    Notes
+    -----
+    Equation (2) of the module: Gerono's lemniscate.
+
+    Examples
+    --------
+    >>> eight(0.6, 0.2)
+    Route(1441 poses, 18.3 s, 3.66 m, closed)
+    """
     th = np.linspace(0.0, 2.0 * np.pi, POINTS)
     s, c = np.sin(th), np.cos(th)
     p, p1 = np.column_stack([s, s * c]), np.column_stack([c, c**2 - s**2])
@@ -56,8 +120,32 @@ def eight(half_length_m: float, speed_m_s: float) -> Route:
 
 
 def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float) -> Route:
-    """A rectangle of `length_m` by `width_m` with corners of radius `corner_m`, from the middle of a long
-    side. ValueError where the corners do not fit."""
+    """Return a rectangle with round corners, from the middle of a long side.
+
+    Parameters
+    ----------
+    length_m, width_m : float
+        Sides.
+    corner_m : float
+        Radius of the corners.
+    speed_m_s : float
+        Speed along the path.
+
+    Returns
+    -------
+    Route
+        Closed, from the origin of the map along x, to the left.
+
+    Raises
+    ------
+    Invalid
+        Where the corners do not fit into the sides; a ValueError.
+
+    Examples
+    --------
+    >>> rectangle(1.2, 0.8, 0.2, 0.2)
+    Route(360 poses, 18.3 s, 3.66 m, closed)
+    """
     a, b = length_m - 2.0 * corner_m, width_m - 2.0 * corner_m
     if not (a > 0.0 and b > 0.0 and corner_m > 0.0):
         raise Invalid(
@@ -107,9 +195,30 @@ def shape(name: str, size_m: float, speed_m_s: float) -> Route:
     raise Invalid(fault("shape.unknown", found=repr(name), known=SHAPES))
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class SinuousCircle:
-    """The paper's sinuous circle as a guide, repeated for `laps` laps; 0 laps is for ever."""
+    """The paper's sinuous circle as a guide, repeated for `laps` laps.
+
+    Parameters
+    ----------
+    waves : int
+        Number of waves in a lap.
+    laps : int
+        Number of laps; 0 is for ever.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> guide = SinuousCircle(radius_m=0.6, amplitude_m=0.08, waves=5, speed_m_s=0.2)
+    >>> _, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> print(reference.nu.round(2))
+    [0.2  0.   0.36]
+    """
 
     radius_m: float = parameter("m", "mean radius", low=0.01, high=1e3, default=0.5)
     amplitude_m: float = parameter("m", "swing of the radius", low=0.0, high=1e3, default=0.05)

@@ -9,7 +9,4 @@ from baqueano.monitor.memory import DEGRADED_S, EVENT_S
 from baqueano.monitor.refusals import REFUSED, Refusals, counted, refusals_of
 from baqueano.monitor.watching import Notice, Watching
 
-__all__ = [
-    "DEGRADED_S", "EVENT_S", "REFUSED", "Agreement", "Finding", "Notice", "Refusals", "Watching", "counted",
-    "refusals_of",
-]  # fmt: skip
+__all__ = ["Finding", "Refusals", "refusals_of"]

@@ -18,16 +18,41 @@ NOTHING, PROPORTIONAL = 0.15, 0.7  # ratio below which it is zero; part that one
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A number of a sensor that has disagreed for a while."""
+    """A number of a sensor that has disagreed with the model for a while.
 
-    name: str  # "imu[2]"
+    Attributes
+    ----------
+    name : str
+        "imu[2]".
+    t_ns : int
+        Time of the finding.
+    doubt_s : float
+        How long it has disagreed, less what it agreed since.
+    looks : str
+        One of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY.
+    off : str
+        SENSOR, MODEL or UNKNOWN.
+    reading : float
+        The number, in the sensor's unit.
+    expected : float
+        The same by the model alone.
+    ratio : float
+        Reading over expectation, both less what it shows at rest.
+
+    Examples
+    --------
+    >>> Finding("imu[2]", 0, 3.0, SCALED, SENSOR, 0.5, 1.0, 0.5).degraded
+    True
+    """
+
+    name: str
     t_ns: int
-    doubt_s: float  # how long it has disagreed, less what it agreed since
-    looks: str  # NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED or AWAY
-    off: str  # SENSOR, MODEL or UNKNOWN
+    doubt_s: float
+    looks: str
+    off: str
     reading: float
-    expected: float  # by the model alone
-    ratio: float  # of what was read to what was expected, both less what it shows at rest
+    expected: float
+    ratio: float
 
     @property
     def degraded(self) -> bool:

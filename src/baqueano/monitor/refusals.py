@@ -11,9 +11,24 @@ OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # of the figures of a number
 
 
 class Refusals(NamedTuple):
-    """Of one number in a run."""
+    """Count of the readings of a number that the estimator refused in a run.
 
-    name: str  # "imu[2]"
+    Attributes
+    ----------
+    name : str
+        "imu[2]".
+    refused : int
+        Readings beyond the gate.
+    arrived : int
+        All readings.
+
+    Examples
+    --------
+    >>> Refusals("imu[2]", 3, 2000).refused
+    3
+    """
+
+    name: str
     refused: int
     arrived: int
 
@@ -27,7 +42,23 @@ def counted(counts: Sequence[Refusals]) -> Diagnostic:
 
 
 def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
-    """Return the counts in the events of a run; none of an estimator that does not count."""
+    """Return the counts of refused readings in the events of a run.
+
+    Parameters
+    ----------
+    events : iterable of Event
+        Of a run.
+
+    Returns
+    -------
+    tuple of Refusals
+        One per number; empty where the estimator does not count.
+
+    Examples
+    --------
+    >>> refusals_of(bq.simulate(bq.load("small"), np.zeros((10, 3))).events)
+    ()
+    """
     said = [e.diagnostic.figures for e in events if e.source == REFUSED and e.diagnostic is not None]
     names = [
         (figures, key.removesuffix(OF_REFUSED))

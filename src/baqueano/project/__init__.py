@@ -1,5 +1,3 @@
 """A folder to begin with: a vehicle file, blocks of one's own that run as they are, and a notebook."""
 
 from baqueano.project.folder import new
-
-__all__ = ["new"]

@@ -21,9 +21,27 @@ verdict = "GUESS"
 
 
 def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
-    """Make the project `folder` and return it: a vehicle file that begins as `vehicle`, an estimator, a guide and a
-    controller of one's own, and a notebook that uses them. UsageError where the folder is not empty.
+    """Make a project folder: a vehicle file, an estimator, a guide and a controller of one's own, and a notebook.
 
+    Parameters
+    ----------
+    folder : path
+        Where to make it; an empty or absent folder.
+    vehicle : str or path
+        The vehicle with which it begins: a name of the garage, or a file.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    UsageError
+        Where the folder is not empty.
+
+    Examples
+    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as somewhere:
     ...     print(*sorted(path.name for path in new(f"{somewhere}/mylab").iterdir()))

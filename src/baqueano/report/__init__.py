@@ -8,6 +8,6 @@ from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 if TYPE_CHECKING:
     from baqueano.report.of_fit import report
 
-__all__ = ["Drawing", "Headline", "Page", "Section", "Table", "draw", "report"]
+__all__ = ["Page", "report"]
 
 __getattr__ = on_demand(__name__, {"of_fit": ("report",)})

@@ -233,9 +233,29 @@ def short(name: str) -> str:
 
 
 def report(result: Run | Fit, path: str | Path | None = None, alignment: str = "none") -> Page:
-    """Return the page about a run or a fit, and write it to `path`, if that is given. `alignment` as in
-    `compare`. UsageError for another result, or where matplotlib or jinja2 is missing.
+    """Return the page about a run or a fit.
 
+    Parameters
+    ----------
+    result : Run or Fit
+        What the page is about.
+    path : path, optional
+        Where to write it as one self-contained HTML file.
+    alignment : str
+        As in `compare`.
+
+    Returns
+    -------
+    Page
+        With its tables and drawings.
+
+    Raises
+    ------
+    UsageError
+        For another result, or where matplotlib or jinja2 is missing.
+
+    Examples
+    --------
     >>> from baqueano.simulate import simulate
     >>> from baqueano.vehicle_file import load
     >>> page = report(simulate(load("small"), [[0.5, 0.0, 0.1]] * 100))

@@ -80,14 +80,33 @@ class Section:
 
 @dataclass(frozen=True, repr=False)
 class Page:
-    """A complete report. `verdict` is the word in the badge, "" for none."""
+    """A complete report.
+
+    Attributes
+    ----------
+    title, subtitle : str
+        Its head.
+    verdict : str
+        The word in the badge; "" for none.
+    headlines : list of Headline
+        The figures at the top.
+    sections : list of Section
+        Heading, text, tables and drawings.
+    reproduce : str
+        The command that gives these numbers again.
+
+    Examples
+    --------
+    >>> Page("Nothing", "an empty page", "", [], [])
+    Page('Nothing', 0 sections, 0 figures)
+    """
 
     title: str
     subtitle: str
     verdict: str
     headlines: list[Headline]
     sections: list[Section]
-    reproduce: str = ""  # the command that gives these numbers again
+    reproduce: str = ""
 
     def html(self) -> str:
         """The whole page as text.  Raises UsageError where jinja2 is not installed."""

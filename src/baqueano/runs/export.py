@@ -23,8 +23,35 @@ PATHS = ("estimate", "reference", "truth")
 
 
 def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
-    """All of a run in one table; logs on other times than the ticks stand at the tick that follows them. UsageError for
-    a decimal that is neither "." nor ","; FileError where there is a file already."""
+    """Write a run as one table; a value on other times than the ticks stands at the tick that follows it.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    path : path
+        A new file.
+    decimal : str
+        "." with commas between the columns, or "," with semicolons.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    UsageError
+        For another decimal mark.
+    FileError
+        Where the file exists.
+
+    Examples
+    --------
+    >>> run = bq.simulate(bq.load("small"), np.zeros((10, 3)))
+    >>> export_csv(run, "ten_ticks.csv").read_text().split(",")[:2]
+    ['t_s', 'applied.u1']
+    """
     if decimal not in (".", ","):
         raise UsageError(fault("runs.decimal", found=decimal))
     names, columns = zip(*_columns(run), strict=True)
@@ -83,8 +110,35 @@ def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndar
 
 
 def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
-    """A trajectory for evo and others: time as in the run [s], x and y [m], heading as a quaternion. `which` is one of
-    PATHS; UsageError where the run has none of that name, FileError where there is a file already."""
+    """Write a trajectory for evo and others: time [s], x and y [m], heading as a quaternion.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    path : path
+        A new file.
+    which : str
+        "estimate", "reference" or "truth".
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    UsageError
+        Where the run lacks this trajectory.
+    FileError
+        Where the file exists.
+
+    Examples
+    --------
+    >>> run = bq.simulate(bq.load("small"), np.zeros((10, 3)))
+    >>> print(export_tum(run, "truth.tum", "truth").read_text().splitlines()[0])
+    # t_s x y z qx qy qz qw
+    """
     log = getattr(run, which) if which in PATHS else None
     if log is None:
         has = ", ".join(name for name in PATHS if getattr(run, name) is not None) or "none"

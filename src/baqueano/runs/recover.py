@@ -18,8 +18,32 @@ class Recovered(NamedTuple):
 
 
 def recover(path: Path | str, to: Path | str | None = None) -> Recovered:
-    """Saves what is whole of `path` in `to`, by default `NAME-recovered.mcap` beside it. FileError where nothing is
-    left of it, or `to` is there already."""
+    """Save what is whole of a cut or damaged run in a new file; the original stays as it is.
+
+    Parameters
+    ----------
+    path : path
+        The damaged file.
+    to : path, optional
+        The new file, else `NAME-recovered.mcap` beside it.
+
+    Returns
+    -------
+    Recovered
+        The new file, its run, and notes on what was lost.
+
+    Raises
+    ------
+    FileError
+        Where nothing of it can be read, or the new file exists.
+
+    Examples
+    --------
+    >>> from baqueano.runs import write_run
+    >>> whole = write_run(Run("still", None, np.arange(3), np.zeros((3, 1))), "whole.mcap")
+    >>> recover(whole).path.name, recover(whole, "again.mcap").notes
+    ('whole-recovered.mcap', ())
+    """
     path = Path(path)
     run = read_run(path)
     target = Path(to) if to is not None else path.with_name(f"{path.stem}{RECOVERED}.mcap")

@@ -9,105 +9,104 @@ do not count.
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.contracts.result import Result, pandas, shortened
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
-from baqueano.errors import Invalid
+from baqueano.runs.logs import (
+    Channel,
+    EstimateLog,
+    Event,
+    ReferenceLog,
+    TruthLog,
+    array,
+    channel_of,
+    estimate_shapes,
+    log_of,
+    reference_shapes,
+    times,
+    truth_shapes,
+)  # fmt: skip
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds, sensor_slots
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.diagnostics import Diagnostic
 
-LEVELS = ("debug", "info", "warning", "error", "fatal")
 AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 OLDEST_S = 0.25  # a measurement that is older by its stamp has a stamp of another clock
 
 
-class Channel(NamedTuple):
-    """The measurements of a sensor, in order of arrival."""
-
-    t_ns: np.ndarray  # (M,) int64, when measured
-    arrival_ns: np.ndarray  # (M,) int64, when the loop got it; never decreases
-    z: np.ndarray  # (M, m) in the sensor's units (SI)
-
-
-class EstimateLog(NamedTuple):
-    """The estimates of a run."""
-
-    t_ns: np.ndarray  # (N,) int64
-    eta: np.ndarray  # (N, 3)
-    nu: np.ndarray  # (N, 3)
-    cov: np.ndarray  # (N, 6, 6) of (η, ν)
-    innovation: np.ndarray | None = None  # (N, m); NaN where nothing arrived; None: not reported
-    innovation_cov: np.ndarray | None = None  # (N, m, m)
-
-
-class ReferenceLog(NamedTuple):
-    """The wanted poses and velocities of a run."""
-
-    t_ns: np.ndarray  # (N,) int64
-    eta: np.ndarray  # (N, 3)
-    nu: np.ndarray  # (N, 3)
-    done: np.ndarray  # (N,) 1.0 from where the guide had nothing more to ask for
-
-
-class TruthLog(NamedTuple):
-    """The true motion: from a simulation, or a camera (then ν and ν̇ are NaN)."""
-
-    t_ns: np.ndarray  # (K,) int64
-    eta: np.ndarray  # (K, 3)
-    nu: np.ndarray  # (K, 3)
-    nu_dot: np.ndarray  # (K, 3)
-
-
-class Event(NamedTuple):
-    """Something worth a line."""
-
-    t_ns: int
-    level: str  # one of LEVELS
-    source: str  # the block or verb that says it
-    text: str  # its sentence, in English
-    diagnostic: "Diagnostic | None" = None  # what it says, as data; None in runs of before there were any
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Run(Result):
-    """A recorded run. Arrays are made int64 or float64 and their shapes are checked."""
+    """A recorded run. Arrays are made int64 or float64 and their shapes are checked.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    path : Path or None
+        Its file.
+    t_ns : ndarray (N,)
+        The ticks, int64; they increase.
+    applied : ndarray (N, n) [unit of u]
+        Commands in force during the interval that ends at t_ns.
+    requested : ndarray (N, n), optional [unit of u]
+        Commands of the controller at t_ns; NaN where it was silent.
+    sensors : dict of Channel
+        Measurements by sensor, in the order of the vehicle file.
+    estimate : EstimateLog, optional
+        Estimates.
+    reference : ReferenceLog, optional
+        Wanted poses and velocities.
+    truth : TruthLog, optional
+        The true motion.
+    events : tuple of Event
+        What happened.
+    vehicle_text : str
+        The vehicle file in force, as it was written.
+    metadata : dict of str
+        Seed, versions, back end, kind.
+    sent : ndarray (N, n), optional [unit of u]
+        Commands that the supervisor let through at t_ns; NaN where it was silent.
+    notes : tuple of str
+        Remarks of the reader about the file.
+
+    Examples
+    --------
+    >>> run = bq.simulate(bq.load("small"), np.tile([0.5, 0.0, 0.0], (101, 1)))
+    >>> print(f"{run.duration_s:.2f} s", list(run.sensors))
+    1.00 s ['imu']
+    """
 
     name: str
     path: Path | None
-    t_ns: np.ndarray  # (N,) int64, the ticks; increasing
-    applied: np.ndarray  # (N, n) command in force during the interval that ends at t_ns
-    requested: np.ndarray | None = (
-        None  # (N, n) what the controller asked for at t_ns; NaN where it was silent
-    )
-    sensors: dict[str, Channel] = field(default_factory=dict)  # in the order of the vehicle file
+    t_ns: np.ndarray
+    applied: np.ndarray
+    requested: np.ndarray | None = None
+    sensors: dict[str, Channel] = field(default_factory=dict)
     estimate: EstimateLog | None = None
     reference: ReferenceLog | None = None
     truth: TruthLog | None = None
     events: tuple[Event, ...] = ()
-    vehicle_text: str = ""  # the vehicle file in force, as it was written
-    metadata: dict[str, str] = field(default_factory=dict)  # seed, versions, back end, kind
-    sent: np.ndarray | None = None  # (N, n) what the supervisor let through at t_ns; NaN where it was silent
-    notes: tuple[str, ...] = ()  # what the reader had to say about the file
+    vehicle_text: str = ""
+    metadata: dict[str, str] = field(default_factory=dict)
+    sent: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "t_ns", _times(self.t_ns, "t_ns", strictly=True))
+        put(self, "t_ns", times(self.t_ns, "t_ns", strictly=True))
         n = np.shape(self.applied)[1] if np.ndim(self.applied) == 2 else -1
-        put(self, "applied", _array(self.applied, "applied", (len(self.t_ns), n)))
+        put(self, "applied", array(self.applied, "applied", (len(self.t_ns), n)))
         for name in ("requested", "sent"):
             if getattr(self, name) is not None:
-                put(self, name, _array(getattr(self, name), name, self.applied.shape))
-        put(self, "sensors", {name: _channel(name, channel) for name, channel in self.sensors.items()})
-        put(self, "estimate", _log("estimate", self.estimate, _estimate_shapes))
-        put(self, "reference", _log("reference", self.reference, _reference_shapes))
-        put(self, "truth", _log("truth", self.truth, _truth_shapes))
+                put(self, name, array(getattr(self, name), name, self.applied.shape))
+        put(self, "sensors", {name: channel_of(name, channel) for name, channel in self.sensors.items()})
+        put(self, "estimate", log_of("estimate", self.estimate, estimate_shapes))
+        put(self, "reference", log_of("reference", self.reference, reference_shapes))
+        put(self, "truth", log_of("truth", self.truth, truth_shapes))
         put(
             self,
             "events",
@@ -238,71 +237,6 @@ def age_s(measured_ns: Value, t_ns: Value) -> Value:
     """Return the age of a measurement at `t_ns` [s]; 0 where the stamp is ahead or its clock is off."""
     age = seconds(t_ns, measured_ns)
     return np.where((age >= 0.0) & (age <= OLDEST_S), age, 0.0)[()]
-
-
-def _times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:
-    t = np.asarray(t_ns)
-    if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
-        raise Invalid(fault("run.times", name=name, dtype=t.dtype, found=str(t.shape)))
-    t = np.ascontiguousarray(t, dtype=np.int64)
-    steps = np.diff(t)
-    wrong = steps <= 0 if strictly else steps < 0
-    if wrong.any():
-        k = int(np.argmax(wrong))
-        raise Invalid(
-            fault(
-                "run.order",
-                name=name,
-                order="increase" if strictly else "not decrease",
-                entry=k,
-                t_ns=t[k],
-                next_ns=t[k + 1],
-            )
-        )
-    return t
-
-
-def _array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if array.shape != shape:
-        said = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
-        raise Invalid(fault("run.shape", name=name, found=str(array.shape), expected=said))
-    return array
-
-
-def _channel(name: str, channel: Channel) -> Channel:
-    where = f"sensors[{name!r}]"
-    arrival = _times(channel.arrival_ns, f"{where}.arrival_ns")
-    t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
-    if t_ns.shape != arrival.shape:
-        raise Invalid(fault("run.arrivals", where=where, times=len(t_ns), arrivals=len(arrival)))
-    m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
-    return Channel(t_ns, arrival, _array(channel.z, f"{where}.z", (len(arrival), m)))
-
-
-def _estimate_shapes(k: int, log: EstimateLog) -> list[tuple[int, ...] | None]:
-    m = None if log.innovation is None else np.shape(log.innovation)[1]
-    silent = [None, None] if m is None else [(k, m), None if log.innovation_cov is None else (k, m, m)]
-    return [(k, 3), (k, 3), (k, 6, 6), *silent]
-
-
-def _reference_shapes(k: int, log: ReferenceLog) -> list[tuple[int, ...]]:
-    return [(k, 3), (k, 3), (k,)]
-
-
-def _truth_shapes(k: int, log: TruthLog) -> list[tuple[int, ...]]:
-    return [(k, 3), (k, 3), (k, 3)]
-
-
-def _log(name: str, log: Any, shapes: Any) -> Any:
-    if log is None:
-        return None
-    t_ns = _times(log.t_ns, f"{name}.t_ns")
-    rows = zip(log[1:], shapes(len(t_ns), log), log._fields[1:], strict=True)
-    return type(log)(
-        t_ns,
-        *(None if shape is None else _array(rows, f"{name}.{what}", shape) for rows, shape, what in rows),
-    )
 
 
 def _same(a: object, b: object) -> bool:

@@ -29,7 +29,6 @@ __all__ = [
     "Pose",
     "Rangefinder",
     "Sensor",
-    "SensorState",
     "Tags",
     "Truth",
     "Wheels",

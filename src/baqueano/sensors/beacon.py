@@ -13,18 +13,32 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.sensors.sampling import Sampled, place_of
 from baqueano.signals import Motion
 
 SMALL_M = 1e-3  # keeps (1) smooth under the beacon
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Beacon(Sampled):
     """z = (r,) [m], the distance to one beacon: ultra-wideband, ultrasound. Three of them show the place.
 
-    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop, rounded up).
+    Parameters
+    ----------
+    delay_slots : int
+        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> beacon = Beacon(point_m=np.array([3.0, 4.0]))
+    >>> print(beacon.h(Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))).round(3))
+    [5.]
     """
 
     size: ClassVar[int] = 1

@@ -15,16 +15,30 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.geometry import wrap
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.sensors.sampling import Sampled
 from baqueano.signals import Motion
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Compass(Sampled):
-    """z = (ψ,) [rad], wrapped.
+    """z = (ψ,) [rad], the heading in the map, wrapped.
 
-    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop, rounded up).
+    Parameters
+    ----------
+    delay_slots : int
+        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> compass = Compass(heading_rad=0.1)
+    >>> print(compass.h(Motion(np.array([0.0, 0.0, 0.5]), np.zeros(3), np.zeros(3), np.zeros(2))).round(2))
+    [0.6]
     """
 
     size: ClassVar[int] = 1

@@ -16,7 +16,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.sensors.sampling import PHASE_TOLERANCE
 from baqueano.sensors.wheels import fade, radii, rolling, slip, std_of_scale, track
 from baqueano.signals import Motion, Slot
@@ -35,9 +35,21 @@ class EncodersState(NamedTuple):
     since_s: Value  # the last reading
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Encoders:
-    """z = (v_l, v_r) [m/s], the mean speed at which the left and the right wheel rolled since the reading before."""
+    """z = (v_l, v_r) [m/s], the mean speed at which the left and the right wheel rolled since the reading before.
+
+    Notes
+    -----
+    Equations (1)-(3) of the module.
+
+    Examples
+    --------
+    >>> wheels = Encoders(track_m=0.12, count_m=0.5e-3)
+    >>> print(wheels.h(Motion(np.zeros(3), np.array([0.2, 0.0, 1.0]), np.zeros(3), np.zeros(2))))
+    [0.14 0.26]
+    """
 
     reads: ClassVar[str] = "encoders"
 

@@ -33,7 +33,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.sensors.sampling import SensorState, check, sample, start
 from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
 from baqueano.vehicles.drivetrain import quantised
@@ -41,12 +41,29 @@ from baqueano.vehicles.drivetrain import quantised
 MODELS = ("physical", "paper")
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
-    """z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], body axes.
+    """z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], body axes: two accelerometers and the gyro about z.
 
-    Configuration, never traced: `measurement_model` "physical" or "paper"; `delay_slots`, past ticks kept for
-    the delay (delay_s · rate of the loop, rounded up); `has_low_pass`, set by itself when low_pass_hz is finite.
+    Parameters
+    ----------
+    measurement_model : str
+        "physical", or "paper": the equation of Grotz et al., right for a vehicle that does not turn.
+    delay_slots : int
+        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+    has_low_pass : bool
+        Set by itself where low_pass_hz is finite. Never traced.
+
+    References
+    ----------
+    Grotz et al., `equ:h` (errata 3): equations (1)-(6) of the module.
+
+    Examples
+    --------
+    >>> imu = Imu(gyro_bias=0.01)
+    >>> print(imu.h(Motion(np.zeros(3), np.array([0.5, 0.0, 1.0]), np.zeros(3), np.zeros(2))))
+    [0.   0.5  1.01]
     """
 
     reads: ClassVar[str] = "imu"

@@ -16,7 +16,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
@@ -27,9 +27,21 @@ class MarkState(NamedTuple):
     before: float  # h at the tick before [m]
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """z = (h,) [m], at the moments when the line is passed."""
+    """z = (h,) [m], the distance beyond a line on the floor, at the moments when the line is passed.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> line = Mark(point_m=np.array([1.0, 0.0]))
+    >>> print(line.h(Motion(np.array([1.02, 0.3, 0.0]), np.zeros(3), np.zeros(3), np.zeros(2))).round(2))
+    [0.02]
+    """
 
     reads: ClassVar[str] = "mark"
 

@@ -13,17 +13,30 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.sensors.sampling import Sampled
 from baqueano.signals import Motion
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose(Sampled):
-    """z = (x, y, ψ) [m, m, rad], map frame.
+    """z = (x, y, ψ) [m, m, rad], the pose in the map.
 
-    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop,
-    rounded up).
+    Parameters
+    ----------
+    delay_slots : int
+        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> camera = Pose(lever_arm_m=np.array([0.1, 0.0]))
+    >>> print(camera.h(Motion(np.array([1.0, 0.0, np.pi / 2]), np.zeros(3), np.zeros(3), np.zeros(2))).round(2))
+    [1.   0.1  1.57]
     """
 
     size: ClassVar[int] = 3

@@ -15,18 +15,32 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.sensors.sampling import Sampled, place_of
 from baqueano.signals import Motion
 
 LEAST_COS = 0.1  # keeps (1) finite for a belief that is turned away
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Rangefinder(Sampled):
     """z = (r,) [m], the distance along a beam to one wall: ultrasound, infrared, laser.
 
-    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop, rounded up).
+    Parameters
+    ----------
+    delay_slots : int
+        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> sonar = Rangefinder(wall_point_m=np.array([2.0, 0.0]), wall_heading_rad=0.0)
+    >>> print(sonar.h(Motion(np.array([0.5, 0.2, 0.0]), np.zeros(3), np.zeros(3), np.zeros(2))))
+    [1.5]
     """
 
     size: ClassVar[int] = 1

@@ -35,12 +35,24 @@ class Signal(NamedTuple):
 
 
 class SensorState(NamedTuple):
-    """State of a sensor."""
+    """State of a sensor.
 
-    phase: float  # part of a period since the last measurement
-    ticks: float  # ticks seen
+    Attributes
+    ----------
+    phase : float
+        Part of a period since the last measurement.
+    ticks : float
+        Ticks so far.
+    signal : Signal
+        What lies between the sensor and its reading.
+    bias : ndarray (m,)
+        Walk of the bias since the start, in the sensor's units.
+    """
+
+    phase: float
+    ticks: float
     signal: Signal
-    bias: np.ndarray  # (m,) what the bias walked since the start
+    bias: np.ndarray
 
 
 def check(sensor: Tree) -> None:

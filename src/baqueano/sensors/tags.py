@@ -24,7 +24,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.parameter import INF, parameter
+from baqueano.parameter import INF, documented, parameter
 from baqueano.sensors.sampling import place_of
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
@@ -39,9 +39,26 @@ class TagsState(NamedTuple):
     ready: Value  # 1.0 once it was beside all tags, until it reads one
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Tags:
-    """z = (x, y) [m], map frame, at the moments when a tag is passed."""
+    """z = (x, y) [m], map frame, at the moments when a tag on the floor is passed.
+
+    Parameters
+    ----------
+    sees_offset : bool
+        True where the reader measures how far beside the tag it is.
+
+    Notes
+    -----
+    Equations (1)-(3) of the module.
+
+    Examples
+    --------
+    >>> reader = Tags(points_m=np.array([[0.5, 0.0], [1.0, 0.5]]))
+    >>> print(reader.h(Motion(np.array([0.5, 0.01, 0.0]), np.zeros(3), np.zeros(3), np.zeros(2))))
+    [0.5  0.01]
+    """
 
     size: ClassVar[int] = 2
     noise_size: ClassVar[int] = 2  # unit normals a tick

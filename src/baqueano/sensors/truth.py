@@ -10,7 +10,24 @@ from baqueano.signals import Motion, Slot, sensor_slots
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """z = (η, ν), (6,), at every tick, without noise or delay."""
+    """z = (η, ν), (6,), at every tick, without noise or delay: a sensor that exists in simulation only.
+
+    Parameters
+    ----------
+    size : int
+        Length of the measurement.
+    noise_size : int
+        Unit normals that `step` takes.
+    rate_hz : float
+        Measurements a second.
+    delay_s : float
+        Age of the measurement.
+
+    Examples
+    --------
+    >>> Truth().h(Motion(np.ones(3), np.zeros(3), np.zeros(3), np.zeros(2)))
+    array([1., 1., 1., 0., 0., 0.])
+    """
 
     size: int = 6
     noise_size: int = 0

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.sensors.sampling import Sampled
 from baqueano.signals import Motion
 
@@ -54,12 +54,25 @@ def fade() -> Any:
     return parameter("s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise")
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Wheels(Sampled):
     """z = (v_l, v_r) [m/s], the speed at which the left and the right wheel roll.
 
-    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop,
-    rounded up).
+    Parameters
+    ----------
+    delay_slots : int
+        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> wheels = Wheels(track_m=0.12)
+    >>> print(wheels.h(Motion(np.zeros(3), np.array([0.2, 0.0, 1.0]), np.zeros(3), np.zeros(2))))
+    [0.14 0.26]
     """
 
     reads: ClassVar[str] = "wheels"
@@ -84,12 +97,25 @@ class Wheels(Sampled):
         return rolling(self, motion)
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometer(Sampled):
     """z = (v,) [m/s], the forward speed.
 
-    Configuration, never traced: `delay_slots`, past ticks kept for the delay (delay_s · rate of the loop,
-    rounded up).
+    Parameters
+    ----------
+    delay_slots : int
+        Past ticks kept for the delay: delay_s · rate of the loop, rounded up. Never traced.
+
+    Notes
+    -----
+    Equation (2) of the module.
+
+    Examples
+    --------
+    >>> odometer = Odometer(scale=1.1)
+    >>> print(odometer.h(Motion(np.zeros(3), np.array([0.2, 0.0, 1.0]), np.zeros(3), np.zeros(2))).round(2))
+    [0.22]
     """
 
     reads: ClassVar[str] = "odometer"

@@ -37,8 +37,26 @@ LONGEST_NS = 36_000 * NANOSECONDS  # a guide that is not done by then is one tha
 
 
 def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int = 0, **options: Any) -> Run:
-    """The run of the file's blocks that repeat `route` on its own vehicle; options of simulate_loops.
+    """Simulate the file's vehicle with all its blocks on a route, in one kernel.
 
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle and its blocks.
+    route : Route or guide
+        What to follow.
+    seed : int
+        Of the noise.
+    **options : object
+        Keywords of `simulate_loops`.
+
+    Returns
+    -------
+    Run
+        Commands, measurements, estimate, reference and the true motion.
+
+    Examples
+    --------
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
     >>> run = simulate_loop(load("small"), circle(0.3, 0.2), noise=False)
@@ -62,12 +80,49 @@ def simulate_loops(
     name: str = "closed loop",
     backend: str = "auto",
 ) -> Iterator[Run]:
-    """Return a run per seed, through one kernel.
+    """Simulate a loop once per seed, through one kernel.
 
-    `route` is a Route or a guide block. `perfect`: the pose is known, no estimator in the loop. `eta0` (3,) [m, rad]
-    is where the vehicle starts, else where the route does; the estimator is told. `controller` is a block in place of
-    the file's. Each run lasts until the
-    guide is done, unless `duration_s` says otherwise; UsageError for a guide that never is.
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle and its blocks.
+    route : Route or guide
+        What to follow.
+    seeds : iterable of int
+        Of the noise, one per run.
+    laps : int
+        Laps of a closed route.
+    duration_s : float, optional
+        Duration of each run, else until the guide is done.
+    perfect : bool
+        True: the pose is known, and no estimator is in the loop.
+    eta0 : ndarray (3,), optional [m, m, rad]
+        Pose at the start in the map, else where the route begins; the estimator gets it too.
+    controller : block, optional
+        In place of the file's.
+    noise : bool
+        False: vehicle and sensors are perfect.
+    name : str
+        Name of the runs.
+    backend : str
+        "auto", "c", "python" or "numpy".
+
+    Yields
+    ------
+    Run
+        One per seed.
+
+    Raises
+    ------
+    UsageError
+        For a guide that is never done, without `duration_s`.
+
+    Examples
+    --------
+    >>> from baqueano.guides.shapes import circle
+    >>> runs = simulate_loops(bq.load("small"), circle(0.3, 0.2), seeds=[1, 2], duration_s=0.1, backend="numpy")
+    >>> [len(run.t_ns) for run in runs]
+    [10, 10]
     """
     system = closed(vehicle_file, route, laps, perfect, controller=controller)
     rate = vehicle_file.rate_hz

@@ -38,16 +38,42 @@ NOISE_BYTES = 2**26  # of unit normals held at a time
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Many(Result):
-    """L vehicles at K times."""
+    """L vehicles at K times.
 
-    names: tuple[str, ...]  # of θ, p of them
-    theta: np.ndarray  # (L, p)
-    t_s: np.ndarray  # (K,)
-    eta: np.ndarray  # (L, K, 3)
-    nu: np.ndarray  # (L, K, 3)
-    clipped: int  # vehicles with a drawn parameter that was brought back to its bound
+    Attributes
+    ----------
+    names : tuple of str
+        Dotted keys of the p parameters that vary.
+    theta : ndarray (L, p)
+        Their values.
+    t_s : ndarray (K,)
+        Times.
+    eta : ndarray (L, K, 3) [m, m, rad]
+        Poses in the map.
+    nu : ndarray (L, K, 3) [m/s, m/s, rad/s]
+        Velocities in the body frame.
+    clipped : int
+        Vehicles with a drawn parameter that was set to its bound.
+    backend : str
+        Of the kernel.
+    outside : tuple of Diagnostic
+        Commands that leave the envelope of the fit.
+
+    Examples
+    --------
+    >>> swarm = simulate_many(bq.load("small"), np.tile([0.5, 0.0, 0.0], (50, 1)), vary={"model.mass_kg": [0.5, 0.6]})
+    >>> swarm.eta.shape[0], swarm.names
+    (2, ('model.mass_kg',))
+    """
+
+    names: tuple[str, ...]
+    theta: np.ndarray
+    t_s: np.ndarray
+    eta: np.ndarray
+    nu: np.ndarray
+    clipped: int
     backend: str
-    outside: tuple[Diagnostic, ...] = ()  # commands that leave the envelope of the fit
+    outside: tuple[Diagnostic, ...] = ()
 
     def rows(self) -> list[TableRow]:
         """Return a flat row per time: mean and standard deviation over the vehicles."""
@@ -113,13 +139,45 @@ def simulate_many(
     eta0: np.ndarray | None = None,
     backend: str = "auto",
 ) -> Many:
-    """L vehicles under the same `u` (N, n), one row a tick, at rest from the pose `eta0` (3,) [m, rad].  (1)
+    """Simulate many vehicles under the same commands, each with other parameters.
 
-    `vary` names what differs, by the paths of the vehicle file: {"model.mass_kg": (L,),
-    "model.friction.linear": (L, 3)}. Left out, `vehicles` draws are taken from the covariance of the file's
-    fit. Poses and velocities are kept every `every_s` seconds, else at the end alone. With `process_noise`
-    each vehicle has its own. UsageError for what `simulate` refuses, a row too few, a file without a covariance.
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle.
+    u : array_like (N, n) [unit of the file's [command]]
+        The commands, one per tick.
+    vehicles : int, optional
+        Number of draws from the covariance of the file's fit, where `vary` is not given.
+    vary : dict of array_like, optional
+        Values by dotted key: {"model.mass_kg": (L,), "model.friction.linear": (L, 3)}.
+    seed : int
+        Of the draws and of the noise.
+    process_noise : bool
+        True: each vehicle has process noise of its own.
+    every_s : float, optional
+        Keep poses and velocities at this period, else at the end alone.
+    eta0 : ndarray (3,), optional [m, m, rad]
+        Pose at the start in the map; the vehicles begin at rest.
+    backend : str
+        "auto", "c", "python" or "numpy".
 
+    Returns
+    -------
+    Many
+        Poses and velocities.
+
+    Raises
+    ------
+    UsageError
+        For what `simulate` refuses, a row too few, a file without a covariance.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
     >>> from baqueano.vehicle_file import load
     >>> u, mass = np.tile([0.6, 0.0, 0.0], (20, 1)), {"model.mass_kg": np.linspace(0.5, 0.7, 50)}
     >>> many = simulate_many(load("small"), u, vary=mass)

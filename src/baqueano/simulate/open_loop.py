@@ -59,12 +59,45 @@ def simulate(
     name: str = "simulation",
     backend: str = "auto",
 ) -> Run:
-    """The run of a vehicle that is driven with `u` (N, n), one row a tick, from the pose `eta0` (3,) in the map
-    [m, rad] and the velocity `nu0` (3,) in the body [m/s, rad/s], else at rest at the origin.  (1)
+    """Simulate a vehicle that is driven with given commands, one per tick.
 
-    `rate_hz`: ticks a second, else the file's. Without `noise` the vehicle and its sensors are perfect, biases and
-    delays apart. UsageError for another shape, a number that is not finite, a command beyond the file's limit.
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The vehicle and its sensors.
+    u : array_like (N, n) [unit of the file's [command]]
+        The commands.
+    seed : int
+        Of the noise; the same seed gives the same run.
+    rate_hz : float, optional
+        Ticks a second, else the file's.
+    eta0 : ndarray (3,), optional [m, m, rad]
+        Pose at the start in the map, else the origin.
+    nu0 : ndarray (3,), optional [m/s, m/s, rad/s]
+        Velocity at the start in the body frame, else zero.
+    noise : bool
+        False: vehicle and sensors are perfect, biases and delays apart.
+    name : str
+        Name of the run.
+    backend : str
+        "auto", "c", "python" or "numpy".
 
+    Returns
+    -------
+    Run
+        Commands, measurements and the true motion.
+
+    Raises
+    ------
+    UsageError
+        For another shape, a number that is not finite, a command beyond the file's limit.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
     >>> from baqueano.vehicle_file import load
     >>> run = simulate(load("small"), np.tile([0.5, 0.0, 0.0], (100, 1)), seed=1)
     >>> print(run.sensors["imu"].z.shape, f"{run.truth.nu[-1, 0]:.2f} m/s")

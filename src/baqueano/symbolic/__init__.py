@@ -22,16 +22,4 @@ from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.paths import get, put
 from baqueano.symbolic.scan import Scan, scan
 
-__all__ = [
-    "NormalEquations",
-    "Scan",
-    "TraceError",
-    "compiled",
-    "function",
-    "get",
-    "interp",
-    "jacobian",
-    "put",
-    "scan",
-    "where",
-]
+__all__ = ["Scan", "TraceError", "compiled", "function", "interp", "jacobian", "scan", "where"]

@@ -19,7 +19,17 @@ _CAUSES = (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError)
 
 
 class TraceError(Coded, TypeError, ValueError):
-    """The text of a function cannot be traced; the message names its file and line and what to write."""
+    """The text of a function cannot be traced; the message names its file and line and what to write.
+
+    Examples
+    --------
+    >>> scan = bq.symbolic.scan
+    >>> try:
+    ...     scan(lambda v, u: (v if v > 0.0 else u, v), 0.0, 0.0).run(np.ones(3))
+    ... except TraceError as error:
+    ...     print(error.diagnostic.code)
+    trace.decides
+    """
 
 
 def untraceable(code: str, **figures: Value) -> TraceError:

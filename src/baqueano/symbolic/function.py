@@ -35,15 +35,54 @@ KEPT = 24  # texts of this process whose graph and kernel are kept
 
 
 def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> "Function":
-    """`f`, compiled for arguments like the examples: the same trees in and out."""
+    """Return `f`, compiled for arguments like the examples: the same trees in and out.
+
+    Parameters
+    ----------
+    f : callable
+        NumPy, pure, without `if` on values.
+    *examples : tree
+        One example per argument.
+    backend : str
+        "auto", "c", "python" or "numpy".
+
+    Returns
+    -------
+    Function
+        To be called like `f`; another shape of an argument is an error.
+
+    Examples
+    --------
+    >>> speed = function(lambda nu: np.hypot(nu[0], nu[1]), np.zeros(3))
+    >>> speed(np.array([3.0, 4.0, 0.0]))
+    5.0
+    """
     return Function(f, examples, backend)
 
 
 def compiled(block: Tree, backend: str = "auto") -> "Compiled":
-    """`block` with a compiled `step`; its fields are constants, `init` and all else are its own.
+    """Return the block with a compiled `step`; its fields are constants, all else is its own.
 
-    A step with a loop over time says so: `row` is the step of one input, which is compiled, and `pause(state, input)`
-    gives those that come before this one.
+    A step with a loop over time has `row`, the step of one input, which is compiled, and `pause(state, input)`, which
+    returns the inputs that come before this one.
+
+    Parameters
+    ----------
+    block : block
+        With init() and step(...).
+    backend : str
+        "auto", "c", "python" or "numpy".
+
+    Returns
+    -------
+    Compiled
+        To be used like the block.
+
+    Examples
+    --------
+    >>> law = compiled(bq.controllers.Pd(alpha=4.0, beta=1.0))
+    >>> law.alpha, law.init()
+    (4.0, PdState(t_ns=-1, e_psi=0.0))
     """
     return Compiled(block, backend)
 

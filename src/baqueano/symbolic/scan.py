@@ -25,10 +25,44 @@ from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, build, leaves, 
 def scan(
     step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: Tree = None, *, backend: str = "auto"
 ) -> "Scan":
-    """`step(carry, x) -> (carry, output)`, or `step(theta, carry, x)` if `theta` is given.
+    """Return a step, ready to run over time; its meaning is that of this loop:
 
-    `carry`: the start, or a function of theta that gives it. `inputs`: what one tick takes, any numbers of
-    the right shapes. `theta`: an example of the parameters, (p,). `backend`: "auto", "c", "python", "numpy".
+        outputs = []
+        for x in inputs:
+            carry, output = step(theta, carry, x)
+            outputs.append(output)
+
+    Parameters
+    ----------
+    step : callable
+        (carry, x) → (carry, output), or (theta, carry, x) → (carry, output); NumPy, pure, without `if` on values.
+    carry : tree
+        The start, or a function of theta that returns it.
+    inputs : tree
+        An example of the inputs of one tick: any numbers of the right shapes.
+    theta : array_like (p,), optional
+        An example of the parameters.
+    backend : str
+        "auto", "c", "python", or "numpy": the step then runs as it is written.
+
+    Returns
+    -------
+    Scan
+        Compiled when a method is first called.
+
+    Raises
+    ------
+    Invalid
+        Where theta is not a vector; a ValueError.
+    TraceError
+        Where the step cannot be traced; it names the line.
+
+    Examples
+    --------
+    >>> kernel = scan(lambda p, v, u: (v + 0.1 * (u - p[0] * v), v), 0.0, 0.0, theta=[0.5])
+    >>> last, speeds = kernel.run(np.ones(3), [0.5])
+    >>> print(speeds.round(3))
+    [0.    0.1   0.195]
     """
     name = chosen(backend)
     theta = None if theta is None else np.array(theta, dtype=float)
@@ -42,8 +76,26 @@ def scan(
 
 
 class Scan(ABC):
-    """A step, ready to run over time. Leaves of `inputs` lead with the ticks (N, …); `carry` stands in for
-    the start values."""
+    """A step, ready to run over time. Leaves of `inputs` lead with the ticks (N, …); `scan` makes it.
+
+    Parameters
+    ----------
+    step : callable
+        As for `scan`.
+    carry : tree
+        The start, or a function of theta that returns it; a method may be given another.
+    inputs : tree
+        An example of the inputs of one tick.
+    theta : ndarray (p,) or None
+        An example of the parameters.
+
+    Examples
+    --------
+    >>> kernel = scan(lambda p, v, u: (v + 0.1 * (u - p[0] * v), v), 0.0, 0.0, theta=[0.5])
+    >>> y, slopes = kernel.sensitivities(np.ones(3), [0.5])
+    >>> print(slopes[:, 0, 0])
+    [ 0.    0.   -0.01]
+    """
 
     def __init__(
         self, step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: np.ndarray | None

@@ -70,14 +70,38 @@ def tune(
     polish: bool = True,
     **options: Any,
 ) -> Tuned:
-    """The gains of the file's controller that make its vehicle follow `route` (a Route or a guide) best.
+    """Find the gains of the file's controller with which its vehicle follows a route best.
 
-    The least cost (Grotz et al., `equ:controller_cost_function`, with a price on jerks and a start beside the route;
-    effort_m2=0, aside_m=0 for the paper's alone, see cost.py) of `starts` descents, and of one from the file's own
-    gains; `polish`: search on without slopes where the cost is rough, at up to ten times the price; options of
-    `rehearse`. UsageError for a gain that the controller has not, bounds that are none, or a vehicle that no gains keep
-    among the finite numbers.
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The identified vehicle and its controller.
+    route : Route or guide
+        What to follow.
+    starts : int
+        Number of descents, beside one from the file's own gains.
+    polish : bool
+        Search on without slopes where the cost is rough, at up to ten times the time.
+    **options : object
+        Keywords of `rehearse`: gains, bounds, laps, duration_s, estimator, draws, seed, …
 
+    Returns
+    -------
+    Tuned
+        The gains; `.applied()` is the vehicle file with them.
+
+    Raises
+    ------
+    UsageError
+        For a gain that the controller lacks, wrong bounds, or a vehicle that diverges with all gains.
+
+    References
+    ----------
+    Grotz et al., `equ:controller_cost_function`, with a price on jerks and a start beside the route; effort_m2=0,
+    aside_m=0 give the paper's alone (cost.py).
+
+    Examples
+    --------
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.vehicle_file import load
     >>> tuned = tune(load("small"), circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False, duration_s=2.0)

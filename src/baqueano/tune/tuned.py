@@ -46,19 +46,54 @@ class TunedDrive(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Tuned(Result):
-    """Gains, their cost, and the ways that led to them."""
+    """Gains, their cost, and the descents that led to them.
+
+    Attributes
+    ----------
+    vehicle_file : VehicleFile
+        The file for which they were tuned.
+    gains : tuple of Gain
+        Each gain, its bounds and its effect on the cost.
+    cost : float [m²]
+        Of the whole drive.
+    cost_before : float [m²]
+        With the file's gains; NaN where it had none.
+    cost_standing : float [m²]
+        Without any control.
+    weights : Weights
+        Of the cost.
+    drive : TunedDrive
+        Errors of a drive with these gains.
+    descents : tuple of Descent
+        The least cost first.
+    history : ndarray (e, 2)
+        Number of the descent and cost of each evaluation.
+    loop : str
+        "perfect pose" or "estimator in the loop".
+    draws : int
+        Vehicles of the covariance over which the cost is averaged; 0: the file's own alone.
+    backend : str
+        Of the kernels.
+
+    Examples
+    --------
+    >>> tuned = bq.tune(bq.load("small"), bq.guides.shapes.circle(0.3, 0.2), gains=["k_chi"], starts=1, polish=False,
+    ...                 duration_s=2.0)
+    >>> list(tuned.values), tuned.loop
+    (['k_chi'], 'perfect pose')
+    """
 
     vehicle_file: "VehicleFile" = field(repr=False)
     gains: tuple[Gain, ...]
-    cost: float  # of the whole drive [m²]
-    cost_before: float  # with the file's gains; NaN if it had none
-    cost_standing: float  # with no control at all
+    cost: float
+    cost_before: float
+    cost_standing: float
     weights: "Weights"
     drive: TunedDrive
-    descents: tuple["Descent", ...]  # the least cost first
-    history: np.ndarray  # (e, 2): number of the descent, cost of the evaluation
-    loop: str  # "perfect pose" or "estimator in the loop"
-    draws: int  # vehicles of the covariance that the cost is the mean of; 0: the file's own vehicle alone
+    descents: tuple["Descent", ...]
+    history: np.ndarray
+    loop: str
+    draws: int
     backend: str
 
     @property

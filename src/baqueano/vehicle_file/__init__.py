@@ -13,16 +13,6 @@ from baqueano.vehicle_file.history import ParameterCov, Provenance, changes
 if TYPE_CHECKING:
     from baqueano.vehicle_file.text.edit import override
 
-__all__ = [
-    "CommandSpec",
-    "ParameterCov",
-    "Provenance",
-    "VehicleFile",
-    "changes",
-    "garage_names",
-    "load",
-    "override",
-    "parse",
-]
+__all__ = ["CommandSpec", "VehicleFile", "garage_names", "load", "override", "parse"]
 
 __getattr__ = on_demand(__name__, {"text.edit": ("override",)})

@@ -41,11 +41,31 @@ class CheckedBlock(Result):
 
 
 def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | None = None) -> CheckedBlock:
-    """Try out a block as each drive of `vehicle_file`, else of `small`, would call it, and say what is wrong with it.
+    """Try out a block as each drive of a vehicle would call it, and report what is wrong with it.
 
-    `block`: "file.py:Class", a kind of ours, a class, which is made with what the file says, or the block itself.
-    `room` is found by the inputs of its step. UsageError for what is no block, FileError for one that cannot be made.
+    Parameters
+    ----------
+    block : str, type or block
+        "file.py:Class", a kind of ours, a class, which is made with what the file holds, or the block itself.
+    vehicle_file : VehicleFile, optional
+        The vehicle; without it `small` of the garage.
+    room : str, optional
+        "vehicle", "sensor", "estimator", …; else it follows from the inputs of `step`.
 
+    Returns
+    -------
+    CheckedBlock
+        A row per finding.
+
+    Raises
+    ------
+    UsageError
+        For an object that is not a block.
+    FileError
+        For a block that cannot be made.
+
+    Examples
+    --------
     >>> from baqueano.controllers import PdFeedforward
     >>> check(PdFeedforward).verdict, check("dead_reckoning").room
     (<Verdict.USABLE: 'USABLE'>, 'estimator')

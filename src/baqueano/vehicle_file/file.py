@@ -33,37 +33,94 @@ LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
 
 
 class CommandSpec(NamedTuple):
-    """The command u (n,) of the vehicle."""
+    """The command u (n,) of a vehicle.
+
+    Attributes
+    ----------
+    names : tuple of str
+        One per entry.
+    unit : str
+        Of all entries.
+    limit : ndarray (n,) [unit of u]
+        Largest size of each entry.
+
+    Examples
+    --------
+    >>> load("small").command.names
+    ('u_x', 'u_y', 'u_psi')
+    """
 
     names: tuple[str, ...]
     unit: str
-    limit: np.ndarray  # (n,)
+    limit: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VehicleFile:
     """A vehicle as its file describes it. It never changes: `with_values` and `override` give another one.
 
-    Its blocks are made when they are asked for: FileError then, with what the file lacks and which verb finds it.
+    Its blocks are made on demand: FileError then, with what the file lacks and which verb finds it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the vehicle.
+    path : Path or None
+        Its file; None: from the garage, or out of a run.
+    text : str
+        The whole file, as it is in force.
+    data : dict
+        Its tables.
+    command : CommandSpec
+        Names, unit and limits of the command.
+    rate_hz : float
+        Ticks a second.
+    geometry : Geometry
+        Sizes of the body.
+    vehicle : Vehicle
+        The block of [model].
+    sensors : NamedTuple of Sensor
+        The blocks of [sensors], by name.
+    provenance : dict of Provenance
+        Run, date and standard deviation by dotted key.
+    parameter_cov : ParameterCov or None
+        Of the last fit.
+    envelope : Envelope or None
+        The motion in the runs of the last fit.
+    notices : tuple of Diagnostic
+        Remarks that do not stop.
+    layers : tuple of str
+        Where the values come from, lowest first.
+    label : str
+        Name of the file in messages.
+    robot : Hardware
+        The table [robot].
+    on_disk : str or None
+        Text of the file at `path` when it was read.
+
+    Examples
+    --------
+    >>> load("small").with_values({"model.mass_kg": 0.7}).vehicle.mass_kg
+    0.7
     """
 
     name: str
-    path: Path | None  # None: from the garage, or out of a run
-    text: str  # the whole file, as it is in force
-    data: "JsonObject" = field(repr=False)  # its tables
+    path: Path | None
+    text: str
+    data: "JsonObject" = field(repr=False)
     command: CommandSpec
     rate_hz: float
     geometry: Geometry
     vehicle: Tree
-    sensors: ByName[Tree]  # a NamedTuple of sensor blocks, by name
-    provenance: dict[str, Provenance]  # by dotted key
-    parameter_cov: ParameterCov | None  # of the last fit
-    envelope: Envelope | None  # of the last fit: the motion that it saw
-    notices: tuple[Diagnostic, ...]  # worth saying, but no reason to stop
-    layers: tuple[str, ...]  # where the values come from, lowest first
-    label: str  # what messages call it: the name of the file
+    sensors: ByName[Tree]
+    provenance: dict[str, Provenance]
+    parameter_cov: ParameterCov | None
+    envelope: Envelope | None
+    notices: tuple[Diagnostic, ...]
+    layers: tuple[str, ...]
+    label: str
     robot: Hardware
-    on_disk: str | None = field(default=None, repr=False)  # what the file at `path` held when it was read
+    on_disk: str | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         commands = f"{', '.join(self.command.names)} [{self.command.unit}]"
@@ -128,8 +185,7 @@ class VehicleFile:
 
     @property
     def guessed(self) -> bool:
-        """Return True if none of the values of its model comes from a fit. A file of the garage is its own
-        truth where it is simulated; for a vehicle on the floor it is a guess.
+        """Return True if none of the values of its model comes from a fit.
 
         >>> small = load("small")
         >>> fitted = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
@@ -178,9 +234,25 @@ class VehicleFile:
 
 
 def load(source: str | Path) -> VehicleFile:
-    """The vehicle file at a path, or the one of that name in the garage. FileError with every key that is wrong, what
-    was found and what is expected.
+    """Return the vehicle file at a path, or the one of that name in the garage.
 
+    Parameters
+    ----------
+    source : str or path
+        "small", or "my/vehicle.toml".
+
+    Returns
+    -------
+    VehicleFile
+        Checked as a whole.
+
+    Raises
+    ------
+    FileError
+        With every key that is wrong, what was found and what is expected.
+
+    Examples
+    --------
     >>> small = load("small")
     >>> small.command.names, small.command.limit.tolist(), small.rate_hz
     (('u_x', 'u_y', 'u_psi'), [1.0, 0.0, 1.0], 100.0)
@@ -198,7 +270,36 @@ def load(source: str | Path) -> VehicleFile:
 def parse(
     text: str, name: str, path: Path | None = None, layers: Iterable[str] = (), on_disk: str | None = None
 ) -> VehicleFile:
-    """A vehicle file from its text; `name` is what messages call it."""
+    """Return a vehicle file from its text.
+
+    Parameters
+    ----------
+    text : str
+        TOML, as in docs/vehicle-file.md.
+    name : str
+        Name of the file in messages.
+    path : Path, optional
+        Where it stands, for blocks of one's own beside it.
+    layers : iterable of str
+        Where the values come from.
+    on_disk : str, optional
+        Text of the file when it was read.
+
+    Returns
+    -------
+    VehicleFile
+        Checked as a whole.
+
+    Raises
+    ------
+    FileError
+        With every key that is wrong.
+
+    Examples
+    --------
+    >>> parse(load("small").text, "copy").name
+    'small'
+    """
     sheet = Sheet(name, text)
     data = tables(text, name)
     top = _top(sheet, data)

@@ -9,7 +9,18 @@ FOLDER = Path(__file__).parents[1] / "garage"
 
 
 def names() -> tuple[str, ...]:
-    """The vehicles of the garage."""
+    """Return the names of the vehicles in the garage.
+
+    Returns
+    -------
+    tuple of str
+        In alphabetical order.
+
+    Examples
+    --------
+    >>> "small" in names()
+    True
+    """
     return tuple(sorted(p.stem for p in FOLDER.glob("*.toml")))
 
 

@@ -12,7 +12,6 @@ from baqueano.vehicles.state import Vehicle, VehicleState
 __all__ = [
     "Car",
     "Drivetrain",
-    "DrivetrainState",
     "Effort",
     "Friction",
     "FromAcceleration",
@@ -20,5 +19,4 @@ __all__ = [
     "Planar",
     "Vehicle",
     "VehicleState",
-    "steady",
 ]

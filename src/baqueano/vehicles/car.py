@@ -28,7 +28,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -41,9 +41,27 @@ DRIVEN = 0.01  # effort from which on a motor counts as driven
 LEAST_LAG_S = 0.01  # RK4 carries a row of 25 ms, the longest at 50 Hz, down to a lag of 9 ms
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Car:
-    """A vehicle with throttle and servo: u = (u_t, u_s)."""
+    """A vehicle with throttle and servo: u = (u_t, u_s).
+
+    Parameters
+    ----------
+    drivetrain : Drivetrain
+        What lies between the command and the effort: delay, lag, dead zone, battery.
+
+    Notes
+    -----
+    Equations (1)-(5) of the module: a bicycle with a lag in yaw. docs/derivations/vehicles.md has the terms.
+
+    Examples
+    --------
+    >>> car = Car(wheelbase_m=0.26, throttle_gain=4.0, steering_gain=0.4)
+    >>> state, motion = car.step(car.init(), np.array([0.5, 0.2]), 0.1, np.zeros(3))
+    >>> print(f"{motion.nu[0]:.2f} m/s")
+    0.20 m/s
+    """
 
     commands: ClassVar[int] = 2
 

@@ -30,7 +30,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.parameter import INF, parameter, parameters
+from baqueano.parameter import INF, documented, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, check_delay, felt, with_newest
 from baqueano.vehicles.effort import Effort, with_lag, without_lag
@@ -43,11 +43,21 @@ BATTERIES = ("steady", "logged")
 
 
 class DrivetrainState(NamedTuple):
-    """State of a drivetrain."""
+    """State of a drivetrain.
 
-    past: np.ndarray  # (delay_slots, n) commands of the ticks before, newest first
-    steps_s: np.ndarray  # (delay_slots,) how long each was in force
-    lagged: np.ndarray  # (k,) channels behind the motor lag
+    Attributes
+    ----------
+    past : ndarray (delay_slots, n) [unit of u]
+        Commands of the ticks before, newest first.
+    steps_s : ndarray (delay_slots,)
+        Duration of each of them.
+    lagged : ndarray (k,) [unit of u]
+        Channels behind the motor lag.
+    """
+
+    past: np.ndarray
+    steps_s: np.ndarray
+    lagged: np.ndarray
 
 
 def mix(mixing: str, u: np.ndarray) -> np.ndarray:
@@ -70,14 +80,38 @@ def unmix(mixing: str, w: np.ndarray) -> np.ndarray:
     return np.array([0.5 * (w[0] + w[1]), 0.0, 0.5 * (w[1] - w[0])])
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Drivetrain:
     """Command u (n,) → effort (n,). Arrays hold one value per channel: (k,), or (1,) for all channels alike.
 
-    k is 2 for two wheels, else n. Configuration, never traced: `mixing` "none" or "two_wheels"; `commands` n;
-    `servos`, how many of the last channels are servos;
-    `delay_slots`, past ticks kept for the delay (delay_s · rate_hz rounded up); `has_lag`, set by itself when
-    lag_s > 0; `battery` "steady" or "logged".
+    k is 2 for two wheels, else n. The first six fields are configuration and never traced.
+
+    Parameters
+    ----------
+    mixing : str
+        "none", or "two_wheels": the channels are a left and a right motor.
+    battery : str
+        "steady", or "logged": a fit takes the voltage from the run.
+    commands : int
+        n, the length of the command.
+    servos : int
+        Number of servos; they are the last channels.
+    delay_slots : int
+        Past ticks kept for the delay: delay_s · rate_hz, rounded up.
+    has_lag : bool
+        Set by itself where lag_s > 0.
+
+    Notes
+    -----
+    Equations (1)-(8) of the module, in the order of the hardware.
+
+    Examples
+    --------
+    >>> motors = Drivetrain(mixing="two_wheels", dead_zone_forward=np.array([0.1]))
+    >>> _, effort = motors.step(motors.init(), np.array([0.5, 0.0, 0.0]), 0.01)
+    >>> print(effort.mean)
+    [0.4 0.  0. ]
     """
 
     mixing: str = "none"

@@ -24,11 +24,26 @@ WHOLE = 1.0 - 1e-9  # of a tick: what begins later was not yet felt at its end
 
 
 class Effort(NamedTuple):
-    """The effort of one tick, (n,) each, in the unit of u."""
+    """The effort of one tick, a straight line in time.
 
-    start: np.ndarray  # of the line, at the beginning of the tick
-    end: np.ndarray  # of the line, at the end
-    last: np.ndarray  # the effort itself at the end
+    Attributes
+    ----------
+    start : ndarray (n,) [unit of u]
+        The line at the beginning of the tick.
+    end : ndarray (n,) [unit of u]
+        The line at the end of the tick.
+    last : ndarray (n,) [unit of u]
+        The effort itself at the end of the tick, which an accelerometer shows.
+
+    Examples
+    --------
+    >>> Effort(np.array([0.0]), np.array([1.0]), np.array([1.0])).mean
+    array([0.5])
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    last: np.ndarray
 
     @property
     def mean(self) -> np.ndarray:

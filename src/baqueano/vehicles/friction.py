@@ -21,15 +21,27 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.vehicles.bounds import check_bounds
 
 ZERO = (0.0, 0.0, 0.0)
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Friction:
-    """Friction of a rigid body in the plane, along body x, y and about z."""
+    """Friction of a rigid body in the plane, along body x, y and about z.
+
+    Notes
+    -----
+    Equations (1) and (2) of the module; the first term is D(ν)ν of Grotz et al., `equ:D`.
+
+    Examples
+    --------
+    >>> floor = Friction(linear=np.array([1.0, 1.0, 0.01]))
+    >>> print(floor.force(np.array([0.2, 0.0, 1.0])))
+    [0.2  0.   0.01]
+    """
 
     linear: np.ndarray = parameter(
         "N s/m, N s/m, N m s/rad", "viscous friction d_l", low=0.0, high=1e6, default=ZERO, shape=(3,),

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -22,9 +22,30 @@ from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, arrived
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FromAcceleration:
-    """Base of a vehicle whose class defines `nu_dot`; ν and η as in signals.py. Example: examples/servo_axis.py."""
+    """Base of a vehicle whose class defines `nu_dot`; all else follows from it.
+
+    Parameters
+    ----------
+    drivetrain : Drivetrain
+        What lies between the command and the effort.
+
+    Notes
+    -----
+    Equation (1) of the module. The class variables `commands` and `axes` say how many commands the vehicle takes, and
+    along which axes of the body it moves: 0 forward, 1 sideways, 2 turning.
+
+    Examples
+    --------
+    >>> class Puck(FromAcceleration):
+    ...     def nu_dot(self, nu, effort, psi=0.0):
+    ...         return 2.0 * effort - nu
+    >>> _, motion = Puck().step(Puck().init(), np.array([1.0, 0.0, 0.0]), 0.1, np.zeros(3))
+    >>> print(f"{motion.nu[0]:.3f} m/s")
+    0.190 m/s
+    """
 
     commands: ClassVar[int] = 3
     axes: ClassVar[tuple[int, ...]] = (0, 1, 2)  # along which it moves: forward, sideways, turning

@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S
@@ -34,9 +34,29 @@ from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinematic:
-    """A vehicle whose velocity is linear in its command: (u_x, u_y, u_ψ) → (ν_x, ν_y, ν_ψ)."""
+    """A vehicle whose velocity is linear in its command: (u_x, u_y, u_ψ) → (ν_x, ν_y, ν_ψ).
+
+    Usually you want `Planar`; this one suits a vehicle that answers within a tick or two.
+
+    Parameters
+    ----------
+    drivetrain : Drivetrain
+        What lies between the command and the effort.
+
+    Notes
+    -----
+    Equations (1)-(3) of the module; the model that Grotz et al. call kinematic (errata 7).
+
+    Examples
+    --------
+    >>> cart = Kinematic(velocity_matrix=np.diag([0.5, 0.0, 6.0]))
+    >>> _, motion = cart.step(cart.init(), np.array([1.0, 0.0, 0.5]), 0.01, np.zeros(3))
+    >>> print(motion.nu)
+    [0.5 0.  3. ]
+    """
 
     commands: ClassVar[int] = 3
 

@@ -28,7 +28,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import parameter
+from baqueano.parameter import documented, parameter
 from baqueano.signals import STANDARD_GRAVITY, Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -38,9 +38,28 @@ from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, arrived
 
 
+@documented
 @dataclass(frozen=True, slots=True, eq=False)
 class Planar:
-    """A vehicle that three forces move: (u_x, u_y, u_ψ) → (τ_x, τ_y, τ_ψ)."""
+    """A vehicle that three forces move: (u_x, u_y, u_ψ) → (τ_x, τ_y, τ_ψ).
+
+    Parameters
+    ----------
+    friction : Friction
+        What opposes the motion.
+    drivetrain : Drivetrain
+        What lies between the command and the effort.
+
+    Notes
+    -----
+    Equations (1)-(6) of the module; Grotz et al., `equ:movement_equation`. docs/derivations/vehicles.md derives them.
+
+    Examples
+    --------
+    >>> robot = Planar(mass_kg=0.6, inertia_kg_m2=1.5e-3, actuator_matrix=np.diag([0.9, 0.0, 0.02]))
+    >>> print(robot.nu_dot(np.zeros(3), np.array([1.0, 0.0, 0.0])))
+    [1.5 0.  0. ]
+    """
 
     commands: ClassVar[int] = 3
 

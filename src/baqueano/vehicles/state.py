@@ -11,16 +11,44 @@ from baqueano.vehicles.effort import Effort
 
 
 class VehicleState(NamedTuple):
-    """Pose, velocity and acceleration of a vehicle at the end of a tick."""
+    """Pose, velocity and acceleration of a vehicle at the end of a tick.
 
-    eta: np.ndarray  # (3,) x, y [m], ψ [rad] wrapped, map frame
-    nu: np.ndarray  # (3,) velocity, body frame [m/s, m/s, rad/s]
-    nu_dot: np.ndarray  # (3,) its rate of change [m/s², m/s², rad/s²]
+    Attributes
+    ----------
+    eta : ndarray (3,) [m, m, rad]
+        Pose in the map; the heading is wrapped.
+    nu : ndarray (3,) [m/s, m/s, rad/s]
+        Velocity in the body frame.
+    nu_dot : ndarray (3,) [m/s², m/s², rad/s²]
+        Rate of change of the components of ν.
+    drivetrain : DrivetrainState
+        State of the drivetrain.
+
+    Examples
+    --------
+    >>> model = bq.load("small").vehicle
+    >>> model.init(eta=np.array([1.0, 2.0, 0.0])).eta
+    array([1., 2., 0.])
+    """
+
+    eta: np.ndarray
+    nu: np.ndarray
+    nu_dot: np.ndarray
     drivetrain: DrivetrainState
 
 
 class Vehicle(Protocol):
-    """A vehicle, as the loop, the estimators and the fit use it. n = `commands`."""
+    """A vehicle, as the loop, the estimators and the fit use it. n = `commands`.
+
+    Examples
+    --------
+    The methods take η, ν in SI units; `step` advances by a tick.
+
+    >>> model = bq.load("small").vehicle
+    >>> state, motion = model.step(model.init(), np.zeros(3), 0.01, np.zeros(3))
+    >>> state.nu
+    array([0., 0., 0.])
+    """
 
     commands: ClassVar[int]  # n, the length of the command
 

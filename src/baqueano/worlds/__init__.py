@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from baqueano.worlds.replayed import Replayed
     from baqueano.worlds.simulated import Simulated, world_init, world_step
 
-__all__ = ["Replayed", "Robot", "Simulated", "world_init", "world_step"]
+__all__ = ["Replayed", "Robot", "Simulated"]
 
 __getattr__ = on_demand(
     __name__, {"replayed": ("Replayed",), "simulated": ("Simulated", "world_init", "world_step")}

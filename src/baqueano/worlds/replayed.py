@@ -18,7 +18,21 @@ from baqueano.worlds.gaps import filled, period_ns
 
 
 class Replayed(World):
-    """A world of the loop made of a run. `sensors` are those of the vehicle whose blocks will see it."""
+    """A recorded run as a world of the loop: commands move nothing.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    sensors : NamedTuple of Sensor
+        Sensors of the vehicle whose blocks get the ticks; one that the run lacks is silent.
+
+    Examples
+    --------
+    >>> run = bq.simulate(bq.load("small"), np.zeros((10, 3)))
+    >>> len(Replayed(run).read(t_ns=50_000_000))
+    5
+    """
 
     def __init__(self, run: Run, sensors: SensorBlocks | tuple[()] = ()) -> None:
         if not len(run.t_ns):

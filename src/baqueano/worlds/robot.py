@@ -114,11 +114,27 @@ class Body:
 
 
 class Robot(World):
-    """A world of the loop. Its time begins with `begin`.
+    """The real vehicle as a world of the loop. Its time begins with `begin`.
 
-    `sensors`: of the vehicle file; one that the robot has not is silent. `imu` None: no IMU.
-    `now_ns`: the clock of the host; None: a command leaves at its tick.
+    Parameters
+    ----------
+    sensors : NamedTuple of Sensor
+        The sensors of the vehicle file; one that the robot lacks is silent.
+    wheels : WheelLink
+        Sends duties and receives telemetry.
+    imu : ImuSource or None
+        Reads the IMU.
+    body : Body
+        Mixing, wheels and motors.
+    now_ns : callable, optional
+        The clock of the host; None: a command leaves at its tick.
 
+    Notes
+    -----
+    Equations (1)-(4) of the module.
+
+    Examples
+    --------
     >>> from types import SimpleNamespace
     >>> link = SimpleNamespace(drive=print, heard=list, noise_ns=0)  # in place of robot.link.Uno
     >>> robot = Robot(sensor_slots(())(), link, None, Body())

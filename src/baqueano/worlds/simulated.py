@@ -74,8 +74,35 @@ class _Stepped(NamedTuple):
 
 
 class Simulated(World):
-    """A world of the loop. A command that was written is in force from the next tick on; until then it is
-    zero."""
+    """A simulated vehicle as a world of the loop.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        The vehicle.
+    sensors : NamedTuple of Sensor
+        Its sensors, by name.
+    rate_hz : float
+        Ticks a second.
+    seed : int
+        Of the noise.
+    eta0 : ndarray (3,), optional [m, m, rad]
+        Pose at the start in the map.
+    backend : str
+        "auto", "c", "python" or "numpy".
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> world = Simulated(robot.vehicle, robot.sensors, robot.rate_hz)
+    >>> world.write(Command(0, np.array([0.5, 0.0, 0.0])))
+    >>> [tick.t_ns for tick in world.read(t_ns=30_000_000)]
+    [10000000, 20000000, 30000000]
+    """
 
     def __init__(
         self,

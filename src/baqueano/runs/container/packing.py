@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from baqueano.runs.container.messages import imu_values, pose_values
-from baqueano.runs.run import LEVELS, Event
+from baqueano.runs.logs import LEVELS, Event
 
 if TYPE_CHECKING:
     from baqueano.runs.container.run_file import RunFile

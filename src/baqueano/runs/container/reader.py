@@ -18,7 +18,8 @@ from baqueano.printable import typed
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
 from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unsealed
-from baqueano.runs.run import LEVELS, Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
+from baqueano.runs.logs import LEVELS, Channel, EstimateLog, Event, ReferenceLog, TruthLog
+from baqueano.runs.run import Run
 
 VIEWERS = frozenset({"geometry_msgs/msg/PoseStamped"})  # what viewers draw, and a run has elsewhere
 NOTHING = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
@@ -37,9 +38,25 @@ FOREIGN = {  # first bytes → what it is
 
 
 def read_run(path: Path | str) -> Run:
-    """The run in a file; what was lost of a cut or damaged one stands in its `notes`. FileError, which says what the
-    file is, where it is no run or nothing of it is left.
+    """Return the run in a file; the losses of a cut or damaged one stand in its `notes`.
 
+    Parameters
+    ----------
+    path : path
+        An MCAP file.
+
+    Returns
+    -------
+    Run
+        Equal, bit by bit, to the run that was written.
+
+    Raises
+    ------
+    FileError
+        Where the file is not a run, or nothing of it can be read. It says what the file is.
+
+    Examples
+    --------
     >>> from baqueano.runs import write_run
     >>> path = write_run(Run("still", None, np.arange(3), np.zeros((3, 1))), "still.mcap")
     >>> run = read_run(path)

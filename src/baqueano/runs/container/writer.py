@@ -28,7 +28,8 @@ from baqueano.printable import typed
 from baqueano.runs.container.messages import LAST_NS
 from baqueano.runs.container.packing import Packing
 from baqueano.runs.container.run_file import RunFile
-from baqueano.runs.run import LEVELS, Event, Run
+from baqueano.runs.logs import LEVELS, Event
+from baqueano.runs.run import Run
 from baqueano.signals import Motion, measured_ns
 
 if TYPE_CHECKING:
@@ -203,9 +204,29 @@ class RunWriter:
 
 
 def write_run(run: Run, path: Path | str) -> Path:
-    """The whole run in a new file, which appears complete or not at all. FileError where there is a file already, or
-    the disk refuses; UsageError for times that are not between 1970 and 2038.
+    """Write the whole run into a new file, which appears complete or not at all.
 
+    Parameters
+    ----------
+    run : Run
+        The run.
+    path : path
+        Where to write it.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    FileError
+        Where the file exists, or the disk refuses.
+    UsageError
+        For times that are not between 1970 and 2038.
+
+    Examples
+    --------
     >>> write_run(Run("still", None, np.arange(3), np.zeros((3, 1))), "three_ticks.mcap").name
     'three_ticks.mcap'
     """

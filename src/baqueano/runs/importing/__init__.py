@@ -5,5 +5,3 @@ recordings         rows → runs, with what looks wrong in them
 """
 
 from baqueano.runs.importing.recordings import Imported, ImportedRuns, import_run, import_runs
-
-__all__ = ["Imported", "ImportedRuns", "import_run", "import_runs"]

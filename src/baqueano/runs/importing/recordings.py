@@ -114,13 +114,29 @@ def import_run(
     files: list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
 ) -> Imported:
-    r"""The run that a map makes of its files, in SI.
+    r"""Return the run that a map makes of the files of a recording, in SI.
 
-    `column_map`: what maps/column_map.py reads, a path, or the name of one that comes with the package. `files`: a path
-    for each [files.NAME] by name, or one path for all that have none in the map. `vehicle_text`: of the vehicle file,
-    kept in the run. FileError where the recording contradicts its map, or makes several runs; what is only noticed
-    stands in the doubts, and as events in the run.
+    Parameters
+    ----------
+    column_map : ColumnMap, path or str
+        A map, its path, or the name of one that comes with the package; docs/importing.md describes it.
+    files : list of path or dict, optional
+        A path for each [files.NAME] by name, or one path for all that lack one in the map.
+    vehicle_text : str
+        Text of the vehicle file, kept in the run.
 
+    Returns
+    -------
+    Imported
+        The run and the doubts about it, which also stand as events in the run.
+
+    Raises
+    ------
+    FileError
+        Where the recording contradicts its map, or makes several runs.
+
+    Examples
+    --------
     >>> _ = Path("log.csv").write_text("t_ms,duty\n0,0\n20,50\n40,50\n60,40\n")
     >>> _ = Path("log.toml").write_text('''format = 1
     ... name = "log"

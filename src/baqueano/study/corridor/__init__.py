@@ -12,8 +12,6 @@ from baqueano.study.corridor.recorded import ends_of_recordings
 from baqueano.study.corridor.result import AT_S, Corridors, Instant, gathered
 from baqueano.study.workers import spread_over
 
-__all__ = ["Corridors", "corridor", "with_recordings"]
-
 TOGETHER = 10  # vehicles that are simulated side by side
 
 

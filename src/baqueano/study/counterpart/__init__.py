@@ -4,8 +4,3 @@ from baqueano.study.counterpart.cars import FREE_CAR, car_file, car_numbers, car
 from baqueano.study.counterpart.recorded import Shown, driven, readings_without_noise, recorded
 from baqueano.study.counterpart.robots import FREE_ROBOT, robot_file, robot_values, with_values
 from baqueano.study.counterpart.world import LoopWorld, world_of
-
-__all__ = [
-    "FREE_CAR", "FREE_ROBOT", "LoopWorld", "Shown", "car_file", "car_numbers", "car_values", "driven",
-    "readings_without_noise", "recorded", "robot_file", "robot_values", "with_car_numbers", "with_values", "world_of",
-]  # fmt: skip

@@ -8,8 +8,6 @@ from baqueano.study.estimation.result import Estimated
 from baqueano.study.estimation.subjects import SETUPS, SUBJECTS, missing
 from baqueano.study.recordings import check_present
 
-__all__ = ["CASES", "Estimated", "estimation"]
-
 SIMULATED = "simulated"
 CASES = (*SUBJECTS, SIMULATED)
 

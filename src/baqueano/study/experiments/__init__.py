@@ -20,8 +20,6 @@ from baqueano.study.experiments.result import Drawn, Experiments, joined, rows_o
 from baqueano.study.workers import spread_over
 from baqueano.vehicle_file import load
 
-__all__ = ["ROOMS", "Experiments", "experiments"]
-
 ROOMS = (("small", "2x2", 7), ("small", "3x3", 6), ("car", "4x4", 7))  # file, room, vehicles
 
 

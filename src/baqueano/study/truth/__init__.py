@@ -12,17 +12,3 @@ from baqueano.study.truth.imu import Imus
 from baqueano.study.truth.transmission import Transmission
 from baqueano.study.truth.two_wheels import Robots, drawn
 from baqueano.study.truth.world import TruthWorld
-
-__all__ = [
-    "Cars",
-    "Floor",
-    "Group",
-    "Imus",
-    "Robots",
-    "TagFaults",
-    "Transmission",
-    "TruthGroup",
-    "TruthWorld",
-    "drawn",
-    "drawn_cars",
-]  # fmt: skip

@@ -161,14 +161,52 @@ def _original(function: Callable[..., Value]) -> Callable[..., Value]:
 
 
 def where(condition: Value, a: Value, b: Value) -> Value:
-    """np.where, also for arrays that were made behind the tracer's back (`from numpy import array`)."""
+    """Return np.where(condition, a, b), also for arrays of `from numpy import array` while a step is traced.
+
+    Parameters
+    ----------
+    condition : bool or ndarray
+        Where to take `a`.
+    a, b : float or ndarray
+        Of shapes that broadcast ().
+
+    Returns
+    -------
+    float or ndarray
+        Entry by entry.
+
+    Examples
+    --------
+    >>> where(np.array([True, False]), 1.0, 2.0)
+    array([1., 2.])
+    """
     if not has_scalars((condition, a, b)):
         return np.where(condition, a, b)
     return traced(WHERE(as_array(condition), as_array(a), as_array(b)))
 
 
 def interp(x: Value, xp: Value, fp: Value) -> Value:
-    """np.interp: piecewise linear in the table (xp, fp), held beyond its ends. The same for such arrays."""
+    """Return np.interp(x, xp, fp), also for arrays of `from numpy import array` while a step is traced.
+
+    Parameters
+    ----------
+    x : float or ndarray
+        Where to interpolate.
+    xp : ndarray (m,)
+        Places of the table, increasing.
+    fp : ndarray (m,)
+        Values of the table; they hold beyond its ends.
+
+    Returns
+    -------
+    float or ndarray
+        The shape of x.
+
+    Examples
+    --------
+    >>> print(interp(0.5, np.array([0.0, 1.0]), np.array([2.0, 4.0])))
+    3.0
+    """
     return _interp(x, xp, fp) if has_scalars((x, xp, fp)) else np.interp(x, xp, fp)
 
 

@@ -61,8 +61,26 @@ def rows_of(values: np.ndarray, count: int, level: int) -> np.ndarray:
 
 
 def jacobian(f: Callable[..., Value], argument: int = 0) -> Callable[..., Value]:
-    """∂f/∂(that argument), a function of the same arguments: (m, n) for vectors, (n,) where f is a number,
-    (m,) where the argument is; exact, no differences are taken."""
+    """Return the function that computes ∂f/∂x exactly, without differences.
+
+    Parameters
+    ----------
+    f : callable
+        NumPy, pure.
+    argument : int
+        The argument by which to derive.
+
+    Returns
+    -------
+    callable
+        Of the same arguments; (m, n) for vectors, (n,) where f is a number, (m,) where the argument is one.
+
+    Examples
+    --------
+    >>> jacobian(lambda x: np.array([x[0] * x[1], x[1] ** 2]))(np.array([2.0, 3.0]))
+    array([[3., 2.],
+           [0., 6.]])
+    """
 
     def derivative(*args: Value) -> Value:
         with tracing() as level, located():

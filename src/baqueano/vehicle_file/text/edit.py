@@ -31,9 +31,27 @@ SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of 
 
 
 def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
-    """The file with "model.mass_kg=0.7" and the like on top: the layer of the command line. UsageError for what is no
-    key=value, or what a vehicle file may not hold.
+    """Return the file with other values on top: the layer of the command line.
 
+    Parameters
+    ----------
+    file : VehicleFile
+        The file.
+    settings : iterable of str
+        "model.mass_kg=0.7" and the like.
+
+    Returns
+    -------
+    VehicleFile
+        Checked as a whole.
+
+    Raises
+    ------
+    UsageError
+        For a text other than key=value, or a value that the file may not have.
+
+    Examples
+    --------
     >>> from baqueano.vehicle_file import load
     >>> heavy = override(load("small"), ["model.mass_kg=0.7"])
     >>> heavy.layers, heavy.vehicle.mass_kg

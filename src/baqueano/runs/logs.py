@@ -1,0 +1,222 @@
+"""The parts of a run in memory: measurements, estimates, references, the true motion, events; and their checks."""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
+
+if TYPE_CHECKING:
+    from baqueano.diagnostics import Diagnostic
+
+LEVELS = ("debug", "info", "warning", "error", "fatal")
+
+
+class Channel(NamedTuple):
+    """The measurements of a sensor, in order of arrival.
+
+    Attributes
+    ----------
+    t_ns : ndarray (M,)
+        Times of measurement, int64.
+    arrival_ns : ndarray (M,)
+        Times at which the loop got them, int64; they never decrease.
+    z : ndarray (M, m)
+        In the sensor's units (SI).
+
+    Examples
+    --------
+    >>> bq.simulate(bq.load("small"), np.zeros((10, 3))).sensors["imu"].z.shape
+    (10, 3)
+    """
+
+    t_ns: np.ndarray
+    arrival_ns: np.ndarray
+    z: np.ndarray
+
+
+class EstimateLog(NamedTuple):
+    """The estimates of a run.
+
+    Attributes
+    ----------
+    t_ns : ndarray (N,)
+        Times, int64.
+    eta : ndarray (N, 3) [m, m, rad]
+        Poses in the map.
+    nu : ndarray (N, 3) [m/s, m/s, rad/s]
+        Velocities in the body frame.
+    cov : ndarray (N, 6, 6)
+        Covariances of (η, ν).
+    innovation : ndarray (N, m), optional
+        NaN where nothing arrived; None: not reported.
+    innovation_cov : ndarray (N, m, m), optional
+        Their covariances.
+
+    Examples
+    --------
+    >>> EstimateLog(np.array([0]), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 6, 6))).eta
+    array([[0., 0., 0.]])
+    """
+
+    t_ns: np.ndarray
+    eta: np.ndarray
+    nu: np.ndarray
+    cov: np.ndarray
+    innovation: np.ndarray | None = None
+    innovation_cov: np.ndarray | None = None
+
+
+class ReferenceLog(NamedTuple):
+    """The wanted poses and velocities of a run.
+
+    Attributes
+    ----------
+    t_ns : ndarray (N,)
+        Times, int64.
+    eta : ndarray (N, 3) [m, m, rad]
+        Poses in the map.
+    nu : ndarray (N, 3) [m/s, m/s, rad/s]
+        Velocities in the body frame of the route.
+    done : ndarray (N,)
+        1.0 from where the guide was at its end.
+
+    Examples
+    --------
+    >>> ReferenceLog(np.array([0]), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1)).done
+    array([0.])
+    """
+
+    t_ns: np.ndarray
+    eta: np.ndarray
+    nu: np.ndarray
+    done: np.ndarray
+
+
+class TruthLog(NamedTuple):
+    """The true motion: from a simulation, or a camera, which leaves ν and ν̇ NaN.
+
+    Attributes
+    ----------
+    t_ns : ndarray (K,)
+        Times, int64.
+    eta : ndarray (K, 3) [m, m, rad]
+        Poses in the map.
+    nu : ndarray (K, 3) [m/s, m/s, rad/s]
+        Velocities in the body frame.
+    nu_dot : ndarray (K, 3) [m/s², m/s², rad/s²]
+        Rates of change of the components of ν.
+
+    Examples
+    --------
+    >>> bq.simulate(bq.load("small"), np.zeros((10, 3))).truth.eta.shape
+    (10, 3)
+    """
+
+    t_ns: np.ndarray
+    eta: np.ndarray
+    nu: np.ndarray
+    nu_dot: np.ndarray
+
+
+class Event(NamedTuple):
+    """A line in the log of a run.
+
+    Attributes
+    ----------
+    t_ns : int
+        When it happened.
+    level : str
+        One of LEVELS.
+    source : str
+        The block or verb from which it comes.
+    text : str
+        Its sentence, in English.
+    diagnostic : Diagnostic or None
+        The same as data; None in runs older than diagnostics.
+
+    Examples
+    --------
+    >>> Event(0, "info", "me", "the battery was full").level
+    'info'
+    """
+
+    t_ns: int
+    level: str
+    source: str
+    text: str
+    diagnostic: "Diagnostic | None" = None
+
+
+def times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:
+    """Return times as int64 (k,); Invalid where they decrease, or, with `strictly`, do not increase."""
+    t = np.asarray(t_ns)
+    if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
+        raise Invalid(fault("run.times", name=name, dtype=t.dtype, found=str(t.shape)))
+    t = np.ascontiguousarray(t, dtype=np.int64)
+    steps = np.diff(t)
+    wrong = steps <= 0 if strictly else steps < 0
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise Invalid(
+            fault(
+                "run.order",
+                name=name,
+                order="increase" if strictly else "not decrease",
+                entry=k,
+                t_ns=t[k],
+                next_ns=t[k + 1],
+            )
+        )
+    return t
+
+
+def array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the values as float64; Invalid where their shape differs."""
+    rows = np.ascontiguousarray(values, dtype=np.float64)
+    if rows.shape != shape:
+        said = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
+        raise Invalid(fault("run.shape", name=name, found=str(rows.shape), expected=said))
+    return rows
+
+
+def channel_of(name: str, channel: Channel) -> Channel:
+    """Return a channel with checked shapes."""
+    where = f"sensors[{name!r}]"
+    arrival = times(channel.arrival_ns, f"{where}.arrival_ns")
+    t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
+    if t_ns.shape != arrival.shape:
+        raise Invalid(fault("run.arrivals", where=where, times=len(t_ns), arrivals=len(arrival)))
+    m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
+    return Channel(t_ns, arrival, array(channel.z, f"{where}.z", (len(arrival), m)))
+
+
+def estimate_shapes(k: int, log: EstimateLog) -> list[tuple[int, ...] | None]:
+    """Return the shapes of the columns of the estimate, k rows long."""
+    m = None if log.innovation is None else np.shape(log.innovation)[1]
+    silent = [None, None] if m is None else [(k, m), None if log.innovation_cov is None else (k, m, m)]
+    return [(k, 3), (k, 3), (k, 6, 6), *silent]
+
+
+def reference_shapes(k: int, log: ReferenceLog) -> list[tuple[int, ...]]:
+    """Return the shapes of the columns of the reference, k rows long."""
+    return [(k, 3), (k, 3), (k,)]
+
+
+def truth_shapes(k: int, log: TruthLog) -> list[tuple[int, ...]]:
+    """Return the shapes of the columns of the truth, k rows long."""
+    return [(k, 3), (k, 3), (k, 3)]
+
+
+def log_of(name: str, log: Any, shapes: Any) -> Any:
+    """Return a log with checked shapes; None for None."""
+    if log is None:
+        return None
+    t_ns = times(log.t_ns, f"{name}.t_ns")
+    rows = zip(log[1:], shapes(len(t_ns), log), log._fields[1:], strict=True)
+    return type(log)(
+        t_ns,
+        *(None if shape is None else array(rows, f"{name}.{what}", shape) for rows, shape, what in rows),
+    )
