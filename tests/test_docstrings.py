@@ -45,14 +45,6 @@ ROOMS = [
 NOT_YET = ("identify", "block_checks", "estimators/augmented")  # rooms leave this list one by one
 MOST_NAMES = 165  # of all rooms together
 MODULE_LINES = 15  # of the docstring of a module: equations and source
-LONGER = {  # leave this list one by one
-    "door/sockets.py", "controllers/heading_hold.py", "drive/closure.py", "drive/first_drive.py",
-    "robot/imu/bus_recovery.py", "robot/imu/sample_clock.py", "robot/imu/mpu6050.py",
-    "robot/workshop/calibrate_motors.py", "robot/uno/frames.py", "sensors/tags.py", "sensors/imu.py",
-    "compare/errors.py", "estimators/ekf.py", "estimators/readings/place_gate.py",
-    "runs/maps/column_map.py", "study/identification/trials.py", "vehicles/car.py",
-    "vehicles/drivetrain.py", "vehicles/planar.py", "vehicle_file/history.py",
-}  # fmt: skip
 LETTERS = re.compile(r"(eta|nu|u|psi|xy|nu_dot)(_\w+)?")  # physical quantities by their letter alone
 BARE_RAISE = {
     "NotImplementedError",
@@ -197,6 +189,5 @@ def test_the_docstring_of_a_module_is_short():
             lines := len((ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").splitlines())
         )
         > MODULE_LINES
-        and file not in LONGER
     }
     assert not long, f"derivations stand in docs/derivations/, measured figures in docs/benchmarks.md: {long}"

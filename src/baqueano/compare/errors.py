@@ -1,19 +1,15 @@
 """Errors of a trajectory against another: absolute, relative, and across a path.
 
-With estimate p, ψ and truth p*, ψ* at the same times, T the pose as a rigid transform of the plane:
-
     ATE     √ mean |A p − p*|²,  heading √ mean wrap(ψ + a − ψ*)²;  A the alignment, a its angle           (1)
     RPE     E_i = (T*_i⁻¹ T*_{i+Δ})⁻¹ (T_i⁻¹ T_{i+Δ}),   √ mean |trans E_i|²,   √ mean angle(E_i)²         (2)
     cross-track   the distance from a position to the nearest place of the reference path, left positive   (3)
 
-Sturm et al. 2012 for (1) and (2), as the tool `evo` computes them: alignment is rigid, without scale.
-Compared with its figures in the tests. (3) looks for the nearest place only within `window_s` of the time
-at which the reference was asked for: a path that crosses itself, or is driven many times, is not mistaken
-for its other branch.
+p, ψ is the estimate, p*, ψ* the truth at the same times, T the pose as a rigid transform of the plane. Sturm et al.
+2012 for (1) and (2), as the tool `evo` computes them: alignment is rigid, without scale. (3) searches within
+`window_s` of the time of the reference alone: a path that crosses itself is not mistaken for its other branch.
 
-A position error without heading hides a filter that is lucky; report both. Usually you want RPE for an
-estimator that has only an IMU (its drift is what it can be judged by), and ATE where something fixes the
-pose.
+A position error without heading hides a filter that is lucky; report both. Usually you want RPE for an estimator that
+has only an IMU, and ATE where something fixes the pose.
 """
 
 from typing import NamedTuple

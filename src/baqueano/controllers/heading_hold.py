@@ -1,22 +1,16 @@
-"""Straight on means straight on: while a person asks for speed and no turn, the heading is held by the gyro.
+"""Keep the heading by the gyro while a person asks for speed and no turn.
 
-    r⁺ turn rate, e = ψ_r − ψ:   u_ψ = s (K_ψ e + K_i ∫e dt − K_r r),   |u_ψ| ≤ bound                     (1)
-    model                        τ ṙ = k u_ψ − r, everything else late by T                               (2)
-    poles                        two at ω = 1/(SLOWER T), one at p = max(ω, 1/τ − 2ω):                    (3)
-                                 K_r = (τp + 2ωτ − 1)/k,  K_ψ = (ω²τ + 2ω τp)/k,  K_i = ω² τp/k
+    e = ψ_r − ψ:   u_ψ = s (K_ψ e + K_i ∫e dt − K_r r),   |u_ψ| ≤ bound                                   (1)
+    τ ṙ = k u_ψ − r, everything else late by T                              the model                     (2)
+    K_r = (τp + 2ωτ − 1)/k,  K_ψ = (ω²τ + 2ω τp)/k,  K_i = ω² τp/k                                        (3)
+                                 two poles at ω = 1/(SLOWER T), one at p = max(ω, 1/τ − 2ω)
 
-With p of (3) no gain is negative: a vehicle that is damped more than ω asks for is left its damping. The integral takes
-away what unequal wheels leave. (1) then stands a k that is 3.3 times larger, and any that is smaller. `heading_gains`
-finds k, τ and T for a vehicle file.
+With this p no gain is negative; (1) then tolerates a k that is 3.3 times larger, and any that is smaller. The integral
+removes the effect of unequal wheels. A car turns with its speed: s = v₀ v / (v² + (v₀/4)²), else s is 1.
+`heading_gains` finds k, τ and T for a vehicle file. ψ_r is the heading at the first tick with |r| < QUIET_RAD_S, and
+SETTLED (τ + T) after the turn was released at the latest; until then only −K_r r acts.
 
-A car turns with its speed: s = v₀ v / (v² + (v₀/4)²), v₀ that of the linearisation. Of other vehicles s is 1.
-
-The reference ψ_r is the heading at the first tick at which |r| < QUIET_RAD_S, and SETTLED (τ + T) after the turn was
-let go at the latest; until then only −K_r r acts. Nothing acts where a turn or no speed is asked; the next time begins
-anew.
-
-An estimator whose model is far off may leave a gyro out that says so. Where the IMU has been left out for LEFT_OUT_S,
-r and ψ go on by the gyro: what was left out is added.
+Where an estimator has refused the IMU for LEFT_OUT_S, r and ψ go on by the gyro: its innovation is added.
 """
 
 from dataclasses import dataclass

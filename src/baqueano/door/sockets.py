@@ -5,17 +5,13 @@
     from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
                        pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
 
-`why`, `said` and `about` are diagnostics (wire.py). `door` is the version of the words: a mission of another one is
-refused, a stop never is; the `why` of a `no` is a sentence, which each version understands.
-
-Every connection hears of every drive; its owner recognises its `id`, a text of the owner. A new connection is told
-the last state at once: while a mission is prepared there is no other. A stop is answered by `heard` when the service
-has it. A mission is decoded by the service, when it is driven: what is refused costs the one who drives no tick.
-
-Only the user of the service and its group can open the socket; from elsewhere one comes by ssh (remote.py), and a
-parent process by the pipes of its child (pipes.py). Each turn of the door reads from everybody, takes the stops among
-what came, and answers the other lines in equal shares. A line that is too long, is no JSON or asks for what there is
-not, is answered by `no` and ends nothing. One who does not read what is sent to him is let go: he holds up nobody.
+`why`, `said` and `about` are diagnostics (wire.py), but for the `why` of a `no`, a sentence. `door` is the version of
+the words: a mission of another one is refused, a stop never is. Every connection receives the events of every drive;
+its owner knows its `id`. A new connection gets the last state at once. The service decodes a mission when it is
+driven, so a refusal costs the driver no tick. Only the user of the service and its group can open the socket; from
+elsewhere use ssh (remote.py), or the pipes of a child process (pipes.py). Each turn of the door reads from everybody,
+takes the stops, and answers the other lines in equal shares. A wrong line is answered by `no` and ends nothing. A
+client that does not read what is sent to it is dropped.
 """
 
 import json

@@ -1,23 +1,14 @@
-"""Scales of the sensors from a return to a mark.
-
-Between two moments at which the vehicle stands on its mark, t₁ and t₂, it has turned by whole turns:
+"""Scales of the sensors from a return to a mark: between t₁ and t₂ the vehicle has turned by whole turns.
 
     s_ω = ∫ (z_ω − b) dt / (c · 2π k),   k = round(∫ (z_ω − b) dt / (s₀ c · 2π)) ≠ 0                       (1)
     σ(s_ω) = √(σ_mark² + (σ_b T)² + σ_w² T³/3 + σ_z² T δ) / (c · 2π |k|)                                   (2)
+    ∮ R(ψ) s_v ν dt = s_v ∮ R(ψ) ν dt = 0      for each s_v: no closure shows the scale of the speed       (3)
+    s_v = s₀ ∫ z_v / s₀ dt / L                 L measured along the way, driven forward                    (4)
 
-z_ω is what the gyro says, s₀ its scale in the vehicle file, c the cosine of its tilt, b its zero while the vehicle
-stood in the same run, σ_w the walk of b, σ_z the noise of a sample, δ their distance, and σ_mark = 2° how well a
-vehicle is put back on a line by eye [assumed]. Several laps are one with the sum of their turns.
-
-    ∮ R(ψ) s_v ν dt = s_v ∮ R(ψ) ν dt = 0      for each s_v                                                (3)
-
-So the scale of the speed is not in a closure: a loop that is driven larger closes as well. It takes a length L that
-was measured along the way from the first mark to the last, driven forwards alone:
-
-    s_v = s₀ ∫ z_v / s₀ dt / L                                                                             (4)
-
-(1) is refused where k = 0: the turns of an eight cancel, and no scale is left in them.  k is certain while the
-gyro is off by less than WRONG and |k| < 1 / (2 WRONG); the sensor's data sheet allows it 3 %.
+z_ω is the reading of the gyro, s₀ its scale in the vehicle file, c the cosine of its tilt, b its zero at rest in the
+same run, σ_w the walk of b, σ_z the noise of a sample, δ their distance, σ_mark = 2° [assumed]. (1) is refused where
+k = 0. k is certain while the gyro is off by less than WRONG and |k| < 1 / (2 WRONG).
+Derivation: docs/derivations/repeat_and_drift.md.
 """
 
 from dataclasses import dataclass

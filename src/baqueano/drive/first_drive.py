@@ -1,23 +1,15 @@
-"""The first drive of a vehicle of which nobody knows how it answers: `first_drive`, and what it felt.
-
-Growing pulses around one spot (first_drive_pulses.py), through the loop and the supervisor of every drive. Out
-of the run, from commands and IMU alone, for each pulse the largest speed v and the turn Δψ that followed. Then
+"""The first drive of a vehicle whose answer to a command is unknown: growing pulses around one spot.
 
     rough gain along = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                        (1)
-
-with v̂, Δψ̂ of the file's model under the same commands. Its dead zones are replaced by the levels at which motion
-was first felt, unless all pulses, those that were not felt among them, go better with those of the file: a rough
-accelerometer feels late, and a gentle push is no dead zone.
-
-Two wheels are tried one at a time, forward and backward: the vehicle then pivots on the other, each wheel shows
-its own two dead zones, and the signs of v and Δψ say how it is wired:
-
     left forward    v > 0, Δψ < 0    as it should be                                                      (2)
                     v < 0, Δψ > 0    the left motor runs backwards
-                    v > 0, Δψ > 0    it is the right one that turned: the two are swapped
+                    v > 0, Δψ > 0    the right one turned: the two are swapped
                     v < 0, Δψ < 0    swapped, and the right one runs backwards
 
-What is wired wrong is to be put right before anything is fitted.
+v is the largest speed after a pulse, Δψ the turn, from commands and IMU alone; v̂, Δψ̂ are those of the file's model
+under the same commands. Its dead zones are replaced by the levels at which motion was first measured, unless all
+pulses fit better with those of the file. Two wheels are tried one at a time, forward and backward, so each shows its
+own two dead zones. Correct the wiring before you fit anything. Pulses: first_drive_pulses.py.
 """
 
 from collections.abc import Sequence

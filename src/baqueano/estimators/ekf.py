@@ -1,42 +1,16 @@
-"""The paper's extended Kalman filter, with the pose carried in the same covariance.
-
-State μ = (η, ν, ν̇), 9 numbers. Q is the measurement noise, R the process noise (Thrun, the paper; most
-libraries swap the letters). `u` is the command that reached the motors, e what the body feels of it:
-over the tick in ⊕, at its end in f.
+"""The paper's extended Kalman filter, with the pose carried in the same covariance. State μ = (η, ν, ν̇).
 
     μ̄ = g(u, μ),   Σ̄ = G Σ Gᵀ + R,              G = ∂g/∂μ                       `equ:EKF`   (1)
     S = H Σ̄ Hᵀ + Q,   K = Σ̄ Hᵀ S⁻¹,              H = ∂h/∂μ                                   (2)
     μ = μ̄ + K (z − h(μ̄)),   Σ = (I − K H) Σ̄ (I − K H)ᵀ + K Q Kᵀ                              (3)
+    ν̄ = ν + ν̇ δ,   ν̇̄ = Φ(ν) ν + M⁻¹ T e                                      mode "paper"    (4)
+    a_d = ν̇ − f(ν, e₋),   ν̄ = ν ⊕ f(·, e) δ + a_d δ,   ν̇̄ = f(ν̄, e) + exp(−δ/T_d) a_d         (5)
+    ν̄ = V e,   ν̇̄ = (V e − ν) / δ                     kinematic model           (errata 7)    (6)
+    h = h(η − d R(ψ) ν,  ν − d ν̇,  ν̇)                of what was measured d seconds ago       (7)
+    Σ̄_ηη += h² diag(E|ν_xy|², E|ν_xy|², E ν_ψ²),     Σ̄ ← D Σ̄ D                               (8, 9)
 
-mode "paper", dynamic model: g exactly as printed, h as the sensor block has it, no gate:
-    ν̄ = ν + ν̇ δ,   ν̇̄ = Φ(ν) ν + M⁻¹ T e                                                      (4)
-mode "default", dynamic model: the acceleration that the model does not explain, a_d, fades with time T_d:
-    a_d = ν̇ − f(ν, e₋),   ν̄ = ν ⊕ f(·, e) δ + a_d δ,   ν̇̄ = f(ν̄, e) + exp(−δ/T_d) a_d           (5)
-where f is the model's ν̇ and ⊕ its integrator (RK4). Both modes, kinematic model:
-    ν̄ = V e,   ν̇̄ = (V e − ν) / δ                                                     (errata 7)  (6)
-
-What was measured d seconds before the tick (a low-pass, a delay, a stamp) is compared with what was true
-then, to first order; mode "paper" takes it for new:
-    h = h(η − d R(ψ) ν,  ν − d ν̇,  ν̇)                                                                    (7)
-
-A pause is split (pauses.py). What a row lasts beyond its longest, h, moves the covariance alone. A σ of η beyond LOST
-is halved, so that rounding never spoils the small variances beside it:
-    Σ̄_ηη += h² diag(E|ν_xy|², E|ν_xy|², E ν_ψ²),     Σ̄ ← D Σ̄ D,  D = diag(½ where σ_η > LOST, else 1)   (8, 9)
-
-Departures from the paper, Grotz et al., section Positioning system using EKF: η is in the state (in paper
-mode it is only appended: nothing of it enters the gain on ν, ν̇). (3) is Joseph's form, equal to the
-printed one, and stays positive definite. No Jacobian is typed in (errata 2). By default a measurement
-further than `gate_sigma` from its prediction is left out: one NaN or spike would otherwise move the
-estimate for ever. R is given per tick at `rate_hz`, and grows in proportion for longer steps.
-
-Nothing is ever accepted by force, however long it was refused: a filter cannot tell a model that is off from a sensor
-that is. Tried on the small vehicle over 60 s of random steps: after 0.5 s of refusals Σ̄ was widened along the state
-that explains the reading until it was plausible; once, or on until readings had passed by themselves for 2.5 s.
-                                                    never    once    on
-    yaw gain off by 2,    error of r, rms [rad/s]    3.4      1.8     0.4
-    a ramp of 6°,         error of v, most [m/s]     0.01     0.3     1.5
-    IMU shaken for 3 s,   error of v, most [m/s]     0.01     1.5     1.5
-drive/health.py and monitor/ tell each of them, and `identify` mends the first.
+Q is the measurement noise, R the process noise per tick at `rate_hz`; f the model's ν̇, ⊕ its integrator. Departures
+from Grotz et al., section Positioning system using EKF, with their reasons: docs/derivations/ekf_with_pose.md.
 """
 
 from collections.abc import Sequence

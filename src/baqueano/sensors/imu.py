@@ -1,29 +1,17 @@
 """An inertial measurement unit that lies flat on the vehicle: two accelerometers and the gyro about z.
 
-At the place (l_x, l_y) from the origin of the body, the specific force (acceleration less gravity g, which is
-what an accelerometer feels) is
-
-    f_x = ν̇_x − ν_ψ ν_y − l_x ν_ψ² − l_y ν̇_ψ − g_x                                                       (1)
+    f_x = ν̇_x − ν_ψ ν_y − l_x ν_ψ² − l_y ν̇_ψ − g_x      specific force at (l_x, l_y) from the origin      (1)
     f_y = ν̇_y + ν_ψ ν_x − l_y ν_ψ² + l_x ν̇_ψ − g_y                                                       (2)
-
-Turned by ζ about z on the vehicle (to the left is positive), and then mounted with a roll φ and a pitch θ
-(right-handed about its own x and y: positive pitch is nose down),
-
-    f_x, f_y ← cos ζ f_x + sin ζ f_y,  cos ζ f_y − sin ζ f_x
-    a_x = cos θ f_x − sin θ g                                                                             (3)
-    a_y = sin φ sin θ f_x + cos φ f_y + sin φ cos θ g                                                     (4)
+    f_x, f_y ← cos ζ f_x + sin ζ f_y,  cos ζ f_y − sin ζ f_x            turned by ζ to the left
+    a_x = cos θ f_x − sin θ g                             roll φ and pitch θ about its own x and y        (3)
+    a_y = sin φ sin θ f_x + cos φ f_y + sin φ cos θ g     (right-handed: positive pitch is nose down)     (4)
     ω_z = cos φ cos θ ν_ψ                                                                                 (5)
-
-Roll and pitch show as gravity, and so does a bias: a fit knows their sum, and one only with the other fixed.
-
     h = scale · (a_x, a_y, ω_z) + bias + slope (T − T₀)                                                   (6)
 
-`paper` puts (ν̇_x, ν̇_y, ν_ψ) in place of (3)-(5), as Grotz et al., `equ:h`, print it (errata 3): right only
-for a vehicle that does not turn. The full simulation adds, in this order, the walk of the bias
-b⁺ = b + σ_b √δ n, white noise, the end of the range and the step of the converter; rate, low-pass and delay as in
-sampling.py.
-
-Q is the measurement noise (Thrun's letter, and the paper's). The floor's slope is small: cos α = 1.
+`paper` puts (ν̇_x, ν̇_y, ν_ψ) in place of (3)-(5), as Grotz et al., `equ:h` (errata 3): right only without turning. The
+simulation adds, in this order, the walk of the bias b⁺ = b + σ_b √δ n, white noise, the end of the range, the step of
+the converter; rate, low-pass and delay as in sampling.py. Roll and pitch show as gravity, and so does a bias: a fit
+knows their sum, and one only with the other fixed. The floor's slope is small: cos α = 1.
 """
 
 from dataclasses import dataclass

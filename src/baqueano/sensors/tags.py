@@ -1,19 +1,13 @@
 """Tags on the floor whose places are known: QR codes, RFID tags, crossings of two tapes. A reader passes over them.
 
-    h = p + R(ψ) l                                                                                        (1)
-
-the place of the reader in the map, l ahead and to the left of the body's origin. It says something once each time that
-a tag is passed within `radius_m`: at the tick in which it is nearest. A camera over a QR code sees how far beside the
-tag it is, and tells its own place. Who does not (`sees_offset = false`) tells that of the tag instead, and is off by a
-point of a disc, whose variance is ¼ radius_m² along each axis:
-
+    h = p + R(ψ) l             the place of the reader, l ahead and to the left of the body's origin      (1)
     Q = σ² I,   without the offset (σ² + ¼ r²) I                                                          (2)
+    z = h + pᵢ − pⱼ            of a tag j that is taken for another i                                     (3)
 
-A tag j that is taken for another i shifts the reading by a way that is known, which an estimator may look for:
-
-    z = h + pᵢ − pⱼ                                                                                       (3)
-
-One reader reads any number of tags, for a reading is a place. Two tags bound position and heading, one the position.
+It reports once each time that a tag is passed within `radius_m`: at the tick in which it is nearest. A camera over a
+QR code measures how far beside the tag it is. A reader without (`sees_offset = false`) reports the place of the tag,
+off by a point of a disc, whose variance is ¼ r² along each axis. An estimator may look for (3), whose shift is known.
+One reader reads any number of tags. Two tags bound position and heading, one the position.
 """
 
 from dataclasses import dataclass

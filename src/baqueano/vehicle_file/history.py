@@ -1,24 +1,14 @@
 """The provenance of the values: [provenance."key"] and [parameter_cov].
 
-[provenance."model.friction.linear"]
-run = "runs/0001-experiment.mcap"
-date = 2026-11-21
-sd = [0.02, 0.1, 0.0001]
-verdict = "USABLE"
+    [provenance."model.friction.linear"]    run = "runs/0001-experiment.mcap", date = 2026-11-21,
+                                            sd = [0.02, 0.1, 0.0001], verdict = "USABLE"
+    [provenance.model]                      a whole table: all values of it without one of their own
+    [parameter_cov]                         of the last fit: run, date, names = ["model.friction.linear[0]", …],
+                                            sd = […], correlation = [[1.0], [0.83, 1.0]], the lower triangle
 
-[provenance.model]                      # a whole table: all values of it that have none of their own
-run = "baqueano new, from small"
-verdict = "GUESS"
+    cov_ij = r_ij sd_i sd_j                                                                               (1)
 
-[parameter_cov]                         # of the last fit
-run = "runs/0001-experiment.mcap"
-date = 2026-11-21
-names = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
-sd = [0.02, 0.001]
-correlation = [[1.0], [0.83, 1.0]]      # lower triangle
-
-cov_ij = r_ij sd_i sd_j                                                                               (1)
-A model of whose values none has a provenance is a guess, too.
+A model whose values all lack a provenance is a guess, too.
 """
 
 from datetime import date as Date

@@ -5,19 +5,11 @@
     δ = k_s u_s + δ₀,   ν̇_ψ = (v tan δ / L − ν_ψ) / λ                                                     (2)
     ν = (v, b ν_ψ, ν_ψ)                                                                                   (3)
     η̇ = J(ψ) ν                                                                                            (4)
-
-The origin of the body, where η and ν are told, is b ahead of the rear axle. Everything is per kilogram:
-commands and an IMU do not show the mass (errata 9). The last term of (1) is the drag of cornering, missing
-from most models and found on two recorded cars. (2) is the bicycle with a first-order lag of servo and tyres.
-
-d_m is the back EMF of a motor whose switch is open between the pulses: it brakes only while current flows, so that
-such a car accelerates like one with much damping and coasts like one with little. w is the duty, the throttle
-before its dead zone, and 0 when it coasts:
-
     w = |u_t| / g + z min(|u_t| / 0.01, 1),   z the dead zone of the way it is driven, g the channel's gain   (5)
 
-Found on a recorded car; there it halved the error of its speed on runs that the fit had not seen.
-Effort beyond |δ| = π/2 has no meaning: keep k_s · limit well below.
+η and ν belong to the origin of the body, b ahead of the rear axle. Everything is per kilogram: commands and an IMU do
+not show the mass (errata 9). d_m is the damping of a driven motor, w its duty. Keep k_s · limit well below π/2.
+Derivation: docs/derivations/vehicles.md.
 """
 
 from dataclasses import dataclass, field, replace

@@ -3,23 +3,15 @@
     late      u_d = the commands delay_s ago, one after the other during the tick (delay.py)              (1)
     mixed     w = (u_x − u_ψ, u_x + u_ψ)          left and right wheel, if mixing = "two_wheels"          (2)
     limited   w ← clip(w, −limit, limit), w in whole steps of the timer that makes the pulses             (3)
-    battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)                                                (4)
+    battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)     of motors; servos, the last channels, without    (4)
     dead zone w ← max(w − forward, 0) + min(w + backward, 0)                                              (5)
-    gain      w ← gain · w / (1 − c + c |w before the dead zone|)                                         (6)
+    gain      w ← gain · w / (1 − c + c |w before the dead zone|)      c: coasts between two pulses       (6)
     lag       λ ẇ_l = w − w_l, exact over each part of a tick (effort.py)                                 (7)
     unmixed   u_x = (l + r)/2, u_y = 0, u_ψ = (r − l)/2                                                   (8)
 
-All in the unit of u. With the defaults the effort is the command: the paper's "the dynamics of the motors are
-much faster", τ = T u. (2) and (8) are the one place where wheels are mixed: the robot's link uses them too.
-The dead zone comes after the battery because a motor starts at a voltage, not at a duty. κ is 1 for motors
-that get the duty times the battery's voltage, 0 behind a regulator. V is `battery_v`; with battery = "logged" a
-fit puts the voltage that the run holds, tick by tick, in its place (the channel `battery` [V]). (4) is of motors: a
-servo, the last `servos` of the channels, goes to its angle at any voltage.
-
-c is for a kinematic vehicle, whose effort is a speed at once: how the driver of a motor spends the pause between two
-pulses. With c = 0 it brakes, and speed grows with the duty; with c = 1 it coasts, current flows for the part D of the
-time, D (1 − v/v₀) holds against a dry friction that needs D₀, and v = v₀ (D − D₀)/D: steep at first, flat then. A
-planar vehicle or a car leaves it 0; their damping says it (a car's as motor_drag).
+All in the unit of u; with the defaults the effort is the command. (2) and (8) are the one place where wheels are
+mixed: the robot's link uses them too. With battery = "logged" V is the channel `battery` of the run [V].
+Derivation: docs/derivations/vehicles.md.
 """
 
 from dataclasses import dataclass

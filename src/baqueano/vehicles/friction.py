@@ -3,13 +3,11 @@
     f(ν) = (d_l + d_c |ν|) ν + d_k tanh(ν / ν_k) + (k ν_x |ν_ψ|, 0, 0) + (F_l + F_r, 0, (F_r − F_l) b/2)   (1)
     F = t (d_f (1 + t) + d_b (1 − t)) / 2,   t = tanh(v / ν_k),   of a wheel at v = ν_x ∓ ν_ψ b/2           (2)
 
-The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper prints
-negative d. The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and derived
-(errata 12): below ν_k the vehicle creeps where a real one sticks. The third is the drag of cornering,
-k |ν_x ν_ψ| against ν_x, found on two recorded cars. The fourth is the dry friction of a left and a right
-wheel that stand b apart, d_f when rolling forward and d_b when rolling backward: gears and bearings are not
-alike. (2) is smooth in v and takes energy out for any d_f, d_b ≥ 0; ν_k is that of x. A run tells d_k of x
-and d_f, d_b of the wheels apart only in tight turns: free one or the other.
+The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper prints negative d.
+The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and derived (errata 12). The third
+is the drag of cornering. The fourth is the dry friction of a left and a right wheel that stand b apart, d_f when
+rolling forward and d_b when rolling backward. A run tells d_k of x and d_f, d_b of the wheels apart only in tight
+turns: free one or the other.
 
 Every term opposes the motion: ν · f(ν) ≥ 0, an unforced vehicle never gains energy.
 For RK4 at a step h, keep m ν_k / d_k above h/2 (and m / d_l above h/2): see rk4.py.

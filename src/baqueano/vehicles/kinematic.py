@@ -5,14 +5,11 @@
     η̇ = J(ψ) ν, with ν of (1) all along the tick                                                          (3)
 
 e is the effort: behind a motor with a lag that of the instant. Without one ν would jump whenever a command arrives,
-which no vehicle does and no sensor shows: there ν is that of the mean effort of the tick.
-
-Grotz et al. name "the kinematic model" and "the V matrix"; its paragraph is missing from the text (errata 7).
-Good enough while the vehicle answers within a tick or two; usually you want `Planar` instead.
+which no vehicle does and no sensor shows: there ν is that of the mean effort of the tick. Grotz et al. name "the
+kinematic model" and "the V matrix"; the paragraph is missing from their text (errata 7).
 
 The last term of (1) is not in the paper: wheels hold sideways by slipping a little, outward, in proportion to the
-force of the curve m ν_x ν_ψ; k is the mass over what they resist [s]. It is small on wheels that steer, and on two
-recorded skid-steered vehicles it was the largest error of the position (0.2 to 0.3 s).
+force of the curve m ν_x ν_ψ; k is the mass over what they resist [s]. docs/benchmarks.md has its size.
 """
 
 from dataclasses import dataclass, field

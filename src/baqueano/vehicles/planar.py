@@ -2,22 +2,14 @@
 
     M ν̇ + C(ν)ν + D(ν)ν + g(η) = T u          Grotz et al., `equ:movement_equation`                       (1)
     η̇ = J(ψ) ν                                                                                            (2)
-
-The body's origin is on the axle; the centre of mass is c ahead of it, and I is the inertia about the centre
-of mass. With (X, Y, N) = T u − f(ν) (friction.py), acting at the axle, Newton and Euler about the centre of
-mass say
-
-    ν̇_ψ = (N − c Y) / I                                                                                   (3)
+    ν̇_ψ = (N − c Y) / I                       (X, Y, N) = T u − f(ν), friction.py                         (3)
     ν̇_x = X/m + g_x + ν_ψ ν_y + c ν_ψ²                                                                    (4)
     ν̇_y = Y/m + g_y − ν_ψ ν_x − c ν̇_ψ                                                                     (5)
+    g_xy = −g sin α (cos(χ − ψ), sin(χ − ψ))  a floor that rises by α towards χ of the map                (6)
 
-which is (1) with M = [m 0 0; 0 m mc; 0 mc I+mc²] and C(ν)ν = m (−ν_ψ ν_y − c ν_ψ², ν_ψ ν_x, c ν_ψ ν_x),
-solved by hand; with c = 0 it is `equ:M`, `equ:C`, `equ:dinamic_model`. A kit with a caster has c ≠ 0.
-
-A floor that rises by α towards the direction χ of the map:  g_xy = −g sin α (cos(χ − ψ), sin(χ − ψ))     (6)
-
-Departures from the printed text: the third row of C(ν)ν is 0, so Φ and G have no ±mν/I there (errata 2); D is
-dissipative, d ≥ 0 (errata 1, 6); g(η), zero in the paper's plane, is (6).
+The origin of the body is on the axle, the centre of mass c ahead of it, I the inertia about the centre of mass.
+Departures from the printed text: the third row of C(ν)ν is 0 for c = 0 (errata 2); D is dissipative, d ≥ 0 (errata 1,
+6); g(η) is (6). Derivation: docs/derivations/vehicles.md.
 """
 
 from dataclasses import dataclass, field

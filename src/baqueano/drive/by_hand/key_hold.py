@@ -8,10 +8,8 @@
                and until the first repeat at NUDGE of the speed: a tap is a nudge
     LATCHED    each press moves a set-point by STEP, which holds                                              (3)
 
-With one time of 0.5 s for both, as is common, half of all holds break off. The spread in T₂ is for the jitter of the
-network. Measured on 1000 simulated holds, 0.5 s and 33 repeats a second, exponential jitter of 3, 15 and 40 ms: 0, 0.3
-and 48 % break off for a moment, and motion ends 0.11, 0.18 and 0.21 s after the release (median).
-In (2) a terminal repeats the newest key alone, so keys that were held when it began go on with it, and end with it.
+The spread in T₂ is for the jitter of the network; docs/benchmarks.md has what it costs. In (2) a terminal repeats the
+newest key alone, so keys that were held when it began go on with it, and end with it.
 """
 
 from collections import deque

@@ -5,15 +5,11 @@
     P ← D P D,   D = d/√m for η, κ and b; of ψ, κ and b at most up to their deviation at the start             (3)
     (y − y₋)ᵀ (2 S)⁻¹ (y − y₋) ≤ χ²                                                                          (4)
 
-A tag that is taken for another may agree in one of its numbers by chance: none of them is believed. Such a mistake is
-off by a known way Δᵢ, from the tag that was read to another: p is the chance that it is none (2). One reading that is
-refused is an outlier. Two, AGAIN_S or more apart, are not: somebody moved the vehicle, or the filter is surer than it
-may be. So its covariance grows to what the second reading shows (3), and if that one says what the one before said,
-y₋, it is believed at once (4); else the next one decides. Readings that a mistake explains are no such witnesses, but
-for those after OVERLOOKED in a row: who carries a vehicle may put it just there. Readings that follow a refused one
-sooner are not another witness: a reader may tell one tag twice.
-
-Source of (2): the association of Bar-Shalom and Tse 1975, with the mistakes as its other hypotheses.
+Δᵢ is the way from the tag that was read to another, p the chance that none was mistaken for another: Bar-Shalom and
+Tse 1975. One refused reading is an outlier. Two, AGAIN_S or more apart, are not: somebody moved the vehicle, or the
+filter is overconfident. The covariance grows to what the second one shows (3); if it agrees with the one before, y₋,
+it is accepted at once (4), else the next one decides. Readings that a mistake explains do not count for this, but for
+those after OVERLOOKED in a row. Readings that follow a refused one sooner do not count again.
 """
 
 from typing import NamedTuple

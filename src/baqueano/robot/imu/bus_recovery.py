@@ -1,19 +1,16 @@
 """Bus recovery: a chip that was cut off in the middle of a byte holds SDA low until it has the clocks it waits for.
 
-    at most nine times, until SDA is high:  SCL low, SCL let go, with SDA let go                        (1)
-    STOP:  SCL low, SDA low, SCL let go, SDA let go                                                     (2)
+    at most nine times, until SDA is high:  SCL low, SCL released, with SDA released                    (1)
+    STOP:  SCL low, SDA low, SCL released, SDA released                                                 (2)
 
 UM10204 (the I2C specification) 3.1.16. SDA is high, too, where the chip sends a 1: then (2) does not come about, and
-(1) goes on. The ninth clock finds SDA let go where an acknowledge would be, which ends a read for every chip.
+(1) goes on. The ninth clock finds SDA released where an acknowledge would be, which ends a read for every chip.
 
-The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this, and /dev/i2c-1 offers no way to it. Raspberry Pi OS
-has the command `pinctrl` (package raspi-utils), which the group gpio may use. The lines are open drain: each is driven
-low or let go to its pull-up, never driven high. (`pinctrl` makes a pin an output before it sets its level: for less
-than a microsecond it has the level of before, which is low since the start of the machine.)
-
-Both pins are given back to I2C in every ending; those left behind by a program that was killed on the way are given
-back by the next recovery. Some forty calls of `pinctrl`, each with its own time limit, take some tenths of a second:
-only while the vehicle stands.
+The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this. Raspberry Pi OS has the command `pinctrl` (package
+raspi-utils), which the group gpio may use. The lines are open drain: each is driven low or released, never driven
+high. (`pinctrl` makes a pin an output before it sets its level: it has the level of before for less than a
+microsecond.) Both pins are given back to I2C in every ending, or by the next recovery. It takes some tenths of a
+second: only while the vehicle stands.
 """
 
 import os

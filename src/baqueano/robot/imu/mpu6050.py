@@ -1,24 +1,9 @@
 """The MPU-6050 and the chips sold under its name, read by a loop that may not wait.
 
-`read()` gives the samples since the last call and returns at once: a few short transfers, none of which waits longer
-than i2c.py's bound, and after one that did wait no other. The chip is started, and started again, step by step: a
-step that must wait is left and taken up at a later call.
-
-Two modes. "fifo": the chip keeps the samples and nothing is lost between two calls; they are stamped by the chip's own
-period as sample_clock.py tracks it. "burst": the newest sample alone, with the flag that says whether it is fresh
-(INT_STATUS and the data in one read of 15 bytes), stamped by the middle of the time in which it must have come; for a
-bus that cannot carry all samples. Registers are never read one by one: a word could be torn between two samples.
-
-The INT pin needs no wire: the FIFO's count tells the same, to a tenth of a millisecond once the chip's clock is known,
-and a burst brings the flag along. It gives a pulse for each sample, for an oscilloscope.
-
-A stamp is the time at which the chip took the sample out of its filter; the motion is older by `delay_s`, which
-belongs into the measurement model.
-
     failure                    what is done                                        event
     transfer fails             once more at once; not if it had to wait            (counted)
     three calls fail           bus opened again, chip started again                restart
-    chip forgot its registers  seen within 1 s; started again                      forgot
+    chip forgot its registers  noticed within 1 s; started again                   forgot
     nothing for 0.5 s          chip started again, then each second; one event     silent, back
     words repeat for 0.1 s     held back, chip started again                       frozen
     axis at its end for 0.1 s  event                                               saturated
@@ -26,8 +11,7 @@ belongs into the measurement model.
     bus held low               clocked free where the vehicle stands (`free_bus`)  held
     chip runs again                                                                started
 
-Axes: those of the chip, right-handed, turned by `ImuSettings.axes` where the caller wants the vehicle's (x ahead, y
-left, z up). At rest and level the accelerometer shows +g on z, as a specific force does.
+Modes, stamps and axes: `Mpu6050`.
 """
 
 import errno
@@ -62,7 +46,21 @@ WORD = struct.Struct(">7h")
 
 
 class Mpu6050:
-    """An IMU that runs; made by `imu.open`. `now_ns` is the host's clock, the one of all stamps."""
+    """An IMU that runs; made by `imu.open`. `now_ns` is the host's clock, the one of all stamps.
+
+    `read()` returns the samples since the last call at once: a few short transfers, none of which waits longer than
+    i2c.py's bound, and none after one that had to wait. The chip is started step by step: a step that must wait is
+    continued at a later call.
+
+    Modes. "fifo": the chip keeps the samples; they are stamped by the chip's own period (sample_clock.py). "burst":
+    the newest sample alone, with its flag of being fresh, in one read of 15 bytes, stamped by the middle of the time
+    in which it must have come; for a bus that cannot carry all samples. Registers are never read one by one: a word
+    could be torn between two samples. The INT pin is not needed; it pulses for each sample, for an oscilloscope.
+
+    A stamp is the time at which the chip took the sample out of its filter; the motion is older by `delay_s`. Axes are
+    those of the chip, right-handed, turned by `ImuSettings.axes` to the vehicle's (x ahead, y left, z up). At rest and
+    level the accelerometer shows +g on z, as a specific force does.
+    """
 
     def __init__(
         self, device: Device, chip: Chip, settings: ImuSettings, now_ns: Callable[[], int] = time.monotonic_ns

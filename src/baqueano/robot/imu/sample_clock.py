@@ -1,23 +1,13 @@
-"""Times of samples, estimated from their counts at the times of reading.
+"""Times of samples, estimated from their counts at the times of reading. A chip samples at T(k) = a + P k.
 
-A chip samples at T(k) = a + P k, by a clock of its own: P is a few per cent off and known to nobody. A look that
-began at `before` and ended at `after` and found k to be the newest sample says two things for certain, however late
-the answer came:
-
-    T(k) ≤ after                                                                                          (1)
+    T(k) ≤ after                          of a look from `before` to `after` that found k the newest      (1)
     T(k + 1) > before                                                                                     (2)
+    P · (k_i − k_j − 1) ≤ after_i − before_j          of two looks                                        (3)
 
-Two looks i, j bound the period, with no assumption on when the looks were made:
-
-    P · (k_i − k_j − 1) ≤ after_i − before_j                                                              (3)
-
-All (a, P) that (1) and (2) allow for the looks of the last 10 s make a convex polygon: its centre of area, weighted by
-how usual such a P is, is the answer, its extent the error, which nothing can exceed as long as the chip's clock is
-steady. Looks at a multiple of the chip's own rate leave a whole period for a; clocks that slide past each other, as
-real ones do, shrink it to the jitter of the looks.
-
-For speed each 0.4 s (0.1 s at first) keeps the look that binds most on either side. Looks that contradict each other
-mean that a sample was lost or the clock has drifted: the older half goes, and if that is not enough, all but the last.
+The (a, P) that the looks of the last 10 s allow form a convex polygon. Its centre of area, weighted by how usual such
+a P is, is the estimate, its extent the bound of the error. Each 0.4 s (0.1 s at first) keeps the look that binds most
+on either side. Looks that contradict each other mean that a sample was lost or the clock drifted: the older half goes,
+and if that is not enough, all but the last. Derivation: docs/derivations/firmware_link.md.
 """
 
 from collections import deque

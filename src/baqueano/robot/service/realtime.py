@@ -1,10 +1,9 @@
 """Grants of the system to a control loop, and notifications to it.
 
-Measured on a shared machine, a loop of 100 Hz without SCHED_FIFO wakes up to 3.8 ms late in one of a hundred ticks,
-with it 0.1 ms (`doctor --jitter` measures it on yours). Memory is locked so that no tick waits for the disk, page by
-page as it is touched: to lock all that is mapped makes buffers and stacks resident that nobody uses, 189 MB in place of
-56 (`python -m benchmarks onboard`). What was made at the start is taken out of the garbage collector's rounds,
-uncollected: of 63,000 objects 500 are garbage, and a Pi 3 would seek them for 0.2 s (estimated).
+SCHED_FIFO wakes a loop of 100 Hz in time (`doctor --jitter` measures it on yours). Memory is locked page by page as it
+is touched, so that no tick waits for the disk: to lock all that is mapped makes buffers and stacks resident that are
+never used. What was made at the start leaves the rounds of the garbage collector, uncollected. docs/benchmarks.md has
+the figures.
 """
 
 import ctypes

@@ -2,29 +2,15 @@
 
     wire    0x00 | COBS( kind u8 | sequence u8 | payload 0…40 bytes | CRC-16 big-endian ) | 0x00          (1)
     CRC     CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected, over kind … payload   (2)
+    duty    per mille of full voltage, + is forwards; integers are little-endian, no padding              (3)
     seal    DRIVE, CONFIG and SETTINGS towards the firmware end their payload with a second CRC-16, big-endian:
             polynomial 0x8BB7, start 0, nothing reflected, over kind … payload                            (4)
-    duty    per mille of full voltage, + is forwards; integers are little-endian, no padding              (3)
 
 A field is a line of a NamedTuple: its name carries the unit, its type the width on the wire and, where the
 firmware refuses other values, the range. A frame of an unknown kind or of a wrong length is counted and
-ignored on both sides. The kinds sent by the firmware have bit 7 set.
-
-Why two: a heavily damaged frame passes 16 bits once in 65 536 times, and a million of them must not move a
-motor. 0x1021 and 0x8BB7 have no factor in common, so what passes both is a multiple of their product, of 32 bits.
-
-Rules that the layout serves:
-- The firmware draws a *nonce* at each boot, never the one before. A DRIVE with another nonce is ignored, so a
-  host that did not notice a reset cannot go on driving.
-- A DRIVE moves nothing before a DRIVE(0, 0, ARM). One whose sequence is not newer, (s - last) mod 256 in
-  1…127, than that of the last DRIVE obeyed is ignored. A host that joins late, or whose commands were lost for a
-  while, continues from `State.drive_seq`.
-- STOP is obeyed always and is latched; only DRIVE(0, 0, CLEAR_STOP), without ARM, takes the latch away.
-- `State.left_permille` is the duty at the driver's pins, after slew, dead zone, kick and dither;
-  `State.left_sum` adds it up once a millisecond, so the mean between any two frames is Δsum / Δt even when
-  frames between them were lost. That mean is the command of a run.
-
-firmware/uno/frames.h is made of this file by c_header.py, in `make firmware`.
+ignored on both sides. The kinds sent by the firmware have bit 7 set. firmware/uno/frames.h is made of this file by
+c_header.py, in `make firmware`. Rules of nonce, sequence, arming and stop, and why there are two CRCs:
+docs/derivations/firmware_link.md.
 """
 
 import struct

@@ -1,19 +1,16 @@
 """Place, direction and least duty of each motor, by gyro and accelerometer, without encoders.
 
-    ramp      one motor alone, until the vehicle turns: the sign of ω tells its side or its plug            (1)
-    push      both, so that the turns cancel: ∫ a dt tells ahead from back, and so side from plug           (2)
+    ramp      one motor alone, until the vehicle turns: the sign of ω shows its side or its plug            (1)
+    push      both, so that the turns cancel: ∫ a dt shows ahead or back, and so side or plug               (2)
     sweep     the other motor keeps it turning; this one steps down from far above its ramp:
               d = d₀ + a Δω + b Δω²,   Δω what it adds to the turn                                          (3)
     store     duty = d₀ + s r,  s = c/k, k = Δω/(d − d₀) at the top of the sweep, c = min (1 − d₀) k        (4)
-    straight  both at r = 0.5: what turns then is left over, ω = c r ε; half of ε to each slope, once       (5)
-    held      the same with the heading held by the gyro (controllers/heading_hold.py): ω = 2 c u_ψ               (6)
+    straight  both at r = 0.5: the turn that remains is ω = c r ε; half of ε to each slope, once            (5)
+    held      the same with the heading held by the gyro (controllers/heading_hold.py): ω = 2 c u_ψ         (6)
 
-(1) alone cannot tell a left motor that runs backwards from a right one that runs ahead: both turn it to the left.
-In (3) the vehicle turns already, so the friction of its caster and bearings is overcome by the other motor and d₀ is
-that of this motor and its gears; a dead zone measured from rest would make up for both and jump at small requests.
-(4) makes a request r do the same to both wheels, ahead and back, and no wheel needs more than its battery at r = 1.
-
-Each duty is held SETTLE_S, five times the slowest lag of such vehicles (0.17 s, mechanical), before ω is taken.
+A left motor backwards and a right one forwards look alike in (1). In (3) the other motor overcomes caster and bearings,
+so d₀ is that of this motor and its gears. (4) makes a request r do the same to both wheels, ahead and back. Each duty
+is held SETTLE_S, five times the slowest lag of such vehicles (0.17 s, mechanical), before ω is taken.
 """
 
 from collections.abc import Callable

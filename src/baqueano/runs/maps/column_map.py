@@ -10,14 +10,8 @@
     value = (scale · radius · column · unit + offset) · times                                              (1)
 
 An entry is {column, unit, scale, radius_m, offset, times, backward, derivative, wraps, counts_per_turn}, or
-{quaternion = [x, y, z, w]} for a heading, or {constant, unit}, `constant = nan` where nothing measures this number;
-scale and offset act in SI, `radius_m` makes the speed at which it rolls of the rate at which a wheel turns, `times`
-names a column that switches the signal (0 or 1), `backward` a column and the value at which the sign turns round (a
-pin of direction), `derivative` takes the rate of change of the column from row to row, of a counter that begins again
-after `wraps` counts, of an encoder with `counts_per_turn`; a sensor of such rates stands in the middle between its
-rows. An angle begins again after a turn, unless its column goes beyond one. Nothing has a silent default that changes
-a number; what is left out and needed is asked for with the line to write. The whole of it by examples:
-docs/importing.md.
+{quaternion = [x, y, z, w]}, or {constant, unit}. No default changes a number silently: what is left out and needed is
+asked for with the line to write. Every key, by examples: docs/importing.md.
 """
 
 import math

@@ -1,19 +1,15 @@
 """Simulations and fits of `study identification`: robots and cars of the independent truth.
 
-Robots with dead zones of 0.25 to 0.33 per side and direction, unequal gains, dry friction, a lag of 45 ms, delays of
-4 to 17 ms, an 8-bit PWM whose counts are logged, and an IMU 3 cm off the centre, turned by 4° and tilted by 2°, at
-100 Hz. All is free that a user would free; the search begins at a rough guess, but for the tilt (robots.py).
+Robots with dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms, delays of 4 to 17 ms, an 8-bit PWM
+whose counts are logged, an IMU 3 cm off the centre, turned by 4° and tilted by 2°. All is free that a user would free;
+the search begins at a rough guess, but for the tilt (robots.py). Cars on tyres, by the kinematic car, IMU and odometer:
 
     clean               white noise alone
-    rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, steps of 1 σ, biases that walk:
-                        that of a run is their mean over the run
-    floor               a floor that disturbs; floor, innovations: with the other cost
-    wrong start         clean, from friction and forces times 0.2 to 5, signs by lot, and dead zones from 0 to 0.5
-
-Cars on tyres, fitted with the kinematic car, by IMU and odometer:
-
-    matched             stiff tyres that are alike, gentle steering: nearly the car that is fitted
-    understeer          soft ones that understeer and saturate, half of full lock and more
+    rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, steps of 1 σ, walking biases
+    floor               process noise of a rough floor; floor, innovations: with the other cost
+    wrong start         clean, from friction and forces times 0.2 to 5, random signs, and dead zones from 0 to 0.5
+    matched             cars with stiff tyres that are alike, gentle steering: nearly the car that is fitted
+    understeer          soft tyres that understeer and saturate, half of full lock and more
 """
 
 from collections.abc import Sequence
