@@ -42,7 +42,13 @@ ROOMS = [
     "vehicles",
     "worlds",
 ]
-NOT_YET = ("identify", "block_checks", "estimators/augmented")  # rooms leave this list one by one
+NOT_YET = (
+    "identify",
+    "block_checks",
+    "estimators/augmented",
+    "door",
+    "web",
+)  # rooms leave this list one by one
 MOST_NAMES = 165  # of all rooms together
 MODULE_LINES = 15  # of the docstring of a module: equations and source
 LETTERS = re.compile(r"(eta|nu|u|psi|xy|nu_dot)(_\w+)?")  # physical quantities by their letter alone
