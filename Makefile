@@ -16,7 +16,7 @@ DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude ard
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
-.PHONY: demo test test-fast promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean
+.PHONY: demo test test-fast docs promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
@@ -27,6 +27,10 @@ test: $(VENV)/test.stamp debian
 # The tests of blocks, runs and engine, in less than a minute on two cores; tests/conftest.py says what is slow.
 test-fast: $(VENV)/test.stamp
 	$(BIN)/python -m pytest $(BOTH_CORES) -m "not slow"
+
+# The site of docs/ in two languages, build/site/index.html: it is read from the disk, without a network.
+docs: $(VENV)/test.stamp
+	$(BIN)/python -m docs.site
 
 # What the package promises, and which tests keep it.
 promises: $(VENV)/test.stamp debian
@@ -81,7 +85,7 @@ lock:
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
 	  --custom-compile-command "make lock" --extra lab --extra page pyproject.toml requirements/build.in -o requirements/run.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	  --custom-compile-command "make lock" --extra lab --extra page --extra test pyproject.toml requirements/build.in -o requirements/test.lock
+	  --custom-compile-command "make lock" --extra lab --extra page --extra test --extra docs pyproject.toml requirements/build.in -o requirements/test.lock
 
 clean:
 	rm -rf $(VENV) dist build demo demo-*

@@ -23,7 +23,8 @@ SLOW = {  # folders and files
     "cli", "door", "drive", "emulated", "identify", "monitor", "report", "robot", "study", "tune", "web",
     "compare/test_corridor.py", "controllers/test_model_following.py", "estimators/test_ekf_pauses.py",
     "estimators/test_every_sensor.py", "estimators/test_smoother.py", "test_any_laptop.py", "test_benchmarks.py",
-    "test_docs.py", "test_examples.py", "test_house.py", "test_notebooks.py", "test_wheel.py",
+    "test_docs.py", "test_examples.py", "test_house.py", "test_notebooks.py",
+    "test_first_evening.py", "test_site.py", "test_wheel.py",
 }  # fmt: skip
 
 SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY

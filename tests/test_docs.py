@@ -60,14 +60,18 @@ def options_of(command):
 PAGES = (
     "README.md",
     "CHANGELOG.md",
+    "docs/README.md",
+    *(f"docs/es/{path.name}" for path in sorted((ROOT / "docs/es").glob("*.md"))),
     *(
         f"docs/{name}.md"
         for name in (
+            "architecture",
             "build",
             "controllers",
             "driving",
             "errata",
             "estimators",
+            "first-evening",
             "identification",
             "importing",
             "own-vehicle",

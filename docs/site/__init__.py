@@ -1,0 +1,1 @@
+"""The site of the documents: `python -m docs.site` builds it, in two languages, without a network."""

@@ -1,0 +1,131 @@
+"""The pages of the site: files of this repository, gathered into a folder for each language, and their links.
+
+The files stay what a repository shows: plain Markdown with links from file to file. Here a link to a page of the site
+becomes one of the site, and a link to any other file brings that file along.
+"""
+
+import re
+import shutil
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
+FENCED = re.compile(r"^(```.*?^```|~~~.*?^~~~)$", re.MULTILINE | re.DOTALL)
+ELSEWHERE = {  # page of the site → file outside docs/
+    "changelog": ROOT / "CHANGELOG.md",
+    "contributing": ROOT / "CONTRIBUTING.md",
+    "firmware": ROOT / "firmware" / "uno" / "README.md",
+}
+ORDER = {  # heading of the menu → its pages; a page of docs/ that is named nowhere joins the second
+    "Begin": ("first-evening", "architecture", "python"),
+    "How to": ("identification", "controllers", "estimators", "importing", "own-vehicle", "driving", "vehicle-file"),
+    "The vehicle": ("build", "robot", "firmware"),
+    "Derivations": (),
+    "Reference": ("reference/index", "glossary", "benchmarks", "errata", "changelog", "contributing"),
+}  # fmt: skip
+SPANISH = {
+    "Begin": "Para empezar",
+    "How to": "Cómo se hace",
+    "The vehicle": "El vehículo",
+    "Derivations": "Derivaciones",
+    "Reference": "Referencia",
+}
+
+
+@dataclass(frozen=True)
+class Edition:
+    """The site in one language: "en", or "es" for the pages of docs/es."""
+
+    language: str
+
+    @cached_property
+    def sources(self) -> dict[str, Path]:
+        """Return the file of each page of this language, by the page's name."""
+        if self.language == "es":
+            return {_name(path.stem): path for path in sorted((DOCS / "es").glob("*.md"))}
+        own = [*sorted(DOCS.glob("*.md")), *sorted((DOCS / "derivations").glob("*.md"))]
+        found = {_name(path.relative_to(DOCS).with_suffix("").as_posix()): path for path in own}
+        return found | ELSEWHERE
+
+    def menu(self, more: tuple[str, ...] = ()) -> dict[str, list[str]]:
+        """Return the pages below each heading; `more` are those that no file stands for."""
+        have = {*self.sources, *more} - {"index"}
+        named = {name for names in ORDER.values() for name in names}
+        out = {}
+        for heading, names in ORDER.items():
+            pages = [name for name in names if name in have]
+            if heading == "How to":
+                pages += sorted(name for name in have - named if "/" not in name)
+            if heading == "Derivations":
+                pages += sorted(name for name in have if name.startswith("derivations/"))
+            title = SPANISH[heading] if self.language == "es" else heading
+            if pages:
+                out[title] = pages
+        return out
+
+    def write(self, folder: Path, more: dict[str, str] | None = None) -> None:
+        """Write all pages into `folder`, with `more` of them as text by name, and the files that they link to."""
+        more = more or {}
+        for name, path in self.sources.items():
+            text = self._linked(path, folder)
+            if name == "index":
+                text += _toctrees(self.menu(tuple(more)))
+            _put(folder / f"{name}.md", text)
+        for name, text in more.items():
+            _put(folder / f"{name}.md", text)
+
+    def _linked(self, path: Path, folder: Path) -> str:
+        """Return the text of a page with the links of the site; code stays as it is."""
+        text = re.sub(r"^```math$", "```{math}", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        parts = FENCED.split(text)
+        return "".join(
+            part if FENCED.fullmatch(part) else LINK.sub(lambda m: self._link(m, path, folder), part)
+            for part in parts
+        )
+
+    def _link(self, match: re.Match[str], path: Path, folder: Path) -> str:
+        """Return one link as the site has it."""
+        image, label, target = match.groups()
+        if re.match(r"[a-z]+:|#", target):
+            return match.group()
+        file, _, anchor = target.partition("#")
+        there = (path.parent / file).resolve()
+        here = next(name for name, source in self.sources.items() if source == path)
+        up = "../" * here.count("/")
+        anchor = f"#{anchor}" if anchor else ""
+        if page := self._page(there):
+            return f"[{label}]({up}{page}.md{anchor})"
+        if self.language == "es" and (page := Edition("en")._page(there)):
+            return f"[{label}](en:{page}.html{anchor})"
+        if there.is_dir():
+            return label
+        if not there.is_file():
+            return match.group()  # Sphinx names it
+        copy = there.relative_to(ROOT).as_posix()
+        (folder / "files" / copy).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(there, folder / "files" / copy)
+        return f"{image}[{label}]({up}files/{copy})"
+
+    def _page(self, file: Path) -> str | None:
+        return next((name for name, source in self.sources.items() if source == file), None)
+
+
+def _name(stem: str) -> str:
+    """Return the page of a file; README is what a repository shows of a folder."""
+    return "index" if stem == "README" else stem
+
+
+def _put(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _toctrees(menu: dict[str, list[str]]) -> str:
+    trees = [
+        f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n" + "\n".join(pages) + "\n```\n"
+        for heading, pages in menu.items()
+    ]
+    return "\n" + "".join(trees)

@@ -1,0 +1,163 @@
+"""The API reference: pages made from signatures and docstrings of all public names, a page for each room."""
+
+import dataclasses
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any
+
+from docs.site.docstring import markdown
+
+ROOMS = {  # module → what it is for; the front door first, so that its names stand there and nowhere else
+    "baqueano": "the verbs, as functions",
+    "baqueano.vehicle_file": "the file that describes a vehicle",
+    "baqueano.vehicles": "models of motion",
+    "baqueano.sensors": "models of measurement",
+    "baqueano.estimators": "blocks that estimate pose and velocity",
+    "baqueano.guides": "blocks that say where the vehicle should be now",
+    "baqueano.controllers": "blocks that make the command",
+    "baqueano.worlds": "where a loop runs: simulated, replayed, real",
+    "baqueano.signals": "what blocks pass to each other",
+    "baqueano.contracts.blocks": "the protocols of the blocks",
+    "baqueano.parameter": "parameters of a block, with unit and bounds",
+    "baqueano.geometry": "poses, frames, angles",
+    "baqueano.drive": "drives",
+    "baqueano.simulate": "simulations, one or many",
+    "baqueano.identify": "fits",
+    "baqueano.compare": "errors and consistency",
+    "baqueano.tune": "gains",
+    "baqueano.report": "pages and figures",
+    "baqueano.runs": "runs and routes as files",
+    "baqueano.diagnostics": "messages as data, and verdicts",
+}
+MODULES = re.compile(r"\b(?:[a-z_]\w*\.)+(?=\w)")
+LONG = 24  # letters of a default value that is still shown
+
+
+def reference() -> dict[str, str]:
+    """Return the text of each page by its name; each object is described once."""
+    described: dict[int, str] = {}
+    pages = {f"reference/{_file(name)}": _page(name, about, described) for name, about in ROOMS.items()}
+    rows = "".join(f"| [{name}]({_file(name)}.md) | {about} |\n" for name, about in ROOMS.items())
+    tree = "\n".join(_file(name) for name in ROOMS)
+    pages["reference/index"] = (
+        "# Reference of the Python names\n\nMade from the code. `help(bq.repeat)` shows the same text.\n\n"
+        f"| module | what it holds |\n|---|---|\n{rows}\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+    )
+    return pages
+
+
+def _file(module: str) -> str:
+    return module.removeprefix("baqueano.")
+
+
+def _page(name: str, about: str, described: dict[int, str]) -> str:
+    module = importlib.import_module(name)
+    parts = [f"# {name}\n\n{about[0].upper()}{about[1:]}.\n", markdown(inspect.getdoc(module) or "")]
+    for word in public(module):
+        thing = getattr(module, word)
+        if inspect.ismodule(thing):
+            parts.append(f"`{word}`: [its page]({_file(thing.__name__)}.md)\n")
+        elif id(thing) in described and callable(thing):
+            there = described[id(thing)]
+            parts.append(f"`{word}`: see {{py:obj}}`{there}`\n")
+        elif callable(thing):
+            described[id(thing)] = f"{name}.{word}"
+            parts.append(_entry(f"{name}.{word}", thing))
+    return "\n".join(parts)
+
+
+def public(module: ModuleType) -> list[str]:
+    """Return the names of `__all__`; without one, the classes and functions that the module defines without a _."""
+    if names := getattr(module, "__all__", None):
+        return sorted(names, key=str.lower)
+    return [
+        name
+        for name, thing in vars(module).items()
+        if not name.startswith("_")
+        and callable(thing)
+        and getattr(thing, "__module__", "") == module.__name__
+    ]
+
+
+def _entry(name: str, thing: Any) -> str:
+    """Return the description of a function or class."""
+    if not inspect.isclass(thing):
+        return _directive("function", name + signature(thing), markdown(inspect.getdoc(thing) or ""))
+    text = inspect.getdoc(thing) or ""
+    made = dataclasses.is_dataclass(thing) and text.startswith(
+        f"{thing.__name__}("
+    )  # by Python, not by a person
+    body = ["" if made else markdown(text), *_parameters(thing)]
+    body += [_directive("method", word + signature(method, True), markdown(text), 3)
+             for word, method, text in _methods(thing)]  # fmt: skip
+    protocol = getattr(thing, "_is_protocol", False)
+    return _directive("class", name + ("" if protocol else signature(thing)), "\n".join(body), 4)
+
+
+def _directive(kind: str, head: str, body: str, ticks: int = 4) -> str:
+    fence = "`" * (ticks + 1)
+    return f"{fence}{{py:{kind}}} {head}\n\n{body.strip()}\n{fence}\n"
+
+
+def signature(thing: Any, method: bool = False) -> str:
+    """Return arguments with their types, without modules; a default only where it is short."""
+    try:
+        found = inspect.signature(thing)
+    except (TypeError, ValueError):
+        return "()"
+    words, starred = [], False
+    for k, one in enumerate(found.parameters.values()):
+        if method and k == 0 and one.name in ("self", "cls"):
+            continue
+        if one.kind is one.KEYWORD_ONLY and not starred:
+            words.append("*")
+        starred = starred or one.kind in (one.KEYWORD_ONLY, one.VAR_POSITIONAL)
+        mark = {one.VAR_POSITIONAL: "*", one.VAR_KEYWORD: "**"}.get(one.kind, "")
+        text = f"{mark}{one.name}"
+        if kind := _type(one.annotation):
+            text += f": {kind}"
+        if one.default is not one.empty:
+            text += f" = {_default(one.default)}"
+        words.append(text)
+    kind = _type(found.return_annotation)
+    return f"({', '.join(words)})" + (f" -> {kind}" if kind and not inspect.isclass(thing) else "")
+
+
+def _type(annotation: Any) -> str:
+    if annotation is inspect.Signature.empty:
+        return ""
+    text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
+    text = MODULES.sub("", text.replace('"', "").replace("'", ""))
+    return text if len(text) < 80 and "<" not in text and "ForwardRef" not in text else ""
+
+
+def _default(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= LONG and "<" not in text and "\n" not in text else "..."
+
+
+def _parameters(thing: Any) -> Iterator[str]:
+    """Return the table of the fields of a block, by the metadata that the loader of vehicle files reads."""
+    if not dataclasses.is_dataclass(thing):
+        return
+    rows = [
+        f"| `{field.name}` | {one.unit.replace('|', '')} | {markdown(one.meaning).strip()} |"
+        for field in dataclasses.fields(thing)
+        if (one := field.metadata.get("parameter")) is not None
+    ]
+    if rows:
+        yield "\n".join(["", "| parameter | unit | meaning |", "|---|---|---|", *rows, ""])
+
+
+def _methods(thing: type) -> Iterator[tuple[str, Any, str]]:
+    """Return the public methods with a docstring of their own or of a base of ours."""
+    for word in dir(thing):
+        method = inspect.getattr_static(thing, word)
+        method = getattr(method, "__func__", method)
+        if word.startswith("_") or not inspect.isfunction(method):
+            continue
+        if method.__module__.startswith("baqueano") and (text := inspect.getdoc(getattr(thing, word))):
+            yield word, method, text

@@ -1,0 +1,60 @@
+"""The tutorial runs from its first line to its last, and what it shows is what the programs print."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PAGE = Path(__file__).parents[1] / "docs" / "first-evening.md"
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def shape(line):
+    """Return a line without its figures and the widths of its columns: those depend on the machine."""
+    return " ".join(NUMBER.sub("0", line).split())
+
+
+@pytest.fixture(scope="module")
+def evening(tmp_path_factory):
+    """Type all commands of the page, in their order; gives the folder, and (what was printed, what is shown)."""
+    folder, printed, pairs = tmp_path_factory.mktemp("evening"), "", []
+    found = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8"}
+    for kind, text in found:
+        if kind == "text":
+            pairs.append((printed, text))
+            continue
+        lines = [("-c", text)] if kind == "python" else [line.split() for line in text.splitlines()]
+        for line in lines:
+            if line[0] == "cd":
+                folder = folder / line[1]
+                continue
+            arguments = line if kind == "python" else ("-m", *line)
+            done = subprocess.run(
+                [sys.executable, *arguments],
+                cwd=folder,
+                env=environment,
+                capture_output=True,
+                encoding="utf-8",
+            )
+            assert done.returncode == 0, f"{line}: {done.stderr[-2000:]}"
+            printed += done.stdout + done.stderr
+    return folder, pairs
+
+
+def test_every_command_of_the_evening_runs_and_leaves_what_the_page_says(evening):
+    folder, _ = evening
+    assert len(list((folder / "runs").glob("*.mcap"))) == 6
+    assert {"fit.html", "vehicle.toml", "first_evening.ipynb"} <= {path.name for path in folder.iterdir()}
+    assert (folder / "routes" / "lap.csv").exists()
+
+
+def test_what_the_page_shows_is_what_is_printed(evening):
+    _, pairs = evening
+    assert len(pairs) > 2
+    for printed, text in pairs:
+        lines = {shape(line) for line in printed.splitlines()}
+        assert not [line for line in text.splitlines() if shape(line) not in lines]

@@ -1,0 +1,181 @@
+"""The documents as a site, in two languages: every student's page exists in both, with the same code."""
+
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCS, SPANISH = ROOT / "docs", ROOT / "docs" / "es"
+FOR_STUDENTS = {
+    "README", "first-evening", "architecture", "driving", "build", "robot", "glossary", "own-vehicle", "importing",
+}  # fmt: skip
+needs_sphinx = pytest.mark.skipif(
+    any(find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
+    reason="the site needs the extra docs: pip install '.[docs]'",
+)
+
+
+def blocks(page):
+    """Return (language, text) of each block of code, without comments and the words of drawings."""
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [(kind, without_comments(text)) for kind, text in found]
+
+
+def without_comments(text):
+    """Return what a machine reads."""
+    return [line for line in (re.sub(r"(^|\s+)#.*", "", one).rstrip() for one in text.splitlines()) if line]
+
+
+def headings(page):
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return [len(marks) for marks in re.findall(r"^(#+) ", text, re.MULTILINE)]
+
+
+def test_every_page_for_students_exists_in_both_languages():
+    assert {path.stem for path in SPANISH.glob("*.md")} == FOR_STUDENTS
+    assert not [name for name in FOR_STUDENTS if not (DOCS / f"{name}.md").exists()]
+
+
+@pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
+def test_a_page_has_the_same_code_and_the_same_parts_in_both_languages(name):
+    ours, theirs = DOCS / f"{name}.md", SPANISH / f"{name}.md"
+    assert blocks(theirs) == blocks(ours)
+    assert headings(theirs) == headings(ours)
+
+
+@pytest.mark.parametrize("name", sorted(FOR_STUDENTS))
+def test_a_spanish_page_leads_to_spanish_pages_and_has_decimal_commas(name):
+    text = (SPANISH / f"{name}.md").read_text(encoding="utf-8")
+    for link in re.findall(r"\]\(([^)\s#]+)[^)\s]*\)", text):
+        if link.startswith("http"):
+            continue
+        there = (SPANISH / link).resolve()
+        assert there.exists(), link
+        spanish = there.parent == DOCS and there.stem in FOR_STUDENTS
+        assert not spanish, f"{link}: this page exists in Spanish"
+    prose = re.sub(r"^```.*?^```$|`[^`\n]*`|\]\([^)]*\)|\[[^\]]*\]", "", text, flags=re.M | re.S)
+    assert not re.findall(
+        r"(?<![\w.])\d+\.\d+(?![\w.]) (?:m|s|cm|mm|ms|V|A|°|%|N|kg|GHz|kΩ|dólares)\b", prose
+    )
+
+
+def test_the_glossaries_have_the_same_terms():
+    def rows(page):
+        text = page.read_text(encoding="utf-8")
+        return [
+            [cell.strip() for cell in line.split("|")[1:5]]
+            for line in text.splitlines()
+            if line.startswith("| ")
+        ]
+
+    ours, theirs = rows(DOCS / "glossary.md")[1:], rows(SPANISH / "glossary.md")[1:]
+    assert {(row[0], row[1]) for row in ours} == {(row[1], row[0]) for row in theirs}
+    terms = [row[0].lower() for row in theirs]
+    assert terms == sorted(terms, key=lambda word: word.translate(str.maketrans("áéíóúñ", "aeioun")))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The whole site; a warning fails."""
+    if find_spec("sphinx") is None:
+        pytest.skip("the site needs the extra docs: pip install '.[docs]'")
+    out = tmp_path_factory.mktemp("site") / "site"
+    done = subprocess.run(
+        [sys.executable, "-m", "docs.site", str(out)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "WARNING" not in done.stderr
+    return out
+
+
+class Fetched(HTMLParser):
+    """Collect what a browser fetches by itself, and where links lead."""
+
+    def __init__(self):
+        super().__init__()
+        self.fetched, self.links = list[str](), list[str]()
+
+    def handle_starttag(self, tag, attrs):
+        named = dict(attrs)
+        if tag in ("script", "img", "iframe", "source"):
+            self.fetched.append(named.get("src") or "")
+        elif tag == "link":
+            self.fetched.append(named.get("href") or "")
+        elif tag == "a":
+            self.links.append(named.get("href") or "")
+
+
+def parsed(page):
+    reader = Fetched()
+    reader.feed(page.read_text(encoding="utf-8"))
+    return reader
+
+
+@needs_sphinx
+def test_the_site_needs_no_network_and_no_link_is_dead(site):
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 40
+    for page in pages:
+        read = parsed(page)
+        assert not [one for one in read.fetched if re.match(r"(https?:)?//", one)], page
+        for link in (*read.fetched, *read.links):
+            path = re.sub(r"[#?].*", "", link)
+            if path and not re.match(r"[a-z]+:", path):
+                assert (page.parent / path).exists(), f"{page.relative_to(site)}: {link}"
+    for sheet in site.rglob("*.css"):
+        assert not re.search(r"url\(\s*['\"]?(https?:)?//", sheet.read_text(encoding="utf-8")), sheet
+
+
+@needs_sphinx
+def test_every_page_leads_to_itself_in_the_other_language(site):
+    for name in FOR_STUDENTS:
+        page = "index" if name == "README" else name
+        assert f"es/{page}.html" in parsed(site / f"{page}.html").links
+        assert f"../{page}.html" in parsed(site / "es" / f"{page}.html").links
+
+
+@needs_sphinx
+def test_the_reference_describes_the_public_names(site):
+    import baqueano as bq
+
+    door = (site / "reference/baqueano.html").read_text(encoding="utf-8")
+    functions = [name for name in bq.__all__ if callable(getattr(bq, name))]
+    assert len(functions) > 15
+    assert not [name for name in functions if f'id="baqueano.{name}"' not in door]
+    assert "rad per unit of u" in (site / "reference/vehicles.html").read_text(encoding="utf-8")
+
+
+@needs_sphinx
+def test_both_searches_know_the_words_of_their_pages(site):
+    assert "first-evening" in (site / "searchindex.js").read_text(encoding="utf-8")
+    spanish = (site / "es/searchindex.js").read_text(encoding="utf-8")
+    assert "corrid" in spanish
+
+
+@needs_sphinx
+def test_equations_are_mathml():
+    from docs.site.mathematics import mathml
+
+    drawn = mathml(r"\dot\nu = f(\nu, u) \tag{3}", True)
+    assert "<math" in drawn
+    assert ">(3)<" in drawn
+    assert "tag" not in drawn
+
+
+@pytest.mark.skipif(find_spec("docutils") is None, reason="the site needs the extra docs")
+def test_a_docstring_becomes_markdown():
+    from docs.site.docstring import markdown
+
+    text = markdown(
+        "Return *x*_1 of `a_b`.\n\n    P = G P\n\n    R = 1\n\nParameters\n----------\nrun : Run\n    One drive.\n"
+        "\nExamples\n--------\n>>> 1 + 1\n2\n"
+    )
+    assert r"\*x\*\_1 of `a_b`" in text
+    assert "```text\nP = G P\n\nR = 1\n```" in text
+    assert "- `run`, Run: One drive." in text
+    assert "```pycon\n>>> 1 + 1\n2\n```" in text
