@@ -79,7 +79,9 @@ def compiled(catalogue: Catalog) -> bytes:
 def update(language: str) -> Catalog:
     """Write the catalogue of a language anew, with all that is to be translated now."""
     catalogue = read(language)
+    created = catalogue.creation_date  # a file whose entries are the same stays the same, byte by byte
     catalogue.update(wanted(), no_fuzzy_matching=False, update_header_comment=False)
+    catalogue.creation_date = created
     catalogue.obsolete.clear()
     po, mo = places(language)
     po.parent.mkdir(parents=True, exist_ok=True)
