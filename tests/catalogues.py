@@ -1,10 +1,11 @@
 """The catalogues of other languages, for gettext: what is to be translated, and whether all of it is.
 
 `make catalogues` reads the templates of messages, the help of the command line, the words of click, and what stands in
-`_(…)` in the source; it brings src/baqueano/locale/*/LC_MESSAGES/baqueano.po up to date and compiles it. An entry is
-fuzzy where its English changed: translate it again and take the mark away.
+`_(…)`, or in `N_(…)` for later, in the source; it brings src/baqueano/locale/*/LC_MESSAGES/baqueano.po up to date and
+compiles it. An entry is fuzzy where its English changed: translate it again and take the mark away.
 """
 
+import ast
 import io
 import sys
 from collections.abc import Iterator
@@ -13,16 +14,19 @@ from string import Formatter
 
 import click
 from babel.messages import Catalog
-from babel.messages.extract import extract_from_dir, extract_from_file
+from babel.messages.extract import extract_from_file
 from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
 from baqueano.cli import VERBS, baqueano, command_of
+from baqueano.identify.parameters.free import AXES, ORDINALS
 from baqueano.language import CATALOGUES, DOMAIN, LANGUAGES
 from baqueano.messages import templates
 
 SOURCE = CATALOGUES.parent
-WORDS = {"_": None, "ngettext": (1, 2)}
+OF_CLICK = {"_": None, "ngettext": (1, 2)}
+OF_PARAMETERS = {"shown_by", "measured_by"}
+MARKED = {"_": 0, "N_": 0, "parameter": 1}  # function → which argument is words
 
 
 def places(language: str) -> tuple[Path, Path]:
@@ -42,12 +46,39 @@ def wanted() -> Catalog:
         catalogue.add(words)
     for words in VERBS.values():
         catalogue.add(words)
-    for _, _, words, _, _ in extract_from_dir(SOURCE, keywords=WORDS):
-        catalogue.add(words)
+    for path in sorted(SOURCE.rglob("*.py")):
+        for words in words_in(path):
+            catalogue.add(words)
     for path in Path(click.__file__).parent.glob("*.py"):
-        for _, words, _, _ in extract_from_file("python", path, keywords=WORDS):
+        for _, words, _, _ in extract_from_file("python", path, keywords=OF_CLICK):
             catalogue.add(words)
     return catalogue
+
+
+def words_in(path: Path) -> Iterator[str]:
+    """Yield what is marked in a file: literals in `_(…)` and `N_(…)`, also in f-strings, and words of parameters."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MARKED:
+            words = [*node.args[MARKED[node.func.id] :][:1]]
+            words += [
+                key.value for key in node.keywords if node.func.id == "parameter" and key.arg in OF_PARAMETERS
+            ]
+            for one in (text for word in words for text in getattr(word, "elts", [word])):
+                if isinstance(one, ast.Constant) and one.value:
+                    yield from filled(one.value)
+
+
+def filled(words: str) -> list[str]:
+    """Return words of a parameter for each of its entries: `{nth}` and `{axis}` stand for their names.
+
+    >>> filled("the {nth} motor")
+    ['the first motor', 'the second motor']
+    """
+    names = {"{nth}": ORDINALS[:2], "{axis}": AXES}
+    return next(
+        ([words.replace(field, name) for name in each] for field, each in names.items() if field in words),
+        [words],
+    )
 
 
 def help_of(command: click.Command) -> Iterator[str]:

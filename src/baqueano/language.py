@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 LANGUAGES = {"en": "English", "es": "español"}
 VARIABLE = "BAQUEANO_LANG"
@@ -56,16 +57,26 @@ def current() -> str:
     return language if language in LANGUAGES else "en"
 
 
-def translated(words: str, context: str = "") -> str:
-    """Return words of the code in the current language; words that have no translation stay English."""
+def translated(words: str, context: str = "", /, **figures: object) -> str:
+    """Return words of the code in the current language, with `figures` in their fields; words that have no translation
+    stay English.
+
+    >>> translated("{laps} laps in {t_s:.1f} s", laps=3, t_s=12.0)
+    '3 laps in 12.0 s'
+    """
     language = current()
-    if language == "en" or not words:
-        return words
-    catalogue = _catalogue(language)
-    return catalogue.pgettext(context, words) if context else catalogue.gettext(words)
+    if language != "en" and words:
+        catalogue = _catalogue(language)
+        words = catalogue.pgettext(context, words) if context else catalogue.gettext(words)
+    return words.format_map({name: number(value) for name, value in figures.items()}) if figures else words
 
 
-def number(value: object) -> object:
+def marked(words: str) -> str:
+    """Return words as they are: the catalogue holds them, and `translated` gets them where they are shown."""
+    return words
+
+
+def number(value: Any) -> Any:
     """Return a number that formats itself as the current language writes it; anything else as it is.
 
     >>> f"{number(0.25):.1f}"

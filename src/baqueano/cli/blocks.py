@@ -8,6 +8,7 @@ import click
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -90,7 +91,7 @@ class Listed:
     def table(self) -> str:
         """The same in columns; the verdict where nothing was found."""
         if not self.found:
-            return self.verdict
+            return _(self.verdict)
         widths = [max(len(str(row[key])) for row in self.found) for key in self.found[0]]
         return "\n".join(
             "  ".join(str(v).ljust(w) for v, w in zip(row.values(), widths, strict=True)).rstrip()

@@ -21,6 +21,7 @@ from baqueano.compare.table import WIDTH, table
 from baqueano.contracts.result import Result, shortened
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
+from baqueano.language import number
 from baqueano.messages import text, verdict_line
 from baqueano.monitor import Refusals, refusals_of
 from baqueano.runs.interpolated import at_times, poses_at
@@ -105,7 +106,7 @@ class JudgedPath:
         )  # fmt: skip
         known = [text(note(code, cm=100.0 * m)) for code, m in errors if np.isfinite(m)]
         return [
-            f"{self.name}, {self.duration_s:.1f} s: {', '.join(known)}",
+            f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(known)}",
             *(f"  {one}" for one in self.sentences),
         ]
 
@@ -121,11 +122,7 @@ class JudgedPath:
 
 
 NOT_DEFINITE, DIVERGED = "not definite", "diverged"
-ADVICE = {
-    "too sure": "It errs more than it says: its noise is too small, or its model lacks something. A fit tells.",
-    "too cautious": "It errs less than it says, which is safe and not sharp: its noise is larger than it need be. "
-    "Where that stays after a fit: smaller disturbance_std or process_noise_cov in [estimator].",
-}
+ADVICE = {"too sure": "compare.advice-too-sure", "too cautious": "compare.advice-too-cautious"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -191,7 +188,9 @@ class Comparison(Result):
     def _advice(self) -> list[str]:
         """Return what to change where an estimator does not know its own errors."""
         return [
-            ADVICE[word] for word in dict.fromkeys(judged.verdict for judged in self.runs) if word in ADVICE
+            text(note(ADVICE[word]))
+            for word in dict.fromkeys(judged.verdict for judged in self.runs)
+            if word in ADVICE
         ]
 
 

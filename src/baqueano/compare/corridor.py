@@ -11,7 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import wrap
+from baqueano.messages import text
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
@@ -34,16 +36,30 @@ class Corridor(NamedTuple):
     @property
     def sentence(self) -> str:
         """Return how well the place is known at the end, or since when it is lost."""
+        return text(self.message)
+
+    @property
+    def message(self) -> Diagnostic:
+        """Return the same as a message."""
         if np.isfinite(self.lost_s):
-            lap = f" (lap {int(self.lost_s / self.lap_s) + 1})" if np.isfinite(self.lap_s) else ""
-            return f"lost since {self.lost_s:.0f} s{lap}: from there on its heading is a guess"
+            if not np.isfinite(self.lap_s):
+                return note("corridor.lost", t_s=self.lost_s)
+            return note("corridor.lost-in-lap", t_s=self.lost_s, lap=int(self.lost_s / self.lap_s) + 1)
         laps = round(float(self.t_s[-1]) / self.lap_s) if np.isfinite(self.lap_s) else 0
-        when = f"{laps} lap{'s' * (laps > 1)}" if laps else f"{self.t_s[-1]:.0f} s"
-        return f"after {when} the vehicle is known to {self.at(len(self.t_s) - 1)} (95 %)"
+        within = self._within(len(self.t_s) - 1)
+        if laps:
+            return note("corridor.after-laps" if laps > 1 else "corridor.after-lap", laps=laps, within=within)
+        return note("corridor.after-time", t_s=float(self.t_s[-1]), within=within)
 
     def at(self, k: int) -> str:
         """Return the half-widths at one tick, "± 8 cm across, ± 4°"."""
-        return f"± {_length(self.across_m[k])} across, ± {np.degrees(self.heading_rad[k]):.2g}°"
+        return text(self._within(k))
+
+    def _within(self, k: int) -> Diagnostic:
+        across_m, heading_deg = float(self.across_m[k]), float(np.degrees(self.heading_rad[k]))
+        if across_m < 0.995:
+            return note("corridor.cm", across_cm=100.0 * across_m, heading_deg=heading_deg)
+        return note("corridor.m", across_m=across_m, heading_deg=heading_deg)
 
 
 def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = float("nan")) -> Corridor:
@@ -92,7 +108,3 @@ def _lap_s(run: Run) -> float:
     )  # on the mark from here to there
     k = back[0] + 1 + int(np.argmin(np.hypot(*off[back[0] + 1 : near, :2].T)))
     return float(seconds(ref.t_ns[k], ref.t_ns[0]))
-
-
-def _length(length_m: float) -> str:
-    return f"{100.0 * length_m:.2g} cm" if length_m < 0.995 else f"{length_m:.2g} m"

@@ -14,6 +14,8 @@ from baqueano.compare.corridor import Corridor, corridor_of
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
+from baqueano.language import marked as N_
+from baqueano.language import translated as _
 from baqueano.simulate import simulate_loop
 
 if TYPE_CHECKING:
@@ -65,8 +67,15 @@ class CorridorAhead(Result):
         for lap in range(1, self.laps + 1):
             k = self._tick(lap)
             if k is not None:
-                lines.append(f"lap {lap}, {lap * self.lap_s:.0f} s: {self.corridor.at(k)} (95 %)")
-        return "\n".join([*lines, f"{self.verdict}: {self.corridor.sentence}"])
+                lines.append(
+                    _(
+                        "lap {lap}, {t_s:.0f} s: {at} (95 %)",
+                        lap=lap,
+                        t_s=lap * self.lap_s,
+                        at=self.corridor.at(k),
+                    )
+                )
+        return "\n".join([*lines, f"{_(self.verdict)}: {self.corridor.sentence}"])
 
     def _tick(self, lap: int) -> int | None:
         """The tick at which a lap ends; None where the vehicle is lost by then."""
@@ -113,6 +122,6 @@ def corridor_ahead(
     run = simulate_loop(vehicle_file, route, laps=laps, noise=False, name="forecast", backend=backend)
     found = corridor_of(run)
     if found is None:
-        kind = vehicle_file.data["estimator"].get("kind", "of this vehicle")
+        kind = vehicle_file.data["estimator"].get("kind", N_("of this vehicle"))
         raise AnswerNo(fault("forecast.no-covariance", "--set estimator.kind=augmented_ekf", estimator=kind))
     return CorridorAhead(found, laps, float(route.t_s[-1]), run)

@@ -14,15 +14,25 @@ import numpy as np
 
 from baqueano.compare import consistency
 from baqueano.compare.consistency import FALSE_ALARM, NOT_REPORTED, Band
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import wrap
+from baqueano.language import marked as N_
+from baqueano.messages import text
 from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow, Tree
     from baqueano.runs.run import Run
 
-STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
-JOINT = {"nees_pose": "the pose", "nees_velocity": "the velocity", "nis": "the innovations"}
+STATES = {
+    "x": "x",
+    "y": "y",
+    "heading": N_("heading"),
+    "v_x": "v_x",
+    "v_y": "v_y",
+    "yaw_rate": N_("yaw rate"),
+}
+JOINT = {"nees_pose": N_("the pose"), "nees_velocity": N_("the velocity"), "nis": N_("the innovations")}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,15 +57,14 @@ class FilterConsistency:
         """Return the verdict with its figure, the worst state, and autocorrelated innovations."""
         verdict, name, band = self._decided()
         if band is None:
-            return "No estimate with a covariance is in the run."
+            return text(note("consistency.not-reported")) + "."
         if verdict == "cannot tell":
-            return f"Cannot tell: errors of {JOINT[name]} count for {band.samples:.1f} independent samples."
+            return text(note("consistency.cannot-tell", of=JOINT[name], samples=band.samples)) + "."
+        figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst(verdict)}
         figure = "NIS" if name == "nis" else "NEES"
-        said = (
-            f"{verdict.capitalize()}: the {figure} of {JOINT[name]} is {band.mean:.2f}, and of a right covariance "
-            f"between {band.low:.2f} and {band.high:.2f}{self._worst(verdict)}."
-        )
-        return said + self._silent(verdict) + self._coloured()
+        first = note(f"consistency.{verdict.replace(' ', '-')}", figure=figure, of=JOINT[name], **figures)
+        said = (first, self._unknown(verdict), self._correlated())
+        return " ".join(f"{text(one)}." for one in said if one is not None)
 
     @property
     def correlation(self) -> float:
@@ -104,7 +113,7 @@ class FilterConsistency:
         name, band = max(right or known, key=lambda one: one[1].samples)
         return "consistent" if right else "cannot tell", name, band
 
-    def _worst(self, verdict: str) -> str:
+    def _worst(self, verdict: str) -> Diagnostic | str:
         """The state that is furthest off in the same direction, where the verdict is by truth."""
         off = {
             name: band.mean for name, band in self.states.items() if band.verdict == verdict != "consistent"
@@ -112,17 +121,17 @@ class FilterConsistency:
         if not off:
             return ""
         name = max(off, key=lambda one: abs(np.log(off[one])))
-        return f"; the furthest off is {name} with {off[name]:.2f}"
+        return note("consistency.worst", state=STATES[name], nees=off[name])
 
-    def _silent(self, verdict: str) -> str:
+    def _unknown(self, verdict: str) -> Diagnostic | None:
         """Return the limits of a consistent verdict: a joint NEES with too few samples."""
-        few = [JOINT[n] for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
-        return f" Of {few[0]} the run cannot tell." if few and verdict == "consistent" else ""
+        few = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
+        return note("consistency.unknown", of=JOINT[few[0]]) if few and verdict == "consistent" else None
 
-    def _coloured(self) -> str:
+    def _correlated(self) -> Diagnostic | None:
         if not abs(self.correlation) > max(self.correlation_limit, 0.1):
-            return ""
-        return f" Innovations are correlated ({self.correlation:.2f} at lag 1), so model or noise lacks something."
+            return None
+        return note("consistency.correlated", correlation=self.correlation)
 
 
 def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency:

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.compare.filter_consistency import JOINT, STATES
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     from baqueano.compare.comparison import Comparison, JudgedPath
@@ -16,7 +19,11 @@ if TYPE_CHECKING:
 WIDTH = 80  # letters of a line
 COLUMN, LEAST_COLUMN = 18, 8  # letters of a run's column
 DEGREES = 180.0 / np.pi
-ALIGNED = {"none": "", "start": ", aligned at the start", "rigid": ", aligned rigidly"}
+ALIGNED = {
+    "none": N_("estimate − truth, rms"),
+    "start": N_("estimate − truth, rms, aligned at the start"),
+    "rigid": N_("estimate − truth, rms, aligned rigidly"),
+}
 
 
 class TableLine(NamedTuple):
@@ -71,24 +78,26 @@ def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
 
 
 def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
-    over = f"over {found.over_s:g} s"
+    over = _("over {over_s:g} s", over_s=found.over_s)
     yield (
         "",
         [
-            TableLine("duration", "s", lambda j: j.duration_s),
-            TableLine("the estimate diverged at", "s", lambda j: j.diverged_s),
+            TableLine(_("duration"), "s", lambda j: j.duration_s),
+            TableLine(_("the estimate diverged at"), "s", lambda j: j.diverged_s),
         ],
     )
     yield (
-        f"estimate − truth, rms{ALIGNED[found.alignment]}",
+        _(ALIGNED[found.alignment]),
         [
-            TableLine("position (ATE)", "m", lambda j: j.ate_m),
-            TableLine("position, at the end", "m", lambda j: j.end_error_m),
-            TableLine("heading", "°", lambda j: j.ate_heading_rad * DEGREES),
-            TableLine(f"drift {over} (RPE)", "m", lambda j: j.rpe_m),
-            TableLine(f"drift of the heading {over}", "°", lambda j: j.rpe_heading_rad * DEGREES),
-            TableLine("speed", "m/s", lambda j: j.speed_error_m_s),
-            TableLine("yaw rate", "rad/s", lambda j: j.yaw_rate_error_rad_s),
+            TableLine(_("position (ATE)"), "m", lambda j: j.ate_m),
+            TableLine(_("position, at the end"), "m", lambda j: j.end_error_m),
+            TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES),
+            TableLine(_("drift {over} (RPE)", over=over), "m", lambda j: j.rpe_m),
+            TableLine(
+                _("drift of the heading {over}", over=over), "°", lambda j: j.rpe_heading_rad * DEGREES
+            ),
+            TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s),
+            TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s),
         ],
     )
     if found.of_drives:
@@ -99,67 +108,73 @@ def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
 def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
     """Yield how well and how evenly it drove; of a replay this says nothing of the estimator."""
     for title, kind in (
-        ("vehicle across its reference, true", "true"),
-        ("the same, as estimated", "estimate"),
+        (_("vehicle across its reference, true"), "true"),
+        (_("the same, as estimated"), "estimate"),
     ):
         yield title, [*_distances(f"across_{kind}"), *_paces(f"pace_{kind}")]
-    yield "vehicle across the path of the first run", _distances("across_first")
+    yield _("vehicle across the path of the first run"), _distances("across_first")
     yield (
-        "command",
+        _("command"),
         [
-            TableLine("changes of sign, forward", "1/s", lambda j: j.sign_changes_per_s),
-            TableLine("ticks at a limit", "%", lambda j: 100.0 * j.at_limit),
+            TableLine(_("changes of sign, forward"), "1/s", lambda j: j.sign_changes_per_s),
+            TableLine(_("ticks at a limit"), "%", lambda j: 100.0 * j.at_limit),
         ],
     )
 
 
 def _distances(name: str) -> list[TableLine]:
     return [
-        TableLine("distance, rms", "m", lambda j: getattr(j, name).rms_m),
-        TableLine("distance, 95 %", "m", lambda j: getattr(j, name).p95_m),
-        TableLine("distance, largest", "m", lambda j: getattr(j, name).max_m),
+        TableLine(_("distance, rms"), "m", lambda j: getattr(j, name).rms_m),
+        TableLine(_("distance, 95 %"), "m", lambda j: getattr(j, name).p95_m),
+        TableLine(_("distance, largest"), "m", lambda j: getattr(j, name).max_m),
     ]
 
 
 def _paces(name: str) -> list[TableLine]:
     return [
-        TableLine("speed error, rms", "m/s", lambda j: getattr(j, name).error_m_s),
-        TableLine("speed error, of the mean", "%", lambda j: 100.0 * getattr(j, name).error),
-        TableLine("speed about its 1 s mean", "%", lambda j: 100.0 * getattr(j, name).uneven),
+        TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s),
+        TableLine(_("speed error, of the mean"), "%", lambda j: 100.0 * getattr(j, name).error),
+        TableLine(_("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).uneven),
     ]
 
 
 def _of_the_filter(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
     channels = max((len(one.consistency.channels) for one in found.runs), default=0)
     yield (
-        "NEES, 1 if consistent",
+        _("NEES, 1 if consistent"),
         [
             *(
-                TableLine(JOINT[k].removeprefix("the "), "", lambda j, k=k: _band(getattr(j.consistency, k)))
+                TableLine(_(k.removeprefix("nees_")), "", lambda j, k=k: _band(getattr(j.consistency, k)))
                 for k in JOINT
                 if k != "nis"
             ),
-            *(TableLine(k, "", lambda j, k=k: _band(j.consistency.states[k])) for k in STATES),
+            *(
+                TableLine(_(word), "", lambda j, k=k: _band(j.consistency.states[k]))
+                for k, word in STATES.items()
+            ),
         ],
     )
     yield (
-        "NIS, 1 if consistent",
+        _("NIS, 1 if consistent"),
         [
-            TableLine("all innovations", "", lambda j: _band(j.consistency.nis)),
-            *(TableLine(f"innovation {k}", "", lambda j, k=k: _of_channel(j, k)) for k in range(channels)),
-            TableLine("correlation at lag 1", "", lambda j: j.consistency.correlation),
+            TableLine(_("all innovations"), "", lambda j: _band(j.consistency.nis)),
+            *(
+                TableLine(_("innovation {k}", k=k), "", lambda j, k=k: _of_channel(j, k))
+                for k in range(channels)
+            ),
+            TableLine(_("correlation at lag 1"), "", lambda j: j.consistency.correlation),
         ],
     )
     names = dict.fromkeys(one.name for judged in found.runs for one in judged.refusals)
-    yield "refused by the estimator", [TableLine(k, "", lambda j, k=k: _refused(j, k)) for k in names]
+    yield _("refused by the estimator"), [TableLine(k, "", lambda j, k=k: _refused(j, k)) for k in names]
     known = [one.verdict for one in found.runs if one.verdict != "not reported"]
-    yield "covariance", [TableLine("verdict", "", lambda j: j.verdict)] if known else []
+    yield _("covariance"), [TableLine(_("verdict"), "", lambda j: _(j.verdict))] if known else []
 
 
 def _refused(judged: "JudgedPath", name: str) -> str:
     """ "540 of 1501" of a number; "-" where the estimator does not count, or none arrived."""
     found = [one for one in judged.refusals if one.name == name and one.arrived]
-    return f"{found[0].refused} of {found[0].arrived}" if found else "-"
+    return _("{refused} of {arrived}", **found[0]._asdict()) if found else "-"
 
 
 def _of_channel(judged: "JudgedPath", k: int) -> str:
@@ -169,13 +184,13 @@ def _of_channel(judged: "JudgedPath", k: int) -> str:
 
 def _band(band: "Band") -> str:
     mean, low, high = (_short(x) for x in (band.mean, band.low, band.high))
-    return f"{mean} [{low}, {high}]" if np.isfinite(band.mean) else "-"
+    return _("{mean} [{low}, {high}]", mean=mean, low=low, high=high) if np.isfinite(band.mean) else "-"
 
 
 def _short(x: float) -> str:
     """Return a NEES in as few letters as tell it."""
-    return f"{x:.2f}" if abs(x) < 10.0 else f"{x:.1f}" if abs(x) < 100.0 else f"{x:.3g}"
+    return f"{number(x):{'.2f' if abs(x) < 10.0 else '.1f' if abs(x) < 100.0 else '.3g'}}"
 
 
 def _cell(value: Any) -> str:
-    return value if isinstance(value, str) else f"{value:.3g}" if np.isfinite(value) else "-"
+    return value if isinstance(value, str) else f"{number(value):.3g}" if np.isfinite(value) else "-"

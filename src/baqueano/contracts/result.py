@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
+from baqueano.language import marked as N_
 from baqueano.messages import text
 from baqueano.printable import in_lines
 
@@ -96,5 +97,7 @@ def pandas() -> Any:
         import pandas  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         install = 'pip install "baqueano[pandas]"'
-        raise UsageError(fault("front.missing", install, package="pandas", what="a data frame")) from error
+        raise UsageError(
+            fault("front.missing", install, package="pandas", what=N_("a data frame"))
+        ) from error
     return pandas

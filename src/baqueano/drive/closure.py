@@ -22,6 +22,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
+from baqueano.language import translated as _
 from baqueano.runs import Channel, Run
 from baqueano.signals import Motion, seconds
 from baqueano.vehicle_file.file import VehicleFile
@@ -49,15 +50,29 @@ class Closure:
         """In words, with what to type."""
         degrees = np.degrees(self.turned_rad)
         lines = [
-            f"marks: {self.turns:+d} turn{'s' * (abs(self.turns) != 1)} between the first and the last; "
-            f"{self.gyro} said {degrees:+.1f} deg: gyro_scale {self.scale:.4f} +- {self.sd:.4f}"
+            _(
+                "marks: turned {turns:+d} times between the first and the last; {gyro} measured {degrees:+.1f} deg: "
+                "gyro_scale {scale:.4f} +- {sd:.4f}",
+                turns=self.turns,
+                gyro=self.gyro,
+                degrees=degrees,
+                scale=self.scale,
+                sd=self.sd,
+            )
         ]
         lines += [
-            f"       {name} said {metres:.3f} m of {self.length_m:g} m"
+            "       "
+            + _(
+                "{sensor} measured {metres:.3f} m of {length_m:g} m",
+                sensor=name,
+                metres=metres,
+                length_m=self.length_m,
+            )
             for name, metres in self.travelled.items()
         ]
         lines += [
-            f"       type: --set {path}={_written(value)}, or write it into the vehicle file"
+            "       "
+            + _("type: {fix}, or write it into the vehicle file", fix=f"--set {path}={_written(value)}")
             for path, value in self.values.items()
         ]
         return "\n".join(lines)

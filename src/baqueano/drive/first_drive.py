@@ -25,6 +25,8 @@ from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
 from baqueano.guides import CarefulGuide
+from baqueano.language import marked as N_
+from baqueano.language import translated as _
 from baqueano.loop import Blocks
 from baqueano.messages import texts
 from baqueano.parameter import all_parameters
@@ -45,6 +47,12 @@ class Pulse(NamedTuple):
     turn: float  # [rad]
     seen_v: float  # v in standard deviations
     seen: float  # the larger of v and turn in standard deviations
+
+
+WHEELS = {
+    ("left", "forward"): N_("the left wheel forward"), ("left", "backward"): N_("the left wheel backward"),
+    ("right", "forward"): N_("the right wheel forward"), ("right", "backward"): N_("the right wheel backward"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,11 +99,13 @@ class First:
 
     def table(self) -> str:
         """Sentences."""
-        lines = [f"{len(self.pulses)} pulses, {self.moved} of them moved the vehicle"]
+        lines = [
+            _("{pulses} pulses, {moved} of them moved the vehicle", pulses=len(self.pulses), moved=self.moved)
+        ]
         if np.isfinite(self.gain_along):
-            lines.append(f"along: {self.gain_along:.2g} times as strong as the file says")
+            lines.append(_("along: {times:.2g} times as strong as the file says", times=self.gain_along))
         if np.isfinite(self.gain_about):
-            lines.append(f"about z: {self.gain_about:.2g} times as strong as the file says")
+            lines.append(_("about z: {times:.2g} times as strong as the file says", times=self.gain_about))
         return "\n".join([*lines, *texts((*self.still, *self.wiring))])
 
 
@@ -319,7 +329,7 @@ def _along(u: np.ndarray, way: np.ndarray) -> bool:
 def _said(way: np.ndarray, vehicle_file: VehicleFile) -> str:
     if two_wheels(vehicle_file):
         w = vehicle_file.vehicle.drivetrain.mix(way)
-        return f"the {'left' if w[0] else 'right'} wheel {'forward' if w.sum() > 0.0 else 'backward'}"
+        return WHEELS["left" if w[0] else "right", "forward" if w.sum() > 0.0 else "backward"]
     names = vehicle_file.command.names
     return ", ".join(f"{name} = {x:g}" for name, x in zip(names, way, strict=True) if x)
 

@@ -27,6 +27,9 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import batch_covariance, regress
 from baqueano.identify.covariance.quantiles import students
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
@@ -65,7 +68,7 @@ class Calibration:
     run: str
     known: tuple[Known, ...]
     left: dict[str, float]  # what is left of the windows, by equation: rad, m
-    all_told: str = "the truth tells all"  # where nothing speaks against it
+    all_told: str = N_("the truth tells all")  # where nothing speaks against it
 
     def value(self, name: str) -> float:
         """By its name; KeyError if it is not known."""
@@ -104,13 +107,14 @@ class Calibration:
     def table(self) -> str:
         """For people."""
         wide = max(len(one.name) for one in self.known)
-        lines = [f"{'':{wide}}  {'value':>10}   {'± 95 %':>8}  {'file':>8}  unit"]
+        lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
         for one in self.known:
-            was = "" if one.in_file is None else f"{one.in_file:.4g}"
+            was = "" if one.in_file is None else f"{number(one.in_file):.4g}"
             lines.append(
-                f"{one.name:{wide}}  {one.value:>10.4f} ± {one.half:>8.2g}  {was:>8}  {one.unit}  {one.said}"
+                f"{one.name:{wide}}  {number(one.value):>10.4f} ± {number(one.half):>8.2g}  {was:>8}  {one.unit}"
+                f"  {one.said}"
             )
-        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, self.all_told)])
+        return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return place and turn of the mark on the body and the shift of its clock, by the keys of a map
@@ -329,7 +333,7 @@ def _best(equations: Callable[[float], Equations], w: Windows, offset_s: float |
     if offset_s is None:
         grid = np.arange(-LARGEST_S, LARGEST_S + 0.5 * GRID_S, GRID_S)
         offset_s = float(grid[np.argmin([_spread(*equations(o)[:2]) for o in grid])])
-    for _ in range(20 if free else 0):
+    for _round in range(20 if free else 0):
         y, slopes, change = equations(offset_s)
         x, weights = regress(slopes, y)
         step = regress(np.column_stack([slopes, change @ x]), y)[0][-1]
@@ -363,13 +367,13 @@ def _known(
 
 
 def _clock(answer: Answer) -> list[Known]:
-    said = "to be added to the truth's stamps"
+    said = _("to be added to the truth's stamps")
     return [_known(answer, "clock.truth", lambda x: x[-1], "s", None, said)]
 
 
 def _gyro(answer: Answer, name: str, file: "VehicleFile") -> list[Known]:
     block, path = getattr(file.sensors, name), f"sensors.{name}.gyro"
-    said = f"the truth turns {answer.x[0]:.4f} of what the gyro says"
+    said = _("the truth turns {ratio:.4f} of what the gyro says", ratio=float(answer.x[0]))
     return [
         _known(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), said),
         _known(answer, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
@@ -379,16 +383,16 @@ def _gyro(answer: Answer, name: str, file: "VehicleFile") -> list[Known]:
 def _odometer(answer: Answer, name: str, file: "VehicleFile") -> list[Known]:
     """The mark's place is told in the body's axes, x the way in which the wheels roll."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
-    said = f"the truth goes {np.hypot(*answer.x[:2]):.4f} of what the odometer says"
+    said = _("the truth goes {ratio:.4f} of what the odometer says", ratio=float(np.hypot(*answer.x[:2])))
 
     def turned(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))
 
     ahead, left = (
-        "the mark ahead of the axle that does not slip",
-        "the mark to the left of that axle's middle",
+        _("the mark ahead of the axle that does not slip"),
+        _("the mark to the left of that axle's middle"),
     )
-    heading = "the mark's heading, left of the way the wheels roll"
+    heading = _("the mark's heading, left of the way the wheels roll")
     return [
         _known(answer, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, said),
         _known(answer, "mark.x_m", lambda x: turned(x, x[2], x[3]), "m", None, ahead),

@@ -26,6 +26,8 @@ from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.parameters.free import value, with_numbers
 from baqueano.identify.result.fit_result import Fit
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import ended, text, texts
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
@@ -62,7 +64,7 @@ class Ahead(NamedTuple):
         code = "forecast.lost" if self.heading_rad > LOST_RAD else "forecast.off"
         told = {"drive": self.drive, "duration_s": self.duration_s, "way_m": self.way_m}
         degrees = float(np.degrees(self.heading_rad))
-        heading = f"{degrees:.2g}" if degrees < 10.0 else f"{degrees:.0f}"
+        heading = f"{number(degrees):.2g}" if degrees < 10.0 else f"{number(degrees):.0f}"
         return note(code, **told, position=_length(self.position_m), heading_deg=heading)
 
 
@@ -239,7 +241,7 @@ def _command_and_pose(heard: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarray
 def _beyond(fit: "Fit", u: np.ndarray) -> tuple[Diagnostic, ...]:
     """Return a message where the lap asks for commands that the fit has not seen; none where it does not."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
-    flags = fit.envelope.flags(Run("The lap", None, t_ns, u))
+    flags = fit.envelope.flags(Run(_("The lap"), None, t_ns, u))
     return flags[:1]
 
 
@@ -247,4 +249,4 @@ def _length(length_m: float) -> str:
     """Return "3.2 cm", "1.4 m"."""
     if not np.isfinite(length_m):
         return "∞ m"
-    return f"{100.0 * length_m:.2g} cm" if length_m < 0.995 else f"{length_m:.2g} m"
+    return f"{number(100.0 * length_m):.2g} cm" if length_m < 0.995 else f"{number(length_m):.2g} m"

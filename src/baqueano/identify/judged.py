@@ -34,6 +34,8 @@ from baqueano.identify.result.fit_result import ChannelFit, Fit, asked_for
 from baqueano.identify.result.ratios import percent, times
 from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
 from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import text, verdict_line
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
@@ -97,12 +99,15 @@ class Judged:
     def table(self) -> str:
         """For people."""
         lines = [
-            f"{'held out':20} {'channel':14} {'error':>10}        {'of noise':>9} {'explained':>10} {'own runs':>10}"
+            f"{_('held out'):20} {_('channel'):14} {_('error'):>10}        {_('of noise'):>9} {_('explained'):>10} "
+            f"{_('own runs'):>10}"
         ]
         for f in self.figures:
             parts = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
-            lines.append(f"{f.run:20} {f.channel:14} {f.error:>10.3g} {f.unit:6} {parts}")
-        return "\n".join([*lines, *(f"note: {text(said)}" for said in self.outside), self.sentence])
+            lines.append(f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {f.unit:6} {parts}")
+        return "\n".join(
+            [*lines, *(_("note: {note}", note=text(said)) for said in self.outside), self.sentence]
+        )
 
 
 class _Left(NamedTuple):
@@ -162,7 +167,7 @@ def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
     """Return over which horizon the model was checked, from which start, and by how much."""
     posed = any(tells_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into pieces
     spans = [min(run.duration_s, POSE_S) if posed else run.duration_s for run in runs]
-    least, most = f"{min(spans):.3g}", f"{max(spans):.3g}"
+    least, most = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
     if all(rest) and not posed:
         start = note("unseen-runs.from-standstill")
     elif any(rest):

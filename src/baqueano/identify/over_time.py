@@ -28,6 +28,8 @@ from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import with_numbers
 from baqueano.identify.result.verdict import short
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import text
 from baqueano.printable import typed
 from baqueano.runs.run import Run
@@ -125,8 +127,10 @@ class OverTime:
 
     def table(self) -> str:
         """For people: first run, last run, and what is believed now."""
-        wide = max(len(short(name)) for name in self.names)
-        lines = [f"{'parameter':{wide}}  {self.runs[0]:>22} {self.runs[-1]:>22} {'now':>22}  unit"]
+        wide = max(map(len, (*map(short, self.names), _("parameter"))))
+        lines = [
+            f"{_('parameter'):{wide}}  {self.runs[0]:>22} {self.runs[-1]:>22} {_('now'):>22}  {_('unit')}"
+        ]
         for i, name in enumerate(self.names):
             cells = [
                 _told(self.single[0, i], self.single_sd[0, i]),
@@ -139,8 +143,9 @@ class OverTime:
     def _sentences(self) -> list[str]:
         out = [f"- {text(one.message)}" for one in self.moved]
         out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
-        still = f"nothing moved beyond its error bars over {len(self.runs)} runs"
-        return [*out, f"{self.verdict}: {f'{len(self.moved)} moved' if self.moved else still}"]
+        still = _("nothing moved beyond its error bars over {runs} runs", runs=len(self.runs))
+        moved = _("{moved} parameters moved", moved=len(self.moved)) if self.moved else still
+        return [*out, f"{_(self.verdict)}: {moved}"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +192,7 @@ def over_time(
     fits, refused = [], []
     for run in runs:
         if say is not None:
-            say(f"fitting {run.name}, {run.duration_s:.0f} s")
+            say(_("fitting {run}, {duration_s:.0f} s", run=run.name, duration_s=run.duration_s))
         fit = identify(run, vehicle_file, free, use=use, options=options)
         refused += [run.name] if fit.verdict == Verdict.REFUSED else []
         fits.append(fit)
@@ -355,4 +360,4 @@ def _when(run: "Run") -> str:
 
 
 def _told(value: float, sd: float) -> str:
-    return "not seen" if not np.isfinite(value) else f"{value:.4g} ± {sd:.1g}"
+    return _("not seen") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"

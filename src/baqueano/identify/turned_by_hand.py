@@ -26,6 +26,8 @@ from baqueano.identify.against_truth import GAP_S, Calibration, Known, TruthSign
 from baqueano.identify.covariance.quantiles import QUANTILE_95, students
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
+from baqueano.language import marked as N_
+from baqueano.language import translated as _
 from baqueano.printable import typed
 from baqueano.runs.run import Run
 
@@ -73,7 +75,11 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     whole, used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
     scale, sd, freedom = _regressed(angle[used], whole, _covariance(used, variance))
     half = sd * (QUANTILE_95 if freedom is None else students(0.975, freedom))
-    said = f"{_count(np.abs(np.diff(whole)).sum())} by hand, between {len(used)} rests on a mark"
+    said = _(
+        "{turns:g} turns by hand, between {rests} rests on a mark",
+        turns=float(np.abs(np.diff(whole)).sum()),
+        rests=len(used),
+    )
     path, means = f"sensors.{name}.gyro", np.array([rest.mean for rest in rests])
     spread = float(np.ptp(means)) / np.sqrt(12.0)
     bias_sd = float(np.hypot(np.sqrt(np.mean([rest.sd**2 for rest in rests]) / len(rests)), spread))
@@ -82,10 +88,10 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
         (
             Known(f"{path}_scale", scale, sd, half, "1", float(block.gyro_scale), said),
             Known(f"{path}_bias", float(means.mean()), bias_sd, QUANTILE_95 * bias_sd, "rad/s",
-                  float(block.gyro_bias), f"at rest, {len(rests)} times"),
+                  float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
         {"heading_rad": float(np.std(angle[used] / scale - TAU * whole))},
-        "the turns tell all",
+        N_("the turns tell all"),
     )  # fmt: skip
 
 

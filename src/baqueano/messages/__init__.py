@@ -3,7 +3,8 @@
 A template is a format string over the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit` brings
 the space before it, so that `{x:.3g}{unit}` holds without one; `of_run` names the run among several, and stands before
 the sentence. `{arg[use]}` names an argument in the reader's notation, and `{arg[use]:{sensor}}` gives it that
-value. What has no template, or other figures, is shown by its code: another version said it.
+value. `{what:word}` is a figure of words, which are translated too. What has no template, or other figures, is shown
+by its code: another version said it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -51,6 +52,15 @@ class _Arguments:
         return self.written(name)
 
 
+class _Words(str):
+    """A figure that is text: `word` as its format translates it."""
+
+    __slots__ = ()
+
+    def __format__(self, spec: str) -> str:
+        return language.translated(str(self)) if spec == "word" else format(str(self), spec)
+
+
 def text(said: "Diagnostic | str | None", argument: Callable[[str], object] = Argument) -> str:
     """Return the sentence of a diagnostic in the current language, "" of none. A text is returned as it is.
 
@@ -80,6 +90,12 @@ def text(said: "Diagnostic | str | None", argument: Callable[[str], object] = Ar
     return f"{before}{said.code}{f' ({shown})' if shown else ''}{f'. Type: {said.fix}' if said.fix else ''}"
 
 
+def english(said: "Diagnostic | str | None") -> str:
+    """Return the English sentence of a diagnostic, as files have it."""
+    with language.within("en"):
+        return text(said)
+
+
 def texts(found: "Iterable[Diagnostic | str]") -> list[str]:
     """Return the sentence of each."""
     return [text(one) for one in found]
@@ -106,7 +122,8 @@ def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherw
     'WARN: the run is short; the floor is soft'
     """
     said = "; ".join(texts(reasons)) or otherwise
-    return f"{verdict}: {said}" if said else str(verdict)
+    word = language.translated(str(verdict))
+    return f"{word}: {said}" if said else word
 
 
 def grouped(found: Sequence[Diagnostic]) -> list[str]:
@@ -143,6 +160,8 @@ def _rendered(said: Diagnostic, argument: Callable[[str], object]) -> dict[str, 
         if isinstance(value, Diagnostic)
         else f" {value}"
         if name == "unit" and value
+        else _Words(value)
+        if isinstance(value, str)
         else language.number(value)
         for name, value in said.figures.items()
     }

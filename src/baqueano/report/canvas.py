@@ -11,6 +11,7 @@ from matplotlib import rc_context, rcParams
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
+from matplotlib.ticker import ScalarFormatter
 
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
@@ -21,6 +22,17 @@ NARROW = 0.7  # of the width that a figure was drawn for: below it letters and l
 SMALLER = 0.8
 LOW = 0.5  # a narrow figure over time keeps more of its height than of its width
 LONGEST = 28  # letters of a title or a label of a narrow figure
+
+
+class CommaFormatter(ScalarFormatter):
+    """Numbers at an axis with a decimal comma."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return super().__call__(x, pos).replace(".", ",")
+
+    def get_offset(self) -> str:
+        """Return the factor at the end of the axis."""
+        return super().get_offset().replace(".", ",")
 
 
 class Canvas(Figure):

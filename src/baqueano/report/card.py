@@ -11,6 +11,7 @@ from baqueano.contracts.result import Result
 from baqueano.diagnostics import note
 from baqueano.identify import Fit, Forecast
 from baqueano.identify.result.fit_result import verdict_lines
+from baqueano.language import translated as _
 from baqueano.messages import text, texts
 from baqueano.report.of_fit import row_of
 from baqueano.report.page import TONES, cell
@@ -56,7 +57,7 @@ def html_of(result: Result) -> str:
     """Return the card of a result as HTML without a script."""
     card, folded = card_of(result), html.escape(result.table())
     colour = COLOURS[TONES.get(card.verdict, "plain")]
-    badge = f'<span class="verdict" style="background: {colour}">{html.escape(card.verdict)}</span>'
+    badge = f'<span class="verdict" style="background: {colour}">{html.escape(_(card.verdict))}</span>'
     said = "".join(f"<p>{html.escape(line)}</p>" for line in card.lines)
     unfolded = "" if card.rows or card.lines else " open"
     whole = f"<details{unfolded}><summary>{text(WHOLE)}</summary><pre>{folded}</pre></details>"
@@ -67,7 +68,7 @@ def html_of(result: Result) -> str:
 def _table(rows: "Sequence[TableRow]") -> str:
     if not rows:
         return ""
-    shown = [{key: cell(value) for key, value in row.items()} for row in rows[:SHOWN]]
+    shown = [{key: cell(value, key) for key, value in row.items()} for row in rows[:SHOWN]]
     numbers = {key for key in rows[0] if any(isinstance(row[key], int | float) for row in rows)}
 
     def line(tag: str, values: dict[str, str]) -> str:
@@ -77,7 +78,7 @@ def _table(rows: "Sequence[TableRow]") -> str:
 
     more = len(rows) - SHOWN
     rest = f"<p>{html.escape(text(note('front.rows-more', rows=more)))}</p>" if more > 0 else ""
-    heads = {key: key.replace("_", " ") for key in rows[0]}
+    heads = {key: _(key.replace("_", " ")) for key in rows[0]}
     return f"<table>{line('th', heads)}{''.join(line('td', row) for row in shown)}</table>{rest}"
 
 
@@ -90,7 +91,7 @@ def card_of(result: Result) -> Card:
 
 
 @card_of.register(Fit)
-def _(result: Fit) -> Card:
+def _of_fit(result: Fit) -> Card:
     title = text(note("front.card-fit", vehicle=result.file.name, runs=result.runs))
     return Card(
         title, result.verdict, [row_of(row) for row in result.rows()], verdict_lines(result)[:SENTENCES]
@@ -98,17 +99,17 @@ def _(result: Fit) -> Card:
 
 
 @card_of.register(Run)
-def _(result: Run) -> Card:
+def _of_run(result: Run) -> Card:
     kind = result.metadata.get("kind", "run")
-    title = text(note("front.card-run", run=result.name, kind=kind, duration_s=result.duration_s))
+    title = text(note("front.card-run", run=result.name, kind=_(kind), duration_s=result.duration_s))
     names = {"topic": "topic", "count": "count", "rate_hz": "rate [Hz]", "gaps": "gaps"}
     rows = [{shown: row[name] for name, shown in names.items()} for row in result.rows()]
-    events = [event.text for event in result.events if event.level != "info"]
+    events = [event.sentence for event in result.events if event.level != "info"]
     return Card(title, "", rows, events[:SENTENCES])
 
 
 @card_of.register(Comparison)
-def _(result: Comparison) -> Card:
+def _of_comparison(result: Comparison) -> Card:
     rows = [
         {
             "run": one.name, "time [s]": one.duration_s, "across its path [cm rms]": 100.0 * one.across_true.rms_m,
@@ -122,7 +123,7 @@ def _(result: Comparison) -> Card:
 
 
 @card_of.register(Tuned)
-def _(result: Tuned) -> Card:
+def _of_tuned(result: Tuned) -> Card:
     rows = [
         {"gain": one.name, "value": one.value, "unit": one.unit, "in the file": one.before,
          "cost at × 0.8 [%]": 100.0 * (one.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (one.cost_more - 1.0)}
@@ -133,7 +134,7 @@ def _(result: Tuned) -> Card:
 
 
 @card_of.register(CheckedBlock)
-def _(result: CheckedBlock) -> Card:
+def _of_check(result: CheckedBlock) -> Card:
     title = text(note("front.card-check", block=result.block, room=result.room))
     return Card(
         title,
@@ -144,10 +145,10 @@ def _(result: CheckedBlock) -> Card:
 
 
 @card_of.register(Forecast)
-def _(result: Forecast) -> Card:
+def _of_forecast(result: Forecast) -> Card:
     return Card(text(note("front.card-forecast")), "", (), result.sentences)
 
 
 @card_of.register(CorridorAhead)
-def _(result: CorridorAhead) -> Card:
+def _of_corridor(result: CorridorAhead) -> Card:
     return Card(text(note("front.card-forecast")), result.verdict, (), result.table().splitlines())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.language import translated as _
 from baqueano.report.lab import panel, panels, styled
 
 if TYPE_CHECKING:
@@ -70,11 +71,11 @@ def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Se
     """
     figure, axes = panels(len(names), 1, (9.2, 1.75 * len(names) + 0.5), sharex=True)
     for k, axis in enumerate(axes[:, 0]):
-        axis.plot(*thinned(t_s, measured[:, k]), color=MEASURED, lw=0.8, alpha=0.75, label="measured")
-        axis.plot(*thinned(t_s, model[:, k]), color=MODEL, lw=1.4, label="model")
+        axis.plot(*thinned(t_s, measured[:, k]), color=MEASURED, lw=0.8, alpha=0.75, label=_("measured"))
+        axis.plot(*thinned(t_s, model[:, k]), color=MODEL, lw=1.4, label=_("model"))
         axis.set_ylabel(names[k])
     axes[0, 0].legend(**ABOVE)
-    axes[-1, 0].set_xlabel("time [s]")
+    axes[-1, 0].set_xlabel(_("time [s]"))
     return figure
 
 
@@ -98,8 +99,8 @@ def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Fi
         right.axhspan(-1.96 / np.sqrt(len(r)), 1.96 / np.sqrt(len(r)), color=REFERENCE, alpha=0.35)
         most = 1.0 if np.abs(rho).max(initial=0.0) > 0.5 else 0.5
         right.set_ylim(-most, most)
-    axes[0, 0].set_title("residual / σ")
-    axes[0, 1].set_title("autocorrelation")
+    axes[0, 0].set_title(_("residual / σ"))
+    axes[0, 1].set_title(_("autocorrelation"))
     return figure
 
 
@@ -129,9 +130,9 @@ def estimates(
         most = 1.05 * max(float(np.max(reach[reach <= WIDE], initial=0.0)), 10.0)
         axis.set_xlim(-most, most)
         for row in rows[reach > most]:
-            axis.annotate("beyond", (most, row), ha="right", va="bottom", fontsize=7, color=ALARM)
+            axis.annotate(_("beyond"), (most, row), ha="right", va="bottom", fontsize=7, color=ALARM)
     axis.set_yticks(rows, labels)
-    axis.set_xlabel("interval [% of the estimate]" if truth is None else "estimate − truth [%]")
+    axis.set_xlabel(_("interval [% of the estimate]") if truth is None else _("estimate − truth [%]"))
     return figure
 
 
@@ -164,9 +165,9 @@ def paths(
         axis.add_patch(_shaded(band))
         axis.update_datalim(band.reshape(-1, 2))
     if end is not None:
-        axis.plot(*end.T, color=MODEL, lw=0.9, ls=(0, (4, 3)), label="95 % at its end")
+        axis.plot(*end.T, color=MODEL, lw=0.9, ls=(0, (4, 3)), label=_("95 % at its end"))
     for name, xy in lines.items():
-        axis.plot(xy[:, 0], xy[:, 1], label=name, **style.get(name, {"color": BESIDE, "lw": 1.3}))
+        axis.plot(xy[:, 0], xy[:, 1], label=_(name), **style.get(name, {"color": BESIDE, "lw": 1.3}))
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]")
@@ -188,7 +189,7 @@ def _shaded(band: np.ndarray) -> Any:
     closed = np.concatenate([corners, corners[:, :1]], axis=1)
     codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(closed))
     shape = Path(closed.reshape(-1, 2), codes)
-    return PathPatch(shape, facecolor=MODEL, alpha=0.15, lw=0, label="corridor, 95 %")
+    return PathPatch(shape, facecolor=MODEL, alpha=0.15, lw=0, label=_("corridor, 95 %"))
 
 
 def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
@@ -215,7 +216,7 @@ def over_time(
         axis.set_ylabel(label)
         if len(lines) > 1 and axis is axes[0, 0]:
             axis.legend(**ABOVE)
-    axes[-1, 0].set_xlabel("time [s]")
+    axes[-1, 0].set_xlabel(_("time [s]"))
     return figure
 
 
@@ -236,13 +237,15 @@ def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
     """Draw a curve of a panel in the style of its name."""
     if name == "limit":
         for k, edge in enumerate((y, -y)):
-            axis.plot(t[[0, -1]], edge[[0, -1]], color=ALARM, lw=0.9, ls=(0, (5, 4)), label="" if k else name)
+            axis.plot(
+                t[[0, -1]], edge[[0, -1]], color=ALARM, lw=0.9, ls=(0, (5, 4)), label="" if k else _(name)
+            )
         return
     if name == "at its limit":
-        axis.plot(t, y, ".", color=ALARM, ms=3, label=name)
+        axis.plot(t, y, ".", color=ALARM, ms=3, label=_(name))
         return
     t, y = thinned(t, y)
     if name == "±2σ":
         axis.fill_between(t, -y, y, color=MODEL, alpha=0.15, lw=0, label=name)
     else:
-        axis.plot(t, y, color=COLOURS.get(name, BESIDE), lw=THICK.get(name, 1.1), label=name)
+        axis.plot(t, y, color=COLOURS.get(name, BESIDE), lw=THICK.get(name, 1.1), label=_(name))

@@ -11,6 +11,8 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
+from baqueano.language import current
+from baqueano.language import marked as N_
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,7 +92,18 @@ def panels(
         return target.figure, np.array([[target]])  # pyright: ignore[reportReturnType]
     figure = Canvas(figsize=size_in) if target is None else target
     axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex)
+    _comma(axes)
     return figure, axes  # pyright: ignore[reportReturnType]
+
+
+def _comma(axes: np.ndarray) -> None:
+    """Give the numbers at the axes the decimal comma of the current language."""
+    if current() == "en":
+        return
+    from baqueano.report.canvas import CommaFormatter
+
+    for axis in (one for each in axes.flat for one in (each.xaxis, each.yaxis)):
+        axis.set_major_formatter(CommaFormatter())
 
 
 def panel(size_in: tuple[float, float]) -> tuple["Figure", "Axes"]:
@@ -104,7 +117,9 @@ def matplotlib() -> ModuleType:
     try:
         import matplotlib
     except ImportError as error:
-        raise UsageError(fault("front.missing", INSTALL, package="matplotlib", what="a figure")) from error
+        raise UsageError(
+            fault("front.missing", INSTALL, package="matplotlib", what=N_("a figure"))
+        ) from error
     return matplotlib
 
 
@@ -113,5 +128,5 @@ def jinja2() -> ModuleType:
     try:
         import jinja2
     except ImportError as error:
-        raise UsageError(fault("front.missing", INSTALL, package="jinja2", what="a report")) from error
+        raise UsageError(fault("front.missing", INSTALL, package="jinja2", what=N_("a report"))) from error
     return jinja2

@@ -8,6 +8,7 @@ from baqueano.compare.divergence import until_diverged
 from baqueano.compare.errors import aligned
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.geometry import map_from_body, wrap
+from baqueano.language import translated as _
 from baqueano.report import figures
 from baqueano.report.page import Drawing, Section, Table, draw
 from baqueano.runs import Run
@@ -21,17 +22,17 @@ def beside_each_other(both: Comparison) -> list[Section]:
     """Return the figures of two estimates of one drive, a column each."""
     rows = [judged.row() for judged in both.runs]
     known = {
-        "estimated position off, rms [m]": "ate_m", "at the end [m]": "end_error_m",
-        "drift over 1 s [m]": "rpe_m", "estimated speed off, rms [m/s]": "speed_error_m_s",
-        "NEES of the velocity": "nees_velocity", "NIS": "nis", "verdict": "verdict",
+        _("estimated position off, rms [m]"): "ate_m", _("at the end [m]"): "end_error_m",
+        _("drift over 1 s [m]"): "rpe_m", _("estimated speed off, rms [m/s]"): "speed_error_m_s",
+        _("NEES of the velocity"): "nees_velocity", "NIS": "nis", _("verdict"): "verdict",
     }  # fmt: skip
     lines = [
         {"figure": label} | {f"run {k}": row[key] for k, row in enumerate(rows)}
         for label, key in known.items()
     ]
-    headings = {"figure": "figure"} | {f"run {k}": str(row["run"]) for k, row in enumerate(rows)}
+    headings = {"figure": _("figure")} | {f"run {k}": str(row["run"]) for k, row in enumerate(rows)}
     said = "\n".join(f"{judged.name}: {one}" for judged in both.runs for one in judged.sentences)
-    return [Section("Two estimators, one drive", said, [Table(lines, "", headings)])]
+    return [Section(_("Two estimators, one drive"), said, [Table(lines, "", headings)])]
 
 
 def said_of_path(one: JudgedPath, alignment: str) -> str:
@@ -39,11 +40,17 @@ def said_of_path(one: JudgedPath, alignment: str) -> str:
     said = f"{one.sentences[0]} " if np.isfinite(one.diverged_s) else ""
     found = one.corridor
     if found is not None and not said:
-        lap = " in the last lap" if _laps(found) > 1 else ""
-        said = f"Shaded: where the vehicle may be{lap}, to the left and right of where it believes to be. "
+        lap = " " + _("in the last lap") if _laps(found) > 1 else ""
+        said = (
+            _(
+                "Shaded: where the vehicle may be{lap}, to the left and right of where it believes to be.",
+                lap=lap,
+            )
+            + " "
+        )
         said += f"{found.sentence[:1].upper()}{found.sentence[1:]}."
-    laid = {"none": "", "start": " The estimate is laid on the truth at its start.",
-            "rigid": " The estimate is laid on the truth by the best rigid motion."}[alignment]  # fmt: skip
+    laid = {"none": "", "start": " " + _("The estimate is laid on the truth at its start."),
+            "rigid": " " + _("The estimate is laid on the truth by the best rigid motion.")}[alignment]  # fmt: skip
     return said + laid
 
 
@@ -79,9 +86,9 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
         lines[beside.name] = _aligned(other, alignment)[:, :2]
     if not lines:
         return []
-    caption = f"The path of {run.name}" + (
-        "." if band is None else ", and where it may be with 95 % probability."
-    )
+    caption = _("The path of {run}.", run=run.name)
+    if band is not None:
+        caption = _("The path of {run}, and where it may be with 95 % probability.", run=run.name)
     return [draw(figures.paths(lines, band, end), caption)]
 
 
@@ -103,13 +110,17 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
     if beside is not None and beside.estimate is not None:
         others[beside.name] = _off(until_diverged(beside), run, alignment)
     panels = []
-    for k, label in enumerate(("x error [m]", "y error [m]", "heading error [°]", "ν_x error [m/s]")):
+    for k, label in enumerate(
+        (_("x error [m]"), _("y error [m]"), _("heading error [°]"), _("ν_x error [m/s]"))
+    ):
         scale = 180.0 / np.pi if k == 2 else 1.0
         if np.isfinite(off[:, k]).any():
             curves = {"±2σ": (t, scale * band[:, k]), "estimate": (t, scale * off[:, k])}
             panels.append((label, curves | {n: (at, scale * e[:, k]) for n, (at, e) in others.items()}))
-    drawing = draw(figures.over_time(panels), "Estimate minus truth; the band is what the filter promises.")
-    return [Section("Errors against the truth", "", [drawing])]
+    drawing = draw(
+        figures.over_time(panels), _("Estimate minus truth; the band is what the filter promises.")
+    )
+    return [Section(_("Errors against the truth"), "", [drawing])]
 
 
 def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
@@ -126,15 +137,15 @@ def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarra
 def knows(found: FilterConsistency, run: Run) -> list[Section]:
     """Return the sentence on the filter's own covariance, its figures and its innovations, where there are any."""
     rows, log = found.figures(), run.estimate
-    caption = "1 if consistent; a right covariance lies from … to …, in 95 % of runs."
+    caption = _("1 if consistent; a right covariance lies from … to …, in 95 % of runs.")
     parts: list[Table | Drawing] = [Table(rows, caption)]
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
         t, two = seconds(log.t_ns, run.t_ns[0]), np.full(len(log.t_ns), 2.0)
         sd = np.sqrt(np.diagonal(log.innovation_cov, axis1=1, axis2=2))
         panels = [
-            (f"innovation {k}", {"±2σ": (t, two), "residual": (t, y)})
+            (_("innovation {k}", k=k), {"±2σ": (t, two), "residual": (t, y)})
             for k, y in enumerate((log.innovation / sd).T) if np.isfinite(y).any()
         ]  # fmt: skip
-        said = "Innovations over time, in standard deviations: 95 % of a right covariance lie in the band."
+        said = _("Innovations over time, in standard deviations: 95 % of a right covariance lie in the band.")
         parts += [draw(figures.over_time(panels, height_in=1.4), said)] if panels else []
-    return [Section("Does the filter know its errors?", found.sentence, parts)] if rows else []
+    return [Section(_("Does the filter know its errors?"), found.sentence, parts)] if rows else []

@@ -9,6 +9,9 @@ from baqueano.diagnostics import Verdict, by_weight, fault
 from baqueano.errors import UsageError
 from baqueano.identify.result.fit_result import Fit, marks, rounded
 from baqueano.identify.result.ratios import percent
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import ended, texts
 from baqueano.printable import typed
 from baqueano.report import figures
@@ -22,8 +25,8 @@ if TYPE_CHECKING:
 
 CHANNELS = {
     "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),
-    "odometer": ("odometer [m/s]",),
-    "truth": ("true v_x [m/s]", "true v_y [m/s]", "true ω_z [rad/s]"),
+    "odometer": (N_("odometer [m/s]"),),
+    "truth": (N_("true v_x [m/s]"), N_("true v_y [m/s]"), N_("true ω_z [rad/s]")),
 }
 DRAWN = 6  # runs of a fit to many
 HEADLINES = 4  # channels: more do not stand in one row
@@ -37,20 +40,29 @@ def page_of_fit(
     truth (p,): drawn beside the estimates; `held_out`: how it does on unseen runs (identify/judged.py); `ahead`: what
     its errors mean for a drive (identify/forecast.py)."""
     return Page(
-        title=f"Fit of {fit.file.name}",
-        subtitle=f"{_named(fit.runs)}; {fit.evaluations} evaluations, back end {fit.backend}",
+        title=_("Fit of {name}", name=fit.file.name),
+        subtitle=_(
+            "{runs}; {evaluations} evaluations, back end {backend}",
+            runs=_named(fit.runs),
+            evaluations=fit.evaluations,
+            backend=fit.backend,
+        ),
         verdict=fit.verdict,
         headlines=[
             Headline(
-                f"noise of {label(c)}{f', {c.run}' if len(fit.runs) > 1 else ''}",
-                f"{c.sigma:.3g}",
-                f"the model explains {percent(c.explained)}",
+                _("noise of {channel}", channel=label(c)) + (f", {c.run}" if len(fit.runs) > 1 else ""),
+                f"{number(c.sigma):.3g}",
+                _("the model explains {part}", part=percent(c.explained)),
             )
             for c in _few(_of_worst(fit.channels))
         ],
         sections=[
             _next_step(fit, held_out),
-            *([Section("What it means for a drive", "\n".join(texts(ahead.sentences)), [])] if ahead else []),
+            *(
+                [Section(_("What it means for a drive"), "\n".join(texts(ahead.sentences)), [])]
+                if ahead
+                else []
+            ),
             *sections_of_fit(fit, truth, reasons=False),
             *_of_unseen(held_out),
         ],
@@ -73,15 +85,17 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
         beside = None if truth is None else truth[known]
         drawing = figures.estimates(names, fit.estimate[known], fit.sd[known], beside)
         parts.append(
-            draw(drawing, "Each estimate with its 95 % interval; one that goes beyond the figure may be 0.")
+            draw(
+                drawing, _("Each estimate with its 95 % interval; one that goes beyond the figure may be 0.")
+            )
         )
-    sections = [Section("Parameters", said, parts), *_runs(fit)]
+    sections = [Section(_("Parameters"), said, parts), *_runs(fit)]
     sections += [_of_run(fit, run) for run in _drawn(fit.channels)]
     if known.sum() > 1:
         matrix = fit.correlation[np.ix_(known, known)]
-        said = "Red or blue off the diagonal: these are known only together."
+        said = _("Red or blue off the diagonal: these are known only together.")
         drawing = draw(figures.correlation(names, matrix), said, narrow=False)
-        sections.append(Section("Correlation of the estimates", "", [drawing]))
+        sections.append(Section(_("Correlation of the estimates"), "", [drawing]))
     return sections
 
 
@@ -105,33 +119,33 @@ def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
     said = [f"• {one}" for one in said] if len(said) > 1 else said
     if held_out is not None:
         said += [
-            f"On unseen runs: {ended(held_out.sentence)}",
+            _("On unseen runs: {sentence}", sentence=ended(held_out.sentence)),
             *(f"{one}." for one in texts(held_out.outside)),
         ]
     needs = [one.figures["needs"] for one in fit.unobservable if "needs" in one.figures]
     if fit.verdict == Verdict.REFUSED:
-        said.append("Next: look at the data below. The vehicle file stays as it is.")
+        said.append(_("Next: look at the data below. The vehicle file stays as it is."))
     elif needs:
-        said.append(f"Next: drive again. {'. '.join(dict.fromkeys(texts(needs)))}.")
+        said.append(_("Next: drive again. {needs}.", needs=". ".join(dict.fromkeys(texts(needs)))))
     elif held_out is not None and held_out.verdict == Verdict.REFUSED:
-        said.append("Next: look at the held-out runs below. The vehicle file stays as it is.")
+        said.append(_("Next: look at the held-out runs below. The vehicle file stays as it is."))
     elif held_out is None:
-        said.append("Next: judge it by a run that it has not seen: add --held-out RUN.")
+        said.append(_("Next: judge it by a run that it has not seen: add --held-out RUN."))
     else:
-        said.append("Next: baqueano tune, then teach and repeat.")
-    return Section("Verdict and next step", "\n".join(said), [])
+        said.append(_("Next: baqueano tune, then teach and repeat."))
+    return Section(_("Verdict and next step"), "\n".join(said), [])
 
 
 def _of_unseen(held_out: "Judged | None") -> list[Section]:
     """The table and the figures of runs that the fit has not seen."""
     if held_out is None:
         return []
-    caption = "Sensors and model of a run that the fit has not seen; the model knows its commands alone."
+    caption = _("Sensors and model of a run that the fit has not seen; the model knows its commands alone.")
     drawings = []
     for run in _drawn(held_out.channels):
         drawing, shown = where_most_moves(_explained(held_out.channels, run))
         drawings.append(draw(drawing, f"{run}, {shown}. {caption}"))
-    return [Section("Held-out runs", held_out.sentence, [Table(held_out.rows()), *drawings])]
+    return [Section(_("Held-out runs"), held_out.sentence, [Table(held_out.rows()), *drawings])]
 
 
 def _explained(channels: Any, run: str) -> list[Any]:
@@ -172,20 +186,32 @@ def _runs(fit: Fit) -> list[Section]:
     worst = _of_worst(fit.channels)
     if len(fit.runs) < 2 or not worst:
         return []
-    caption, drawn = f"The model explains least of {worst[0].run}.", _drawn(fit.channels)
+    caption, drawn = _("The model explains least of {run}.", run=worst[0].run), _drawn(fit.channels)
     if len(drawn) < len(fit.runs):
-        caption += f"\nDrawn are the {len(drawn)} runs of {len(fit.runs)} of which the model explains least."
+        caption += "\n" + _(
+            "Drawn are the {drawn} runs of {runs} of which the model explains least.",
+            drawn=len(drawn),
+            runs=len(fit.runs),
+        )
     names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
     for run in fit.runs:
-        said = {label(c): f"{c.sigma:.3g}, {percent(c.explained)}" for c in _explained(fit.channels, run)}
+        said = {
+            label(c): f"{number(c.sigma):.3g}, {percent(c.explained)}" for c in _explained(fit.channels, run)
+        }
         rows.append({"run": run} | {name: said.get(name) for name in names})
     headings = {name: name for name in ("run", *names)}
-    return [Section("Runs", caption, [Table(rows, "Noise, and how much the model explains.", headings)])]
+    return [
+        Section(_("Runs"), caption, [Table(rows, _("Noise, and how much the model explains."), headings)])
+    ]
 
 
 def _named(runs: Any) -> str:
     """The runs of a fit, in short."""
-    return ", ".join(runs) if len(runs) <= DRAWN else f"{len(runs)} runs, {runs[0]} to {runs[-1]}"
+    return (
+        ", ".join(runs)
+        if len(runs) <= DRAWN
+        else _("{count} runs, {first} to {last}", count=len(runs), first=runs[0], last=runs[-1])
+    )
 
 
 def _of_run(fit: Fit, run: str) -> Section:
@@ -197,14 +223,18 @@ def _of_run(fit: Fit, run: str) -> Section:
         for c, r in zip(channels, residual.T, strict=True)
     ], height_in=1.4)  # fmt: skip
     parts: list[Table | Drawing] = [
-        draw(few, f"Sensors and model, {shown}. The model has seen only the commands."),
-        draw(over_time, "Residuals over time, in standard deviations: 95 % of white ones lie in the band."),
+        draw(few, _("Sensors and model, {shown}. The model has seen only the commands.", shown=shown)),
+        draw(
+            over_time, _("Residuals over time, in standard deviations: 95 % of white ones lie in the band.")
+        ),
         draw(
             figures.residuals(residual, [label(c) for c in channels]),
-            "Residuals beside the normal density, and their autocorrelation by lag, with the band of white noise.",
+            _(
+                "Residuals beside the normal density, and their autocorrelation by lag, with the band of white noise."
+            ),
         ),
     ]
-    return Section(f"Data and model: {run}", "", parts)
+    return Section(_("Data and model: {run}", run=run), "", parts)
 
 
 def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
@@ -217,14 +247,16 @@ def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
     t = t_s[part]
     drawing = figures.channels(t, measured[part], predicted[part], [label(c) for c in channels])
     if len(t) == len(t_s):
-        return drawing, f"all {t[-1] - t[0]:.0f} s"
-    return drawing, f"{t[-1] - t[0]:.0f} s from {t[0]:.0f} s, where most moves"
+        return drawing, _("all {span_s:.0f} s", span_s=t[-1] - t[0])
+    return drawing, _(
+        "{span_s:.0f} s from {from_s:.0f} s, where most moves", span_s=t[-1] - t[0], from_s=t[0]
+    )
 
 
 def label(channel: Any) -> str:
     """ "a_x [m/s²]" for the first channel of an IMU."""
     known = CHANNELS.get(channel.sensor, ())
-    return known[channel.entry] if channel.entry < len(known) else f"{channel.sensor}[{channel.entry}]"
+    return _(known[channel.entry]) if channel.entry < len(known) else f"{channel.sensor}[{channel.entry}]"
 
 
 def short(name: str) -> str:

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import texts
 from baqueano.printable import typed
 from baqueano.report.lab import panel, styled
@@ -15,19 +17,25 @@ COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 def page_of_rest(found: Any) -> Page:
     """The page of `at_rest`."""
     sensors = list(dict.fromkeys(c.sensor for c in found.channels))
-    sections = [Section("Figures", "\n".join(texts(found.doubts)), [Table(found.rows())])]
+    sections = [Section(_("Figures"), "\n".join(texts(found.doubts)), [Table(found.rows())])]
     for sensor in sensors:
         channels = [c for c in found.channels if c.sensor == sensor]
-        caption = (
+        caption = _(
             "Overlapping Allan deviation with its 95 % interval; dashed: the coefficients that explain it."
         )
-        sections.append(Section(f"Allan deviation: {sensor}", "", [draw(_curves(channels), caption)]))
+        sections.append(
+            Section(_("Allan deviation: {sensor}", sensor=sensor), "", [draw(_curves(channels), caption)])
+        )
     return Page(
-        title=f"{found.run} at rest",
-        subtitle=f"{found.duration_s:.0f} s without a command",
+        title=_("{run} at rest", run=found.run),
+        subtitle=_("{duration_s:.0f} s without a command", duration_s=found.duration_s),
         verdict=found.verdict,
         headlines=[
-            Headline(f"{c.sensor}[{c.entry}]", f"{c.sd:.3g}", f"bias {c.mean:.3g} ± {c.mean_sd:.1g}")
+            Headline(
+                f"{c.sensor}[{c.entry}]",
+                f"{number(c.sd):.3g}",
+                _("bias {mean:.3g} ± {mean_sd:.1g}", mean=c.mean, mean_sd=c.mean_sd),
+            )
             for c in found.channels[:4]
         ],
         sections=sections,
@@ -45,8 +53,8 @@ def _curves(channels: list[Any]) -> Any:
         W, B, K = c.coefficients.value
         model = np.sqrt(W**2 / tau + 2.0 * np.log(2.0) / np.pi * B**2 + K**2 * tau / 3.0)
         axis.loglog(tau, model, "--", lw=1.0, color=colour)
-    axis.set_xlabel("averaging time τ [s]")
-    axis.set_ylabel("Allan deviation [unit of the sensor]")
+    axis.set_xlabel(_("averaging time τ [s]"))
+    axis.set_ylabel(_("Allan deviation [unit of the sensor]"))
     axis.legend()
     axis.grid(True, which="both", alpha=0.25)
     return figure

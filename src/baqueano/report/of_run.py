@@ -8,6 +8,8 @@ import numpy as np
 from baqueano.compare import compare, evenness
 from baqueano.compare.divergence import until_diverged
 from baqueano.diagnostics import Verdict
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.monitor import REFUSED, Refusals
 from baqueano.printable import typed
 from baqueano.report import figures
@@ -38,19 +40,24 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     judged, drove = one.row(), both.of_drives
     run = until_diverged(run)
     drawn = paths(run, alignment, beside)
-    sections = [Section("Path", said_of_path(one, alignment), drawn)] if drawn else []
+    sections = [Section(_("Path"), said_of_path(one, alignment), drawn)] if drawn else []
     sections += beside_each_other(both) if beside is not None else []
     sections += driving(run, judged) if drove else []
     sections += errors(run, alignment, beside)
     sections += knows(one.consistency, run)
     sections += refused(one.refusals)
-    sections += [Section("Measurements", "", [sensors_of(run)])] if run.sensors else []
+    sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
     held = show(run)
-    sections.append(Section("What the run holds", "", [Table(held.rows()), *_events(run)]))
+    sections.append(Section(_("What the run holds"), "", [Table(held.rows()), *_events(run)]))
     kind = run.metadata.get("kind", "run")
     return Page(
         title=run.name,
-        subtitle=f"{kind}, {run.duration_s:.1f} s, {len(run.t_ns)} ticks",
+        subtitle=_(
+            "{kind}, {duration_s:.1f} s, {ticks} ticks",
+            kind=_(kind),
+            duration_s=run.duration_s,
+            ticks=len(run.t_ns),
+        ),
         verdict=VERDICTS.get(judged["verdict"], ""),
         headlines=headlines(judged, drove),
         sections=sections,
@@ -61,23 +68,35 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
 def headlines(judged: dict, drove: bool = True) -> list[Headline]:
     """Return the figures of a comparison that are known, large; those of the vehicle only where it `drove` by the
     estimate that is judged."""
-    by, whose = ("pace_true", "true")
+    by, whose = ("pace_true", _("true"))
     if not np.isfinite(judged["pace_true_error"]):
-        by, whose = ("pace_estimate", "as it believed")
+        by, whose = ("pace_estimate", _("as it believed"))
     of_vehicle = (
-        ("across_true_rms_m", "across the path, true", "rms", 100, "cm"),
-        (f"{by}_error", "speed off its reference", f"rms, of the mean asked; {whose}", 100, "%"),
-        ("at_limit", "at a limit", "of the ticks, command or wheel", 100, "%"),
-        ("sign_changes_per_s", "changes of sign", "of the forward command", 1, "per s"),
+        ("across_true_rms_m", _("across the path, true"), _("rms"), 100, "cm"),
+        (
+            f"{by}_error",
+            _("speed off its reference"),
+            _("rms, of the mean asked; {whose}", whose=whose),
+            100,
+            "%",
+        ),
+        ("at_limit", _("at a limit"), _("of the ticks, command or wheel"), 100, "%"),
+        ("sign_changes_per_s", _("changes of sign"), _("of the forward command"), 1, _("per s")),
     )
     of_estimate = (
-        ("ate_m", "estimated position off", "rms against truth", 100, "cm"),
-        ("speed_error_m_s", "estimated speed off", "rms against truth", 1000, "mm/s"),
-        ("nees_velocity", "NEES of the velocity", f"{judged['nees_velocity_is']}; 1 is ideal", 1, ""),
-        ("nis", "NIS", f"{judged['nis_is']}; 1 is ideal", 1, ""),
+        ("ate_m", _("estimated position off"), _("rms against truth"), 100, "cm"),
+        ("speed_error_m_s", _("estimated speed off"), _("rms against truth"), 1000, "mm/s"),
+        (
+            "nees_velocity",
+            _("NEES of the velocity"),
+            _("{verdict}; 1 is ideal", verdict=_(judged["nees_velocity_is"])),
+            1,
+            "",
+        ),
+        ("nis", "NIS", _("{verdict}; 1 is ideal", verdict=_(judged["nis_is"])), 1, ""),
     )
     return [
-        Headline(label, f"{judged[key] * scale:.3g} {unit}".strip(), note)
+        Headline(label, f"{number(judged[key] * scale):.3g} {unit}".strip(), note)
         for key, label, note, scale, unit in (*(of_vehicle if drove else ()), *of_estimate)
         if judged.get(key) is not None and np.isfinite(judged[key])
     ]
@@ -87,11 +106,13 @@ def refused(counts: tuple[Refusals, ...]) -> list[Section]:
     """Return how often the estimator refused each number; nothing of one that does not count."""
     rows = [
         {"number": one.name, "refused": one.refused, "arrived": one.arrived,
-         "refused [%]": 100.0 * one.refused / max(one.arrived, 1)}
+         _("refused [%]"): 100.0 * one.refused / max(one.arrived, 1)}
         for one in counts
     ]  # fmt: skip
-    said = "A number that is too far from its prediction loses its weight. Sensors that were off for long are below."
-    return [Section("Refused readings", said, [Table(rows)])] if rows else []
+    said = _(
+        "A number that is too far from its prediction loses its weight. Sensors that were off for long are below."
+    )
+    return [Section(_("Refused readings"), said, [Table(rows)])] if rows else []
 
 
 def sensors_of(run: Run) -> Drawing:
@@ -102,13 +123,13 @@ def sensors_of(run: Run) -> Drawing:
         for k in range(channel.z.shape[1]):
             label = IMU[k] if name == "imu" and channel.z.shape[1] == 3 else f"{name}[{k}]"
             panels.append((label, {"measured": (t, channel.z[:, k])}))
-    return draw(figures.over_time(panels), "What the sensors said.")
+    return draw(figures.over_time(panels), _("What the sensors said."))
 
 
 def driving(run: Run, judged: dict) -> list[Section]:
     """The forward speed against its reference, and the commands with their limits."""
     drawing = speed(run)
-    paced = [] if drawing is None else [Section("Speed", "", [drawing, *_paces(judged)])]
+    paced = [] if drawing is None else [Section(_("Speed"), "", [drawing, *_paces(judged)])]
     return [*paced, commands(run)]
 
 
@@ -120,7 +141,9 @@ def speed(run: Run) -> Drawing | None:
             curves[name] = seconds(log.t_ns, run.t_ns[0]), log.nu[:, 0]
     if not curves:
         return None
-    return draw(figures.over_time([("forward speed [m/s]", curves)], height_in=2.6), "How fast it drove.")
+    return draw(
+        figures.over_time([(_("forward speed [m/s]"), curves)], height_in=2.6), _("How fast it drove.")
+    )
 
 
 def _paces(judged: dict) -> list[Table | Drawing]:
@@ -128,15 +151,17 @@ def _paces(judged: dict) -> list[Table | Drawing]:
     rows = [
         {
             "speed": whose,
-            "off its reference, rms [m/s]": judged[f"{name}_error_m_s"],
-            "of the mean asked [%]": 100.0 * judged[f"{name}_error"],
-            "uneven, about its 1 s mean [%]": 100.0 * judged[f"{name}_uneven"],
+            _("off its reference, rms [m/s]"): judged[f"{name}_error_m_s"],
+            _("of the mean asked [%]"): 100.0 * judged[f"{name}_error"],
+            _("uneven, about its 1 s mean [%]"): 100.0 * judged[f"{name}_uneven"],
         }
-        for name, whose in (("pace_true", "true"), ("pace_estimate", "as it believed"))
+        for name, whose in (("pace_true", _("true")), ("pace_estimate", _("as it believed")))
         if np.isfinite(judged[f"{name}_error"])
     ]
     return (
-        [Table(rows, "After the first second; a steady error does not count as unevenness.")] if rows else []
+        [Table(rows, _("After the first second; a steady error does not count as unevenness."))]
+        if rows
+        else []
     )
 
 
@@ -161,12 +186,13 @@ def commands(run: Run) -> Section:
         size = np.abs(sent[np.isfinite(sent)])
         rows.append({
             "command": name, "largest": float(size.max(initial=0.0)), "limit": limit if np.isfinite(limit) else None,
-            "at its limit [% of ticks]": 100.0 * float(np.mean(full)) if np.isfinite(limit) else None,
+            _("at its limit [% of ticks]"): 100.0 * float(np.mean(full)) if np.isfinite(limit) else None,
         })  # fmt: skip
     drawing = draw(
-        figures.over_time(panels), "Asked for, applied, and sent to each wheel; red: at its limit or beyond."
+        figures.over_time(panels),
+        _("Asked for, applied, and sent to each wheel; red: at its limit or beyond."),
     )
-    return Section("Commands", "", [drawing, Table(rows)])
+    return Section(_("Commands"), "", [drawing, Table(rows)])
 
 
 def _channels(run: Run) -> list[_Channel]:
@@ -187,7 +213,7 @@ def _channels(run: Run) -> list[_Channel]:
             )
     if limits.mixing == "two_wheels":
         for name, w, limit in zip(
-            ("left wheel", "right wheel"), mix(limits.mixing, sent.T), limits.channel, strict=True
+            (_("left wheel"), _("right wheel")), mix(limits.mixing, sent.T), limits.channel, strict=True
         ):
             found.append(_Channel(name + unit, {"sent": w}, w, float(limit)))
     return found
@@ -204,8 +230,8 @@ def _command_names(run: Run) -> tuple[list[str], str]:
 
 def _events(run: Run) -> list[Table | Drawing]:
     rows = [
-        {"t [s]": float(seconds(e.t_ns, run.t_ns[0])), "level": e.level, "by": e.source, "what": e.text}
+        {"t [s]": float(seconds(e.t_ns, run.t_ns[0])), "level": e.level, "by": e.source, "what": e.sentence}
         for e in run.events
         if e.source != REFUSED
     ]
-    return [Table(rows, "What was noticed.")] if rows else []
+    return [Table(rows, _("What was noticed."))] if rows else []

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 
 from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import text
 from baqueano.printable import typed
 from baqueano.report.lab import panels, styled
@@ -13,21 +15,27 @@ from baqueano.report.page import Headline, Page, Section, Table, draw
 
 def page_of_wear(found: Any) -> Page:
     """The page of `over_time`."""
-    said = "\n".join(text(one.message) for one in found.moved) or "Nothing moved beyond its error bars."
+    said = "\n".join(text(one.message) for one in found.moved) or _("Nothing moved beyond its error bars.")
     shown = [i for i in range(len(found.names)) if np.isfinite(found.single[:, i]).sum() > 1]
-    caption = "Each run by itself with its 95 % interval (blue), and what all runs say together (green)."
+    caption = _("Each run by itself with its 95 % interval (blue), and what all runs say together (green).")
     return Page(
-        title=f"{found.last.file.name} over {len(found.runs)} runs",
-        subtitle=f"{found.when[0] or found.runs[0]} to {found.when[-1] or found.runs[-1]}",
+        title=_("{vehicle} over {runs} runs", vehicle=found.last.file.name, runs=len(found.runs)),
+        subtitle=_(
+            "{first} to {last}", first=found.when[0] or found.runs[0], last=found.when[-1] or found.runs[-1]
+        ),
         verdict=found.verdict,
         headlines=[
-            Headline(one.name.removeprefix("model."), f"{one.after:.3g} {one.unit}", f"was {one.before:.3g}")
+            Headline(
+                one.name.removeprefix("model."),
+                f"{number(one.after):.3g} {one.unit}",
+                _("was {before:.3g}", before=one.before),
+            )
             for one in found.moved[:4]
         ],
         sections=[
-            Section("What moved", said, []),
-            Section("Run by run", "", [draw(_curves(found, shown), caption)] if shown else []),
-            Section("Figures", "", [Table(found.rows())]),
+            Section(_("What moved"), said, []),
+            Section(_("Run by run"), "", [draw(_curves(found, shown), caption)] if shown else []),
+            Section(_("Figures"), "", [Table(found.rows())]),
         ],
         reproduce=typed("runs", "wear", *found.runs),
     )
@@ -52,5 +60,5 @@ def _curves(found: Any, shown: list[int]) -> Any:
     for axis in axes.ravel()[len(shown) :]:
         axis.set_visible(False)
     for axis in axes[-1]:
-        axis.set_xlabel("run")
+        axis.set_xlabel(_("run"))
     return figure

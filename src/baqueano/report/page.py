@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Verdict, fault, nearest
 from baqueano.errors import UsageError
+from baqueano.language import current, number
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,6 +24,7 @@ TONES = {
     Verdict.CONSISTENT: "good", Verdict.INCONSISTENT: "warn", "KNOWN": "good", "LOST": "bad",
 }  # fmt: skip
 WIDE_IN, NARROW_IN, LEAST_IN = 8.0, 4.4, 2.4  # of figures: over time; on a phone
+AS_TYPED = {"name", "parameter", "run", "command", "number", "gain", "unit"}  # columns of identifiers
 FORMATS, DPI = ("svg", "pdf", "png"), 300  # of figures as files; dots per inch of a png
 
 
@@ -45,7 +48,7 @@ class Table:
     @property
     def headings(self) -> dict[str, str]:
         """Key → heading of each column."""
-        return self.columns or {key: key.replace("_", " ") for key in (self.rows[0] if self.rows else {})}
+        return self.columns or {key: _(key.replace("_", " ")) for key in (self.rows[0] if self.rows else {})}
 
 
 @dataclass(frozen=True)
@@ -115,9 +118,20 @@ class Page:
         from baqueano.report.lab import jinja2
 
         environment = jinja2().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-        environment.filters["cell"] = cell
+        environment.filters |= {"cell": cell, "word": _}
         template = files("baqueano.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
-        return environment.from_string(template).render(page=self, tone=TONES.get(self.verdict, "plain"))
+        tone = TONES.get(self.verdict, "plain")
+        return environment.from_string(template).render(page=self, tone=tone, language=current())
+
+    @property
+    def footer(self) -> str:
+        """Return the last line."""
+        return _("Written by baqueano. SI units; angles in degrees where it says so.")
+
+    @property
+    def again(self) -> str:
+        """Return what stands before `reproduce`."""
+        return _("To get these numbers again:")
 
     def __repr__(self) -> str:
         return f"Page({self.title!r}, {len(self.sections)} sections, {len(self.drawings())} figures)"
@@ -137,9 +151,10 @@ class Page:
             for part in section.parts
             if isinstance(part, Drawing)
         ]
-        names = [re.sub(r"\W+", "-", title.lower()).strip("-") for title, _ in found]
+        names = [re.sub(r"\W+", "-", title.lower()).strip("-") for title, _drawing in found]
         return {
-            f"{k + 1:02d}-{name}": one for k, (name, (_, one)) in enumerate(zip(names, found, strict=True))
+            f"{k + 1:02d}-{name}": one
+            for k, (name, (_title, one)) in enumerate(zip(names, found, strict=True))
         }
 
     def save_figures(
@@ -171,15 +186,16 @@ class Page:
         return path
 
 
-def cell(value: object) -> str:
-    """A table's cell: four significant digits, a dash for what is not known."""
+def cell(value: object, key: str = "") -> str:
+    """Return a cell of the column `key`: four significant digits, a dash for what is not known, a word of ours in the
+    current language."""
     if value is None or value != value:
         return "–"
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return _("yes") if value else _("no")
     if isinstance(value, float):
-        return f"{value:.4g}"
-    return str(value)
+        return f"{number(value):.4g}"
+    return str(value) if key in AS_TYPED else _(str(value))
 
 
 def draw(figure: "Figure", caption: str, narrow: bool = True) -> Drawing:

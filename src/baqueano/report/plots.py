@@ -12,6 +12,8 @@ from baqueano.contracts.result import Result
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
 from baqueano.identify import Fit, Forecast
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.report import figures
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
 from baqueano.report.lab import onto, panel, panels, styled
@@ -55,7 +57,7 @@ def drawings_of(result: Result) -> dict[str, Draw]:
 
 
 @drawings_of.register(Run)
-def _(result: Run) -> dict[str, Draw]:
+def _of_run(result: Run) -> dict[str, Draw]:
     found: dict[str, Callable[[], Sequence[Table | Drawing | None]]] = {
         "path": lambda: paths(result),
         "errors": lambda: [part for section in errors(result) for part in section.parts],
@@ -71,7 +73,7 @@ def _first(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figure | No
 
 
 @drawings_of.register(Fit)
-def _(result: Fit) -> dict[str, Draw]:
+def _of_fit(result: Fit) -> dict[str, Draw]:
     known = np.isfinite(result.sd) & np.isfinite(result.estimate)
     names = [short(name) for name, one in zip(result.names, known, strict=True) if one]
     seen = [one for one in result.channels if one.run == result.runs[0] and np.isfinite(one.explained)]
@@ -89,27 +91,27 @@ def _(result: Fit) -> dict[str, Draw]:
 
 
 @drawings_of.register(Comparison)
-def _(result: Comparison) -> dict[str, Draw]:
+def _of_comparison(result: Comparison) -> dict[str, Draw]:
     return {"runs": lambda: comparison(result)}
 
 
 @drawings_of.register(Tuned)
-def _(result: Tuned) -> dict[str, Draw]:
+def _of_tuned(result: Tuned) -> dict[str, Draw]:
     return {"search": lambda: search(result)}
 
 
 @drawings_of.register(CorridorAhead)
-def _(result: CorridorAhead) -> dict[str, Draw]:
+def _of_corridor(result: CorridorAhead) -> dict[str, Draw]:
     return {"path": partial(_first, lambda: paths(result.run)), "corridor": lambda: corridor(result)}
 
 
 @drawings_of.register(Forecast)
-def _(result: Forecast) -> dict[str, Draw]:
+def _of_forecast(result: Forecast) -> dict[str, Draw]:
     return {"drives": lambda: drives(result)}
 
 
 @drawings_of.register(Many)
-def _(result: Many) -> dict[str, Draw]:
+def _of_many(result: Many) -> dict[str, Draw]:
     return {"path": lambda: cloud(result)}
 
 
@@ -121,24 +123,24 @@ def comparison(result: Comparison) -> "Figure":
     upper, lower = axes[:, 0]
     rows = np.arange(len(runs))[::-1]
     marks = (
-        ("across its path", [one.across_true.rms_m for one in runs], TRUTH, "s"),
+        (_("across its path"), [one.across_true.rms_m for one in runs], TRUTH, "s"),
         ("as it believed", [one.across_estimate.rms_m for one in runs], MODEL, "o"),
         ("position off", [one.ate_m for one in runs], MEASURED, "D"),
     )
     for name, metres, colour, marker in marks:
         if np.isfinite(metres).any():
-            upper.plot(100.0 * np.array(metres), rows, marker, ms=5, color=colour, label=name)
+            upper.plot(100.0 * np.array(metres), rows, marker, ms=5, color=colour, label=_(name))
     upper.set_xlim(left=0.0)
-    upper.set_xlabel("error [cm rms]")
+    upper.set_xlabel(_("error [cm rms]"))
     for k, (name, shown, colour) in enumerate(
-        (("nees_velocity", "NEES of the velocity", MODEL), ("nis", "NIS", MEASURED))
+        (("nees_velocity", _("NEES of the velocity"), MODEL), ("nis", "NIS", MEASURED))
     ):
         at, bands = rows + 0.15 - 0.3 * k, [getattr(one.consistency, name) for one in runs]
         lower.hlines(at, [b.low for b in bands], [b.high for b in bands], color=REFERENCE, lw=5, zorder=1)
         lower.plot([b.mean for b in bands], at, "o", ms=5, color=colour, label=shown)
     lower.axvline(1.0, color=TRUTH, lw=1)
     lower.set_xscale("log")
-    lower.set_xlabel("error² / claimed variance")
+    lower.set_xlabel(_("error² / claimed variance"))
     for one in (upper, lower):
         one.set_yticks(rows, [judged.name for judged in runs])
         one.set_ylim(-0.6, len(runs) - 0.4)
@@ -153,12 +155,12 @@ def search(result: Tuned) -> "Figure":
     for k, descent in enumerate(result.descents):
         costs = np.minimum.accumulate(descent.costs)
         best = {"color": MODEL, "lw": 2.0, "zorder": 3} if k == 0 else {"color": REFERENCE, "lw": 1.0}
-        axes.plot(np.arange(1, len(costs) + 1), costs, label="best start" if k == 0 else "", **best)
+        axes.plot(np.arange(1, len(costs) + 1), costs, label=_("best start") if k == 0 else "", **best)
     if np.isfinite(result.cost_before):
-        axes.axhline(result.cost_before, color=MEASURED, lw=1, ls="--", label="gains of the file")
+        axes.axhline(result.cost_before, color=MEASURED, lw=1, ls="--", label=_("gains of the file"))
     axes.set_yscale("log")
-    axes.set_xlabel("evaluations")
-    axes.set_ylabel("cost [m²]")
+    axes.set_xlabel(_("evaluations"))
+    axes.set_ylabel(_("cost [m²]"))
     axes.legend()
     return figure
 
@@ -172,8 +174,8 @@ def corridor(result: CorridorAhead) -> "Figure":
     for lap in range(1, result.laps):
         axes.axvline(lap * result.lap_s, color=REFERENCE, lw=1)
     axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("across, 95 % [± cm]")
+    axes.set_xlabel(_("time [s]"))
+    axes.set_ylabel(_("across, 95 % [± cm]"))
     return figure
 
 
@@ -183,8 +185,10 @@ def drives(result: Forecast) -> "Figure":
     figure, axes = panel((7.2, 0.5 * len(result.ahead) + 0.9))
     rows = np.arange(len(result.ahead))[::-1]
     axes.barh(rows, [100.0 * one.position_m for one in result.ahead], height=0.5, color=MODEL, alpha=0.6)
-    axes.set_yticks(rows, [f"{one.duration_s:.0f} s, {one.way_m:.1f} m" for one in result.ahead])
-    axes.set_xlabel("position at the end, open loop [± cm]")
+    axes.set_yticks(
+        rows, [f"{number(one.duration_s):.0f} s, {number(one.way_m):.1f} m" for one in result.ahead]
+    )
+    axes.set_xlabel(_("position at the end, open loop [± cm]"))
     return figure
 
 
@@ -194,7 +198,7 @@ def cloud(result: Many) -> "Figure":
     figure, axes = panel((7.2, 6.2))
     shown = result.eta[:: max(1, len(result.eta) // MOST)]
     axes.plot(shown[:, :, 0].T, shown[:, :, 1].T, color=MODEL, lw=0.8, alpha=0.25)
-    axes.plot(result.eta[:, -1, 0], result.eta[:, -1, 1], ".", ms=2, color=TRUTH, label="at the end")
+    axes.plot(result.eta[:, -1, 0], result.eta[:, -1, 1], ".", ms=2, color=TRUTH, label=_("at the end"))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")

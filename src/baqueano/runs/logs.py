@@ -7,6 +7,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
+from baqueano.messages import text
 
 if TYPE_CHECKING:
     from baqueano.diagnostics import Diagnostic
@@ -148,6 +149,11 @@ class Event(NamedTuple):
     source: str
     text: str
     diagnostic: "Diagnostic | None" = None
+
+    @property
+    def sentence(self) -> str:
+        """Return its sentence in the current language, where it is known as data."""
+        return self.text if self.diagnostic is None else text(self.diagnostic)
 
 
 def times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:

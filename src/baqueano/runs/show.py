@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.printable import in_lines
 from baqueano.signals import NANOSECONDS
 
@@ -56,28 +58,34 @@ class ShownRun:
         counts = " ".join(
             f"{key} {value};" for key, value in run.metadata.items() if "\n" not in value and value
         )
-        lines.append(f"{run.name}: {len(run.t_ns)} ticks, {run.duration_s:.2f} s. {counts.rstrip(';')}")
+        ticks, duration_s = len(run.t_ns), run.duration_s
+        head = _(
+            "{run}: {ticks} ticks, {duration_s:.2f} s.", run=run.name, ticks=ticks, duration_s=duration_s
+        )
+        lines.append(f"{head} {counts.rstrip(';')}")
         rows = self.rows()
-        wide = max(20, *(len(r["topic"]) for r in rows))
+        wide = max(20, *(len(_(r["topic"])) for r in rows))
         lines.append(
-            f"{'topic':{wide}} {'count':>8} {'rate':>10} {'gaps':>5} {'longest':>10} {'NaN':>5} {'delay':>9}  "
-            "size"
+            f"{_('topic'):{wide}} {_('count'):>8} {_('rate'):>10} {_('gaps'):>5} {_('longest'):>10} {'NaN':>5} "
+            f"{_('delay'):>9}  {_('size')}"
         )
         for r in rows:
-            rate = "" if r["rate_hz"] is None else f"{r['rate_hz']:.2f} Hz"
-            longest = "" if r["longest_step_s"] is None else f"{r['longest_step_s']:.4f} s"
-            delay = "" if r.get("delay_ms") is None else f"{r['delay_ms']:.1f} ms"
+            rate = "" if r["rate_hz"] is None else f"{number(r['rate_hz']):.2f} Hz"
+            longest = "" if r["longest_step_s"] is None else f"{number(r['longest_step_s']):.4f} s"
+            delay = "" if r.get("delay_ms") is None else f"{number(r['delay_ms']):.1f} ms"
             lines.append(
-                f"{r['topic']:{wide}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest:>10} "
+                f"{_(r['topic']):{wide}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest:>10} "
                 f"{r['nan_rows']:>5} {delay:>9}  {r['size']}"
             )
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
         for event in run.events[:SHOWN_EVENTS]:
             t_s = (event.t_ns - start) / NANOSECONDS
-            lines.append(f"{t_s:10.3f} s  {event.level:8} {event.source}: {event.text}")
+            lines.append(f"{number(t_s):10.3f} s  {_(event.level):8} {event.source}: {event.sentence}")
         if len(run.events) > SHOWN_EVENTS:
-            lines.append(f"and {len(run.events) - SHOWN_EVENTS} more events; all of them with --json")
-        return in_lines([*lines, *(f"note: {note}" for note in run.notes)])
+            lines.append(
+                _("and {more} more events; all of them with --json", more=len(run.events) - SHOWN_EVENTS)
+            )
+        return in_lines([*lines, *(_("note: {note}", note=note) for note in run.notes)])
 
     def events(self) -> list["TableRow"]:
         """All events as flat dicts, times in seconds since the first tick."""
@@ -87,7 +95,7 @@ class ShownRun:
                 "t_s": (e.t_ns - start) / NANOSECONDS,
                 "level": e.level,
                 "source": e.source,
-                "text": e.text,
+                "text": e.sentence,
                 **_data(e.diagnostic),
             }
             for e in self.run.events

@@ -18,6 +18,8 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
@@ -95,10 +97,18 @@ class Many(Result):
 
     def table(self) -> str:
         """For people."""
-        head = f"{'t [s]':>8} {'x [m]':>18} {'y [m]':>18} {'heading [°]':>18} {'speed [m/s]':>18}"
-        lines = [f"{len(self.theta)} vehicles, varied: {', '.join(self.names) or 'noise alone'}", head]
+        head = f"{'t [s]':>8} {'x [m]':>18} {'y [m]':>18} {_('heading [°]'):>18} {_('speed [m/s]'):>18}"
+        lines = [
+            _(
+                "{vehicles} vehicles, varied: {names}",
+                vehicles=len(self.theta),
+                names=", ".join(self.names) or _("noise alone"),
+            ),
+            head,
+        ]
         for row in self.rows():
-            psi, psi_sd = np.degrees(row["psi_rad"]), np.degrees(row["psi_rad_sd"])
+            row = {key: number(value) for key, value in row.items()}
+            psi, psi_sd = (number(float(np.degrees(row[key]))) for key in ("psi_rad", "psi_rad_sd"))
             lines.append(
                 f"{row['t_s']:8.2f} {row['x_m']:8.3f} ± {row['x_m_sd']:<7.3f} {row['y_m']:8.3f} ± "
                 f"{row['y_m_sd']:<7.3f} {psi:8.1f} ± {psi_sd:<7.1f} {row['nu_x_m_s']:8.3f} ± "

@@ -23,6 +23,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
+from baqueano.language import marked as N_
 from baqueano.parameter import parameters
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.many import drawn
@@ -155,7 +156,7 @@ def rehearse(
     return Rehearsal(
         asked,
         weights,
-        "estimator in the loop" if estimator else "perfect pose",
+        N_("estimator in the loop") if estimator else N_("perfect pose"),
         vehicles,
         Input(times(ticks, rate), noise),
         begin(system, compose(start_of(system), np.array([-aside_m, aside_m, 0.0]))),

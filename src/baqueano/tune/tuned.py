@@ -8,6 +8,8 @@ import numpy as np
 
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.tune.cost import Weights
 from baqueano.tune.search import Descent
@@ -145,27 +147,37 @@ class Tuned(Result):
     def table(self) -> str:
         """For people."""
         wide, unit = max(len(g.name) for g in self.gains), max(len(g.unit) for g in self.gains)
-        head = f"{'gain':<{wide}} {'value':>10}  {'unit':<{unit}}  {'in the file':>11}"
-        lines = [f"{head}  {'cost at × 0.8':>13}  {'at × 1.25':>9}"]
+        head = f"{_('gain'):<{wide}} {_('value'):>10}  {_('unit'):<{unit}}  {_('in the file'):>13}"
+        lines = [f"{head}  {_('cost at × 0.8'):>13}  {_('at × 1.25'):>9}"]
         for g in self.gains:
-            before = f"{g.before:.4g}" if np.isfinite(g.before) else "-"
+            before = f"{number(g.before):.4g}" if np.isfinite(g.before) else "-"
             less, more = 100 * (g.cost_less - 1), 100 * (g.cost_more - 1)
-            row = f"{g.name:<{wide}} {g.value:>10.4g}  {g.unit:<{unit}}  {before:>11}"
-            lines.append(f"{row}  {less:>+11.1f} %  {more:>+7.1f} %")
+            row = f"{g.name:<{wide}} {number(g.value):>10.4g}  {g.unit:<{unit}}  {before:>13}"
+            lines.append(f"{row}  {number(less):>+11.1f} %  {number(more):>+7.1f} %")
         return "\n".join([*lines, "", *self._notes(), "", verdict_line(self.verdict, self.reasons)])
 
     def _notes(self) -> list[str]:
         d, w = self.drive, self.weights
-        before = f"{self.cost_before:.4g} → " if np.isfinite(self.cost_before) else ""
-        over = f", the mean of {self.draws} vehicles" if self.draws else ""
-        cost = f"cost {before}{self.cost:.4g} m²{over}"
-        near = f"{1000 * d.distance_rms_m:.1f} mm rms, {1000 * d.distance_max_m:.1f} mm at most"
-        agreed = f"{self.agreed} of {len(self.descents)} starts agree, {len(self.history)} evaluations"
+        before = f"{number(self.cost_before):.4g} → " if np.isfinite(self.cost_before) else ""
+        over = _(", the mean of {vehicles} vehicles", vehicles=self.draws) if self.draws else ""
         return [
-            f"{cost}, {self.cost_standing:.4g} without control; a radian weighs {w.radian_m:.3g} m; {self.loop}",
-            f"from the reference: {near}, heading {np.degrees(d.heading_rms_rad):.2f}° rms",
-            f"command at its limit {100 * d.saturated:.0f} % of the time; {agreed}",
-        ]
+            _(
+                "cost {before}{cost:.4g} m²{over}, {standing:.4g} without control; a radian weighs "
+                "{radian_m:.3g} m; {loop}",
+                before=before, cost=self.cost, over=over, standing=self.cost_standing, radian_m=w.radian_m,
+                loop=_(self.loop),
+            ),
+            _(
+                "from the reference: {rms_mm:.1f} mm rms, {max_mm:.1f} mm at most, heading {heading_deg:.2f}° rms",
+                rms_mm=1000 * d.distance_rms_m, max_mm=1000 * d.distance_max_m,
+                heading_deg=np.degrees(d.heading_rms_rad),
+            ),
+            _(
+                "command at its limit {percent:.0f} % of the time; {agreed} of {starts} starts agree, {evaluations} "
+                "evaluations",
+                percent=100 * d.saturated, agreed=self.agreed, starts=len(self.descents), evaluations=len(self.history),
+            ),
+        ]  # fmt: skip
 
     def applied(self) -> "VehicleFile":
         """The vehicle file with these gains."""

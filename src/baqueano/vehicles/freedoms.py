@@ -10,12 +10,13 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
+from baqueano.language import marked as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.state import DynamicVehicle
 
-AXES = ("forward", "sideways", "turning")
+AXES = (N_("forward"), N_("sideways"), N_("turning"))
 SOON_S = 1e-6  # in which no velocity fades
 TURNS = 0.5  # the yaw rate of the first command against that of the last, at most
 SMALL = 1e-8  # of a speed, below every one at which a friction changes

@@ -16,6 +16,7 @@ from baqueano.cli.driving.manual_drive import (
 )
 from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import Verdict, note
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -79,4 +80,4 @@ class Driven:
     def table(self) -> str:
         """The same as a sentence."""
         (row,) = self.rows()
-        return f"drove {row['duration_s']:.1f} s, {row['marks']} marks: {self.path}"
+        return _("drove {duration_s:.1f} s, {marks} marks: {run}", **row)

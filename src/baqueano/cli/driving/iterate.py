@@ -14,6 +14,8 @@ import numpy as np
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, clocked, talk
 from baqueano.diagnostics import Verdict, fault, note
+from baqueano.language import number
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     from baqueano.cli.driving.targets import Place
@@ -63,12 +65,12 @@ class Rounds:
     def table(self) -> str:
         """A line for each parameter, a column for each round."""
         names = list(dict.fromkeys(name for one in self.rounds for name in one.fit.names))
-        width = max(map(len, names))
-        head = "".join(f"{f'round {k + 1}':>12}" for k in range(len(self.rounds)))
-        lines = [f"{'standard error of':{width}}{head}"]
+        width = max(map(len, (*names, _("standard error of"))))
+        head = "".join(f"{_('round {k}', k=k + 1):>12}" for k in range(len(self.rounds)))
+        lines = [f"{_('standard error of'):{width}}{head}"]
         for name in names:
             sure = [one.relative_sd(name) for one in self.rounds]
-            said = ["—" if sd is None else f"{100.0 * sd:.3g} %" for sd in sure]
+            said = ["—" if sd is None else f"{number(100.0 * sd):.3g} %" for sd in sure]
             lines.append(f"{name:{width}}" + "".join(f"{x:>12}" for x in said))
         return "\n".join([*lines, "", verdict_line(self.verdict, self.rounds[-1].fit.reasons)])
 

@@ -18,6 +18,7 @@ from baqueano.cli.driving.targets import placed
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
+from baqueano.language import translated as _
 from baqueano.printable import typed
 
 if TYPE_CHECKING:
@@ -132,5 +133,9 @@ class Stored:
 
     def table(self) -> str:
         """The same as a sentence."""
-        closed = "closed" if self.route.closed else "open"
-        return f"route: {self.path} ({len(self.route.t_s)} poses, {self.route.t_s[-1]:.1f} s, {closed})"
+        closed = _("closed") if self.route.closed else _("open")
+        poses, duration_s = len(self.route.t_s), float(self.route.t_s[-1])
+        return _(
+            "route: {route} ({poses} poses, {duration_s:.1f} s, {closed})",
+            route=self.path, poses=poses, duration_s=duration_s, closed=closed,
+        )  # fmt: skip

@@ -9,6 +9,7 @@ from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import Listed
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
 from baqueano.diagnostics import fault, note
+from baqueano.language import translated as _
 from baqueano.printable import typed
 
 if TYPE_CHECKING:
@@ -204,12 +205,23 @@ class Written(NamedTuple):
 
     def table(self) -> str:
         """For people."""
-        return "\n".join(filter(None, (f"run: {self.path}, {self._holds()}", self.imported.noticed.table())))
+        return "\n".join(
+            filter(
+                None,
+                (
+                    _("run: {path}, {holds}", path=self.path, holds=self._holds()),
+                    self.imported.noticed.table(),
+                ),
+            )
+        )
 
     def _holds(self) -> str:
         run = self.imported.run
-        held = [*run.sensors, *(["truth"] if run.truth is not None else [])]
-        return f"{len(run.t_ns)} ticks, {run.duration_s:.1f} s, with {', '.join(held) or 'commands alone'}"
+        held = [*run.sensors, *([_("truth")] if run.truth is not None else [])]
+        return _(
+            "{ticks} ticks, {duration_s:.1f} s, with {sensors}",
+            ticks=len(run.t_ns), duration_s=run.duration_s, sensors=", ".join(held) or _("commands alone"),
+        )  # fmt: skip
 
 
 def _in(out: Path | None, folder: str, name: str) -> Path:

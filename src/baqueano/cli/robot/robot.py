@@ -11,6 +11,7 @@ from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.terminal import tell
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET
+from baqueano.language import number
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -136,7 +137,7 @@ class RobotStatus:
 
         (row,) = self.rows()
         wide = max(len(name) for name in self.said)
-        shown = {k: f"{row[k]:.4g}" if isinstance(row[k], float) else row[k] for k in self.said}
+        shown = {k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.said}
         return in_lines(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
 
 

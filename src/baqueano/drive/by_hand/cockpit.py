@@ -33,6 +33,8 @@ from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
 from baqueano.drive.by_hand.tty import TerminalLine, terminal
 from baqueano.drive.health import shown
 from baqueano.drive.observers import Observer
+from baqueano.language import marked as N_
+from baqueano.language import translated as _
 from baqueano.loop import Record
 from baqueano.messages import text
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -45,11 +47,11 @@ LEAST_SHARE, SHARE_STEP = 0.1, 0.1
 PAUSE_S = 0.01
 FAR_MS = 80.0
 HOW = {
-    RELEASES: "hold to drive",
-    REPEATS: "hold to drive, tap to nudge",
-    LATCHED: "latched, each press adds a step",
+    RELEASES: N_("hold to drive"),
+    REPEATS: N_("hold to drive, tap to nudge"),
+    LATCHED: N_("latched, each press adds a step"),
 }
-MORE = {RELEASES: "press +", REPEATS: "press +", LATCHED: "that key again, or +"}
+MORE = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("that key again, or +")}
 
 
 class Cockpit(Observer):
@@ -196,8 +198,11 @@ class Cockpit(Observer):
             short = short_of_motion(self._drivetrain, self.status.wanted)
         if short is None:
             return ""
-        more = "push further, or press +" if by_pad else MORE[self._held.way]
-        return f"{short.channel:.2f} is below the dead zone of {short.dead_zone:.2f}: nothing moves; {more}"
+        more = _("push further, or press +") if by_pad else _(MORE[self._held.way])
+        return _(
+            "{channel:.2f} is below the dead zone of {dead_zone:.2f}: nothing moves; {more}",
+            channel=short.channel, dead_zone=short.dead_zone, more=more,
+        )  # fmt: skip
 
     def _meet(self) -> None:
         """Asks the terminal what it is: does it answer, does it tell releases."""
@@ -222,7 +227,7 @@ class Cockpit(Observer):
         self._held = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
         self.status.way = HOW[self._held.way]
         if not alive:
-            self.say("this terminal never says that it is there: a key counts for its time only")
+            self.say(_("this terminal never says that it is there: a key counts for its time only"))
 
     def _listen(self, now_s: float) -> None:
         """Return the driver's events since the last call."""

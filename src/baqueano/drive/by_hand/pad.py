@@ -19,6 +19,7 @@ from pathlib import Path
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, InputDevice, InputEvent, X, Y
 from baqueano.errors import UsageError
+from baqueano.language import translated as _
 from baqueano.messages import text
 
 FOLDER = Path("/dev/input")
@@ -62,11 +63,11 @@ class Pad:
     def hint(self) -> str:
         """Return the hint for its driver."""
         if self.holds:
-            return "pad drives"
+            return _("pad drives")
         return (
-            "pad: hold a front button to drive"
+            _("pad: hold a front button to drive")
             if self._let_go
-            else "pad: let go of its stick and buttons first"
+            else _("pad: let go of its stick and buttons first")
         )
 
     def wanted(self) -> tuple[float, float]:
@@ -138,7 +139,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
             pads.append((path, device))
     if len(pads) == 1:
         return Pad(pads[0][1])
-    for _, device in pads:
+    for _name, device in pads:
         device.close()
     if pads:
         several = ", ".join(f'{path} "{device.name}"' for path, device in pads)

@@ -12,8 +12,12 @@ from math import degrees, isfinite, nan
 
 import numpy as np
 
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.printable import one_line
 
+_ACCENTS = str.maketrans("áéíóúüñÁÉÍÓÚÑ", "aeiouunAEIOUN", "¿¡")  # of Spanish
 BAR = 20  # letters for a duty of 1
 HOLD, UNHOLD = "\x1b[?2026h", "\x1b[?2026l"
 
@@ -49,25 +53,35 @@ class Status:
 def lines(s: Status, columns: int = 80) -> list[str]:
     """The block, each line within `columns` less one."""
     link = "  ".join(
-        f"{name} {figure(value, 0)} ms"
-        for name, value in (("vehicle", s.link_ms), ("terminal", s.terminal_ms))
+        f"{_(name)} {figure(value, 0)} ms"
+        for name, value in ((N_("vehicle"), s.link_ms), (N_("terminal"), s.terminal_ms))
     )
     shown = [k for k in range(len(s.limit)) if s.limit[k] > 0.0]
     rows = [
         f"== baqueano drive: {s.name} " + "=" * columns,
-        f"   {s.state or '...':10} {s.t_s:7.1f} s    battery {figure(s.battery_v, 2)} V    marks {s.marks}",
-        f"   speed {figure(s.speed_m_s, 2):>6} m/s    yaw rate {figure(s.yaw_rate_rad_s, 2):>6} rad/s "
-        f"({figure(degrees(s.yaw_rate_rad_s), 0):>4} deg/s)",
+        f"   {s.state or '...':10} {number(s.t_s):7.1f} s    "
+        + _("battery {battery_v} V    marks {marks}", battery_v=figure(s.battery_v, 2), marks=s.marks),
+        "   "
+        + _(
+            "speed {speed:>6} m/s    yaw rate {yaw_rate:>6} rad/s ({degrees:>4} deg/s)",
+            speed=figure(s.speed_m_s, 2),
+            yaw_rate=figure(s.yaw_rate_rad_s, 2),
+            degrees=figure(degrees(s.yaw_rate_rad_s), 0),
+        ),
         *(
-            f"   {s.names[k]:6} {_bar(s.applied[k])} {s.applied[k]:+5.2f}   wanted {s.wanted[k]:+5.2f}"
+            f"   {s.names[k]:6} {_bar(s.applied[k])} {number(float(s.applied[k])):+5.2f}   "
+            + _("wanted {wanted:+5.2f}", wanted=float(s.wanted[k]))
             + (f"   {_hold(s.hold)}" if k == len(s.limit) - 1 else "")
             for k in shown
         ),
-        f"   round trip: {link}" + (f": slowed to {100 * s.near:.0f} %" if s.near < 1.0 else ""),
-        f"   full keys are {100 * s.share:.0f} % of the limit;  keys: {s.way}",
+        "   "
+        + _("round trip: {link}", link=link)
+        + (": " + _("slowed to {percent:.0f} %", percent=100 * s.near) if s.near < 1.0 else ""),
+        "   "
+        + _("full keys are {percent:.0f} % of the limit;  keys: {way}", percent=100 * s.share, way=_(s.way)),
         *([f"   {s.pad}"] if s.pad else []),
-        "   arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch",
-        "   SPACE stops the vehicle | m on the mark now | q ends the drive",
+        "   " + _("arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch"),
+        "   " + _("SPACE stops the vehicle | m on the mark now | q ends the drive"),
         f"   {s.why or s.degraded or s.still or s.line}",
     ]
     return [one_line(row)[: columns - 1] for row in rows]
@@ -75,13 +89,13 @@ def lines(s: Status, columns: int = 80) -> list[str]:
 
 def figure(value: float, digits: int) -> str:
     """A number, or a dash where it is not known."""
-    return f"{value:.{digits}f}" if value is not None and isfinite(value) else "-"
+    return f"{number(value):.{digits}f}" if value is not None and isfinite(value) else "-"
 
 
 def _hold(u: float | None) -> str:
     if u is None:
-        return "heading not held"
-    return f"heading held by {u:+.2f}" if isfinite(u) else "heading free"
+        return _("heading not held")
+    return _("heading held by {u:+.2f}", u=u) if isfinite(u) else _("heading free")
 
 
 def _bar(duty: float) -> str:
@@ -105,4 +119,4 @@ class Screen:
         rest = max(0, self._height - len(block))
         text = "".join(f"{row}\x1b[K\r\n" for row in block) + "\x1b[K\r\n" * rest
         self._height = len(block) + rest
-        return (HOLD + up + text + UNHOLD).encode("ascii", errors="replace")
+        return (HOLD + up + text + UNHOLD).translate(_ACCENTS).encode("ascii", errors="replace")

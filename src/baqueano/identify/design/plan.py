@@ -26,6 +26,8 @@ from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.pieces import MotionPiece, PieceShape, children, drawn, gentler
 from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contained, first_allowed
 from baqueano.identify.parallel import each
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
 
@@ -63,13 +65,21 @@ class Plan(NamedTuple):
 
     def table(self) -> str:
         """A line for each parameter, and one for the room."""
-        width = max(len(name) for name in self.names)
-        lines = [f"{'parameter':{width}}  expected standard error, of the sensors' noise alone"]
+        width = max(map(len, (*self.names, _("parameter"))))
+        lines = [f"{_('parameter'):{width}}  " + _("expected standard error, of the sensors' noise alone")]
         for name, sd in zip(self.names, self.relative_sd, strict=True):
-            lines.append(f"{name:{width}}  {100.0 * sd:.3g} %" + (" (will hardly show)" if sd > 0.3 else ""))
+            lines.append(
+                f"{name:{width}}  {number(100.0 * sd):.3g} %"
+                + (f" ({_('will hardly show')})" if sd > 0.3 else "")
+            )
         lines.append(
-            f"{self.room.width_m:g} × {self.room.height_m:g} m: the corridor of the body (3 standard deviations) "
-            f"stays {100.0 * self.margin_m:.1f} cm from the walls"
+            _(
+                "{width_m:g} × {height_m:g} m: the corridor of the body (3 standard deviations) stays "
+                "{margin_cm:.1f} cm from the walls",
+                width_m=self.room.width_m,
+                height_m=self.room.height_m,
+                margin_cm=100.0 * self.margin_m,
+            )
         )
         return "\n".join(lines)
 
@@ -151,7 +161,17 @@ class PlanSearch:
         self._grow(drawn(self.shape, FIRST, self.rng))
         self.composer.search()
         for turn in range(ROUNDS):
-            if say(f"{turn} of {ROUNDS} rounds: standard errors of {100.0 * self.expected:.2g} %") is True:
+            if (
+                say(
+                    _(
+                        "{turn} of {rounds} rounds: standard errors of {percent:.2g} %",
+                        turn=turn,
+                        rounds=ROUNDS,
+                        percent=100.0 * self.expected,
+                    )
+                )
+                is True
+            ):
                 break
             best = [self.pieces[k] for k in self.composer.chosen]
             self._grow(children(best, self.shape, EACH, self.rng))

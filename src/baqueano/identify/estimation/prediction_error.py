@@ -31,6 +31,7 @@ from baqueano.identify.parallel import each
 from baqueano.identify.residuals.block_arrow import Evaluation, add, begun, dense, places_of
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, kept_kernel
+from baqueano.language import translated as _
 
 FAR = (
     3.0  # K of (1): 97.5 % efficient on normal noise; an outlier of 20 σ keeps a two-thousandth of its weight
@@ -224,7 +225,9 @@ def _searched(
         )  # fmt: skip
         count += found.evaluations
         stopped = (
-            say is not None and say(f"innovations: {count} evaluations, cost {found.at.cost:.6g}") is True
+            say is not None
+            and say(_("innovations: {count} evaluations, cost {cost:.6g}", count=count, cost=found.at.cost))
+            is True
         )
         if found.converged or stopped or count >= MOST or not np.isfinite(found.at.cost):
             return found._replace(evaluations=count)

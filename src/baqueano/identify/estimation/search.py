@@ -17,6 +17,7 @@ from baqueano.identify.covariance.information import COLOUR, autocorrelation
 from baqueano.identify.estimation.least_squares import MOST, Minimiser, Solution, minimise
 from baqueano.identify.residuals.noise_level import spread, telling
 from baqueano.identify.residuals.simulation import Residuals
+from baqueano.language import translated as _
 
 ROUNDS = 15  # of σ
 SETTLED = 5e-3  # relative change of σ below which it is final
@@ -119,7 +120,17 @@ def search(
         )  # fmt: skip
         theta, count, damping = found.theta, count + found.evaluations, 1e-6
         if task.say is not None:
-            stopped = task.say(f"round {turn}: {count} evaluations, cost {found.at.cost:.6g}") is True
+            stopped = (
+                task.say(
+                    _(
+                        "round {turn}: {count} evaluations, cost {cost:.6g}",
+                        turn=turn,
+                        count=count,
+                        cost=found.at.cost,
+                    )
+                )
+                is True
+            )
         if known or turn == ROUNDS or not np.isfinite(found.at.cost):
             break
         now, profile = sigma_at(task, problem, theta)

@@ -19,6 +19,8 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.rest import REST_S
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import texts
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
@@ -90,18 +92,22 @@ class AtRest:
 
     def table(self) -> str:
         """For people."""
-        head = f"{'':16}{'mean':>12} {'± sd':>9} {'scatter':>10} {'white':>10} {'instab.':>10} {'walk':>10}"
-        lines = [f"{self.run} at rest for {self.duration_s:.1f} s", head + f" {'per °C':>20}"]
+        head = f"{'':16}{_('mean'):>12} {_('± sd'):>9} {_('scatter'):>10} {_('white'):>10} "
+        head += f"{_('instab.'):>10} {_('walk'):>10}"
+        lines = [
+            _("{run} at rest for {duration_s:.1f} s", run=self.run, duration_s=self.duration_s),
+            head + f" {_('per °C'):>20}",
+        ]
         for c in self.channels:
             told = zip(c.coefficients.value, c.coefficients.seen, strict=True)
-            parts = " ".join(f"{value:>10.3g}" if seen else f"{'-':>10}" for value, seen in told)
-            warm = "" if c.slope is None else f"{c.slope:.2g} ± {c.slope_sd:.1g}"
+            parts = " ".join(f"{number(value):>10.3g}" if seen else f"{'-':>10}" for value, seen in told)
+            warm = "" if c.slope is None else f"{number(c.slope):.2g} ± {number(c.slope_sd):.1g}"
             lines.append(
                 f"{c.sensor}[{c.entry}]".ljust(16)
-                + f"{c.mean:>12.5g} {c.mean_sd:>9.1g} {c.sd:>10.3g} {parts} {warm:>20}"
+                + f"{number(c.mean):>12.5g} {number(c.mean_sd):>9.1g} {number(c.sd):>10.3g} {parts} {warm:>20}"
             )
-        lines.append("white: per √Hz; walk: per s √s; SI; '-': not seen in a run of this length")
-        return "\n".join([*lines, *(f"- {one}" for one in texts(self.doubts)), self.verdict])
+        lines.append(_("white: per √Hz; walk: per s √s; SI; '-': not seen in a run of this length"))
+        return "\n".join([*lines, *(f"- {one}" for one in texts(self.doubts)), _(self.verdict)])
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
         """The file with noise, bias and walk of its IMUs as they are at rest."""

@@ -38,6 +38,8 @@ from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_erro
 from baqueano.identify.noise.not_fitted import not_fitted
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.result.fit_result import Fit
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import texts
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
@@ -101,12 +103,20 @@ class Noise(Result):
         """For people."""
         rows = self.rows()
         wide = max([12, *(len(row["name"]) for row in rows)])
-        lines = [f"{'':{wide}} {'in motion':>11} {'at rest':>11}   standard deviations"]
+        lines = [f"{'':{wide}} {_('in motion'):>11} {_('at rest'):>11}   {_('standard deviations')}"]
         for row in rows:
-            rest = "-" if row["sd_at_rest"] is None else f"{row['sd_at_rest']:.3g}"
-            lines.append(f"{row['name']:{wide}} {row['sd']:>11.3g} {rest:>11}   {row['unit']}".rstrip())
+            rest = "-" if row["sd_at_rest"] is None else f"{number(row['sd_at_rest']):.3g}"
+            lines.append(
+                f"{row['name']:{wide}} {number(row['sd']):>11.3g} {rest:>11}   {row['unit']}".rstrip()
+            )
         if len(self.process):
-            lines.append(f"R of (ν, ν̇) per tick at {self.rate_hz:g} Hz, from the {self.source}")
+            lines.append(
+                _(
+                    "R of (ν, ν̇) per tick at {rate_hz:g} Hz, from the {source}",
+                    rate_hz=self.rate_hz,
+                    source=_(self.source),
+                )
+            )
         lines += texts(one.message for one in (self.speed, self.accepted) if one)
         return "\n".join([*lines, *(f"- {one}" for one in texts(self.notes))])
 

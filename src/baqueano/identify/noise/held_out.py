@@ -21,6 +21,8 @@ from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import put, scan
@@ -73,13 +75,15 @@ class NoiseComparison:
 
     def table(self) -> str:
         """For people."""
-        lines = [f"{'R from':16}{'NIS':>8} {'95 %':>15}  {'log-likelihood':>15}   on {', '.join(self.runs)}"]
+        on = _("on {runs}", runs=", ".join(self.runs))
+        lines = [f"{_('R from'):16}{'NIS':>8} {'95 %':>15}  {_('log-likelihood'):>18}   {on}"]
         for one in self.tried:
-            interval = f"{one.low:.2f} to {one.high:.2f}"
+            interval = _("{low:.2f} to {high:.2f}", low=one.low, high=one.high)
+            likelihood = f"{number(one.likelihood):>18.4f}"
             lines.append(
-                f"{one.name:16}{one.nis:>8.3f} {interval:>15}  {one.likelihood:>15.4f}   {one.consistent}"
+                f"{one.name:16}{number(one.nis):>8.3f} {interval:>15}  {likelihood}   {_(one.consistent)}"
             )
-        return "\n".join([*lines, f"best: {self.best}"])
+        return "\n".join([*lines, _("best: {name}", name=self.best)])
 
 
 def compare_noise(

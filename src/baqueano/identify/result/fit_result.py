@@ -13,6 +13,9 @@ from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.parameters.free import described, entries
 from baqueano.identify.result.ratios import percent
 from baqueano.identify.result.verdict import short
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import grouped, text
 from baqueano.vehicle_file.units import channel_unit
 
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 
 LISTED = 8  # runs, above which a table tells them together
 REASONS, UNSEEN, NOTES = 5, 3, 4  # lines of each: with the verdict and the word on the others at most 14
+BOUNDS = {"low": N_("at its low bound"), "high": N_("at its high bound")}
 MEANS = {Verdict.REFUSED: note("verdict.refused"), Verdict.WARN: note("verdict.warn")}
 
 
@@ -140,31 +144,32 @@ class Fit(Result):
 
     def __repr__(self) -> str:
         known, every = int(np.isfinite(self.estimate).sum()), self.rows()
-        runs = self.runs[0] if len(self.runs) == 1 else f"{len(self.runs)} runs"
+        runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
         head = text(note("front.fit", vehicle=self.file.name, runs=runs, known=known, parameters=len(every)))
         wide = max(len(short(row["name"])) for row in every)
         rows = []
         for row in (one for one in every if one["estimate"] is not None):
             value, sd = rounded(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
-            rows.append(f"{short(row['name']):{wide}}  {value:>10.5g} ± {sd:<8.2g} {row['unit']}")
+            rows.append(
+                f"{short(row['name']):{wide}}  {number(value):>10.5g} ± {number(sd):<8.2g} {row['unit']}"
+            )
         return shortened([head], rows, verdict_lines(self)[:3])
 
     def table(self, reported: bool = False) -> str:
         """Return the table for people, and the gravest diagnostics below it. `reported`: all are in a report,
         which need not be asked for."""
-        wide = max(len(short(name)) for name in self.names)
-        lines = [f"{'parameter':{wide}}  {'estimate':>12}   {'± sd':>10}  unit"]
+        wide = max(map(len, (*map(short, self.names), _("parameter"))))
+        lines = [f"{_('parameter'):{wide}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
         for row in self.rows():
             if row["estimate"] is None:
-                lines.append(
-                    f"{short(row['name']):{wide}}  {'not seen':>12}   {'':>10}  held at {row['start']:.4g}"
-                )
+                held = _("held at {start:.4g}", start=row["start"])
+                lines.append(f"{short(row['name']):{wide}}  {_('not seen'):>12}   {'':>10}  {held}")
                 continue
             said = marks(row)
-            sd = f"{row['sd']:.2g}" if row["sd"] is not None else "?"
+            sd = f"{number(row['sd']):.2g}" if row["sd"] is not None else "?"
             value = rounded(row["estimate"], row["sd"])
             lines.append(
-                f"{short(row['name']):{wide}}  {value:>12.5g} ± {sd:>10}  {row['unit']}"
+                f"{short(row['name']):{wide}}  {number(value):>12.5g} ± {sd:>10}  {row['unit']}"
                 + (f"  ({said})" if said else "")
             )
         lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self, reported)]
@@ -190,9 +195,9 @@ class Fit(Result):
             return self._asked_together(said)
         out = []
         for row in said:
-            sd = "not seen" if row["sd"] is None else f"± {row['sd']:.2g}"
-            unit = " s, to be added to its stamps" if row["name"].startswith("clock.") else ""
-            out.append(f"{row['name']} of {row['run']}: {row['estimate']:.5g} {sd}{unit}")
+            sd = _("not seen") if row["sd"] is None else f"± {number(row['sd']):.2g}"
+            unit = _(" s, to be added to its stamps") if row["name"].startswith("clock.") else ""
+            out.append(_("{name} of {run}: {estimate:.5g} {sd}{unit}", **row | {"sd": sd, "unit": unit}))
         return [*out, ""] if out else []
 
     def _asked_together(self, said: list["TableRow"]) -> list[str]:
@@ -200,8 +205,18 @@ class Fit(Result):
         out = []
         for name in dict.fromkeys(row["name"] for row in said):
             x = [row["estimate"] for row in said if row["name"] == name]
-            unit = " s, to be added to its stamps" if name.startswith("clock.") else ""
-            out.append(f"{name} of {len(x)} runs: {np.median(x):.5g}, {min(x):.5g} to {max(x):.5g}{unit}")
+            unit = _(" s, to be added to its stamps") if name.startswith("clock.") else ""
+            out.append(
+                _(
+                    "{name} of {runs} runs: {median:.5g}, {low:.5g} to {high:.5g}{unit}",
+                    name=name,
+                    runs=len(x),
+                    median=float(np.median(x)),
+                    low=min(x),
+                    high=max(x),
+                    unit=unit,
+                )
+            )
         return [*out, ""] if out else []
 
     def _channel_lines(self) -> list[str]:
@@ -211,11 +226,19 @@ class Fit(Result):
         for c in self.channels:
             if not np.isfinite(c.explained):
                 continue  # it took no part
-            where = f" of {c.run}" if len(self.runs) > 1 else ""
-            part = f"the model explains {percent(c.explained)}"
+            where = f"{c.sensor}[{c.entry}]"
+            where = _("{channel} of {run}", channel=where, run=c.run) if len(self.runs) > 1 else where
             unit = channel_unit(self.file, c.sensor, c.entry)
-            noise = f"{c.sigma:.3g} {unit}".rstrip()
-            out.append(f"{c.sensor}[{c.entry}]{where}: noise {noise}, {part}")
+            noise = f"{number(c.sigma):.3g} {unit}".rstrip()
+            part = percent(c.explained)
+            out.append(
+                _(
+                    "{channel}: noise {noise}, the model explains {part}",
+                    channel=where,
+                    noise=noise,
+                    part=part,
+                )
+            )
         return out
 
     def _channels_together(self) -> list[str]:
@@ -226,10 +249,18 @@ class Fit(Result):
                 (c for c in told if (c.sensor, c.entry) == (sensor, entry)), key=lambda c: c.explained
             )
             middle, least = same[len(same) // 2], same[0]
-            noise = f"{middle.sigma:.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
+            noise = f"{number(middle.sigma):.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
             out.append(
-                f"{sensor}[{entry}] of {len(same)} runs: noise {noise}, the model explains "
-                f"{percent(middle.explained)} of the middle one, {percent(least.explained)} of {least.run}"
+                _(
+                    "{channel} of {runs} runs: noise {noise}, the model explains {middle} of the middle one, {least} "
+                    "of {run}",
+                    channel=f"{sensor}[{entry}]",
+                    runs=len(same),
+                    noise=noise,
+                    middle=percent(middle.explained),
+                    least=percent(least.explained),
+                    run=least.run,
+                )
             )
         return out
 
@@ -250,15 +281,15 @@ def marks(row: dict[str, Any]) -> str:
     """Return the marks of a row of `Fit.rows()`, "" without any."""
     value, sd = row["estimate"], row["sd"]
     if value is None:
-        return "not seen"
-    said = [f"at its {row['bound']} bound"] if row["bound"] else []
-    said += ["weakly seen"] if row["observable"] == "weak" else []
+        return _("not seen")
+    said = [_(BOUNDS[row["bound"]])] if row["bound"] else []
+    said += [_("weakly seen")] if row["observable"] == "weak" else []
     if sd is None:
-        said.append("its error is not known")
+        said.append(_("its error is not known"))
     elif abs(value) < QUANTILE_95 * sd:
-        said.append("may be 0")
+        said.append(_("may be 0"))
     elif abs(value) < 2.0 * QUANTILE_95 * sd:
-        said.append(f"roughly, ± {100.0 * QUANTILE_95 * sd / abs(value):.0f} %")
+        said.append(_("roughly, ± {percent:.0f} %", percent=100.0 * QUANTILE_95 * sd / abs(value)))
     return ", ".join(said)
 
 
@@ -267,9 +298,9 @@ def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     found = (fit.reasons, fit.unobservable, fit.never + fit.notes)
     reasons, unseen, notes = (grouped(by_weight(one)) for one in found)
     if len(reasons) == 1:
-        lines = [f"{fit.verdict}: {reasons[0]}"]
+        lines = [f"{_(fit.verdict)}: {reasons[0]}"]
     else:
-        lines = [f"{fit.verdict}: {text(MEANS.get(fit.verdict))}"]
+        lines = [f"{_(fit.verdict)}: {text(MEANS.get(fit.verdict))}"]
         lines += [f"- {one}" for one in reasons[:REASONS]]
     lines += [f"- {one}" for one in (*unseen[:UNSEEN], *notes[:NOTES])]
     more = sum(max(0, len(said) - n) for said, n in ((reasons, REASONS), (unseen, UNSEEN), (notes, NOTES)))

@@ -30,6 +30,7 @@ from baqueano.identify.data.segments import slopes_without_start
 from baqueano.identify.estimation.prediction_error import BETA, Likely, Prediction, Slopes, slope, weight
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.identify.result.verdict import ABOVE_NOISE
+from baqueano.language import number
 
 RARE = 1e-3  # chance below which a still floor is not believed
 UNITS = ("m/s", "m/s", "rad/s")
@@ -78,13 +79,13 @@ def _floor(likely: Likely, axes: Sequence[int]) -> str:
     said = []
     for axis, v, sd in zip(axes, likely.noise.floor, likely.floor_sd, strict=True):
         if v > 0.0:
-            error = f" ± {sd / (2.0 * np.sqrt(v)):.1g}" if np.isfinite(sd) else ""
-            said.append(f"{np.sqrt(v):.2g}{error} {UNITS[axis]}")
+            error = f" ± {number(sd / (2.0 * np.sqrt(v))):.1g}" if np.isfinite(sd) else ""
+            said.append(f"{number(float(np.sqrt(v))):.2g}{error} {UNITS[axis]}")
     return ", ".join(said)
 
 
 def _chance(p: float) -> str:
-    return f"{p:.2g}" if p >= 1e-6 else "< 1e-6"
+    return f"{number(p):.2g}" if p >= 1e-6 else "< 1e-6"
 
 
 class LeftOut(NamedTuple):

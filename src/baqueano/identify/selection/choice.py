@@ -9,6 +9,9 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.terms import Term
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import text
 
 if TYPE_CHECKING:
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
     from baqueano.identify.selection.terms import Term
     from baqueano.vehicle_file import VehicleFile
 
-NO_EVIDENCE = (
+NO_EVIDENCE = N_(
     "One step ahead every model is good: it starts from the sample before. Such scores are no evidence, and none "
     "was used."
 )
@@ -37,19 +40,22 @@ def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
     for name, sensor in blocks.sensors._asdict().items():
         if has_field(sensor, "gyro_scale"):
             out += [
-                ChannelLabel("acceleration", "m/s²"),
-                ChannelLabel("lateral acceleration", "m/s²"),
-                ChannelLabel("yaw rate", "rad/s"),
+                ChannelLabel(N_("acceleration"), "m/s²"),
+                ChannelLabel(N_("lateral acceleration"), "m/s²"),
+                ChannelLabel(N_("yaw rate"), "rad/s"),
             ]
         elif has_field(sensor, "radius_scale"):
-            out += [ChannelLabel("left wheel's speed", "m/s"), ChannelLabel("right wheel's speed", "m/s")]
+            out += [
+                ChannelLabel(N_("left wheel's speed"), "m/s"),
+                ChannelLabel(N_("right wheel's speed"), "m/s"),
+            ]
         elif sensor.size == 1 and has_field(sensor, "scale"):
-            out.append(ChannelLabel("speed", "m/s"))
+            out.append(ChannelLabel(N_("speed"), "m/s"))
         elif sensor.size == 3 and name == "truth":
             out += [
-                ChannelLabel("speed", "m/s"),
-                ChannelLabel("sideways speed", "m/s"),
-                ChannelLabel("yaw rate", "rad/s"),
+                ChannelLabel(N_("speed"), "m/s"),
+                ChannelLabel(N_("sideways speed"), "m/s"),
+                ChannelLabel(N_("yaw rate"), "rad/s"),
             ]
         else:
             out += [ChannelLabel(f"{name}[{k}]", "") for k in range(sensor.size)]
@@ -59,10 +65,10 @@ def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
 class Decision(StrEnum):
     """What becomes of a term."""
 
-    TAKEN = "taken"
-    LEFT_OUT = "left out"
-    REFUSED = "refused"
-    DROPPED = "dropped"
+    TAKEN = N_("taken")
+    LEFT_OUT = N_("left out")
+    REFUSED = N_("refused")
+    DROPPED = N_("dropped")
 
 
 class JudgedTerm(NamedTuple):
@@ -146,11 +152,11 @@ class Choice:
     def table(self, reported: bool = False) -> str:
         """For people; `reported` as for the table of the fit."""
         wide = max((len(one.term.name) for one in self.judged), default=0)
-        lines = [f"{'term':{wide}}  {'':9}  {'held out':>19}  {'one step ahead':>19}"]
+        lines = [f"{_('term'):{wide}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
         for one in self.judged:
-            held = f"{one.without:.4g} → {one.with_:.4g}"
-            ahead = f"{one.one_step_without:.4g} → {one.one_step_with:.4g}"
-            label = f"{one.channel.name} [{one.channel.unit}]"
-            lines.append(f"{one.term.name:{wide}}  {one.verdict:9}  {held:>19}  {ahead:>19}  {label}")
-        lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, NO_EVIDENCE, ""]
+            held = f"{number(one.without):.4g} → {number(one.with_):.4g}"
+            ahead = f"{number(one.one_step_without):.4g} → {number(one.one_step_with):.4g}"
+            label = f"{_(one.channel.name)} [{one.channel.unit}]"
+            lines.append(f"{one.term.name:{wide}}  {_(one.verdict):9}  {held:>19}  {ahead:>19}  {label}")
+        lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, _(NO_EVIDENCE), ""]
         return "\n".join(lines) + "\n" + self.fit.table(reported)

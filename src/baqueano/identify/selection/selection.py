@@ -49,6 +49,7 @@ from baqueano.identify.selection.terms import (
     with_terms,
     without_terms,
 )
+from baqueano.language import translated as _
 from baqueano.messages import text
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import tells_pose
@@ -114,7 +115,7 @@ def choose(
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, asked_for(blocks, candidates, any_way, battery))
     least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
-    said("fitting the least model")
+    said(_("fitting the least model"))
     base = how.fit(bare, least)
     terms = asked_for(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
     terms = [
@@ -122,7 +123,7 @@ def choose(
     ]
     growing = _Growing(how, bare, base, least, terms, said)
     model, judged = growing.grown()
-    said("fitting the model that was chosen")
+    said(_("fitting the model that was chosen"))
     return Choice(tuple(judged), growing.fit_of(model, bare), growing.rule)
 
 
@@ -191,18 +192,27 @@ class _Growing:
     def rule(self) -> str:
         """For people."""
         h = self.held_out
-        size = (
-            f"{h.count} blocks of about {h.block_s:.1f} s" if h.block_s else f"{h.count} runs, a block each"
-        )
-        how = "whole runs" if h.whole_runs else f"{GAP_S:g} s beside it not used"
-        judged = f"without a fifth of the data and judged by its simulation there ({how}; {size})"
+        if h.block_s:
+            size = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)
+        else:
+            size = _("{count} runs, a block each", count=h.count)
+        how = _("whole runs") if h.whole_runs else _("{gap_s:g} s beside it not used", gap_s=GAP_S)
+        judged = _(
+            "Each model was fitted without a fifth of the data and judged by its simulation there ({how}; {size}).",
+            how=how, size=size,
+        )  # fmt: skip
         if h.unseen:
-            judged = f"to the runs and judged by its simulation of the {h.unseen} held-out ones ({size})"
-        return (
-            f"Each model was fitted {judged}. A "
-            "term is taken if the error of a block falls, on average, by more standard errors than Student's t has "
-            f"beyond {100 * ALPHA:g} % over all terms in question: so often, at most, a vehicle without any gets one."
+            judged = _(
+                "Each model was fitted to the runs and judged by its simulation of the {unseen} held-out ones "
+                "({size}).",
+                unseen=h.unseen, size=size,
+            )  # fmt: skip
+        needs = _(
+            "A term is taken if the error of a block falls, on average, by more standard errors than Student's t has "
+            "beyond {percent:g} % over all terms in question: so often, at most, a vehicle without any gets one.",
+            percent=100 * ALPHA,
         )
+        return f"{judged} {needs}"
 
     def grown(self) -> tuple[Model, list[JudgedTerm]]:
         """The model, and the last word on each term."""
@@ -248,7 +258,7 @@ class _Growing:
             open_ = [t for t in self.terms if t.name not in barred and not have.intersection(t.paths)]
             tries = []
             for term in open_:
-                self.say(f"{len(model.terms)} terms: trying {term.name}")
+                self.say(_("{terms} terms: trying {term}", terms=len(model.terms), term=term.name))
                 tries.append(self.tried(model, term, ALPHA / len(open_)))
                 last[term.name] = tries[-1].judged
             good = [one for one in tries if one.judged.verdict == Decision.TAKEN]
@@ -302,7 +312,7 @@ class _Growing:
         """The term that the model needs least, if it does not need it.  (3)"""
         weakest: Tried | None = None
         for term in model.terms if len(model.terms) > 1 else ():
-            self.say(f"is {term.name} still needed?")
+            self.say(_("is {term} still needed?", term=term.name))
             rest = tuple(one for one in model.terms if one is not term)
             free, theta = self._free(rest), model.theta.copy()
             theta[self._at(term)] = self.first[self._at(term)]

@@ -69,15 +69,15 @@ TEMPLATES: dict[str, str] = {
         f"{{subject}} and {{others}} are not separable: only their combination affects the data; {HELD}. {{how}}"
         "{apart}"
     ),
-    "seen.by-hand": "Measure it with {by}",
+    "seen.by-hand": "Measure it with {by:word}",
     "seen.fix-one": "Fix one whose value you have from elsewhere",
-    "seen.apart": ", or separate them by {motion}",
-    "seen.apart-by-two": ", or separate them by {first} and by {second}",
+    "seen.apart": ", or separate them by {motion:word}",
+    "seen.apart-by-two": ", or separate them by {first:word} and by {second:word}",
     "seen.hardly-sideways": ": the vehicle hardly moved sideways",
     "seen.few-speeds": ": it drove at too few speeds",
     "seen.few-turn-rates": ": it turned at too few speeds",
-    "seen.needs": "This needs {motion}",
-    "seen.needs-command": "This needs {command} commands, and {motion} motion caused by them",
+    "seen.needs": "This needs {motion:word}",
+    "seen.needs-command": "This needs {command:word} commands, and {motion:word} motion caused by them",
     "seen.needs-run": "This needs a run in which it matters",
     "seen.command-still": "{names}: {command} was 0 all the time. This needs a run in which it changes",
     "seen.never": (

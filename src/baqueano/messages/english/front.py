@@ -24,7 +24,7 @@ TEMPLATES: dict[str, str] = {
     "front.nothing-to-draw": "This {result} does not hold the data for a drawing{kind}.",
     "front.no-page": "A report takes a run or a fit. {found} was given.",
     "front.format-unknown": "Figures cannot be written as {found}. {near}.",
-    "front.missing": "{package} is not installed, and {what} needs it. Type: {fix}",
+    "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",
     "front.several-panels": "This drawing has {panels} panels, but an axes holds one. Give figure= instead of ax=.",
     "front.width-unknown": "The width {found} is unknown. Expected millimetres, or a name. {near}.",
     "front.width-mm": "The width {found:g} mm is out of range. Expected 20 to 2000 mm.",

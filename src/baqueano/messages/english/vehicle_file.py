@@ -79,19 +79,21 @@ TEMPLATES: dict[str, str] = {
     "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {near}.",
     "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
     "vehicle.unit-other": "This key is in {in_unit}: {value} {given} is {key} = {converted}",
-    "vehicle.number-in-quotes": "{place} = {found}: expected one number [{in_unit}], {meaning}. Take the quotes away.",
-    "vehicle.not-number": "{place} = {found}: expected one number [{in_unit}], {meaning}.",
-    "vehicle.not-numbers": "{place} = {found}: expected {size} [{in_unit}], {meaning}.",
-    "vehicle.size": "{place} has {found}: expected {size} [{in_unit}], {meaning}.",
+    "vehicle.number-in-quotes": (
+        "{place} = {found}: expected one number [{in_unit}], {meaning:word}. Take the quotes away."
+    ),
+    "vehicle.not-number": "{place} = {found}: expected one number [{in_unit}], {meaning:word}.",
+    "vehicle.not-numbers": "{place} = {found}: expected {size} [{in_unit}], {meaning:word}.",
+    "vehicle.size": "{place} has {found}: expected {size} [{in_unit}], {meaning:word}.",
     "vehicle.size-with-commas": (
-        "{place} has {found}: expected {size} [{in_unit}], {meaning}. Decimal commas? Write points."
+        "{place} has {found}: expected {size} [{in_unit}], {meaning:word}. Decimal commas? Write points."
     ),
     "vehicle.one-number": "one number",
     "vehicle.any-numbers": "a list of numbers",
     "vehicle.numbers": "{count} numbers",
     "vehicle.rows": "{rows} rows of {columns} numbers",
-    "vehicle.not-finite": "{place} = {found}: expected finite numbers [{in_unit}], {meaning}.",
-    "vehicle.out-of-range": "{place} = {found}: expected {expected} [{in_unit}], {meaning}.",
+    "vehicle.not-finite": "{place} = {found}: expected finite numbers [{in_unit}], {meaning:word}.",
+    "vehicle.out-of-range": "{place} = {found}: expected {expected} [{in_unit}], {meaning:word}.",
     "vehicle.not-covariance": "{place} is not a covariance: {error}",
     "vehicle.not-text": '{place} = {found}: expected text in quotes, "…".',
     "vehicle.not-flag": "{place} = {found}: expected true or false.",

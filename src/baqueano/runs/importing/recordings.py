@@ -16,6 +16,7 @@ from baqueano.contracts.result import shortened
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
+from baqueano.language import translated as _
 from baqueano.printable import typed
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
@@ -74,8 +75,8 @@ class Imported(NamedTuple):
         lines: dict[object, str] = {}
         for k, d in enumerate(self.doubts):
             n = many[d.level, d.code]
-            tail = f" (and {n - 1} more such)" if n > ALIKE else ""
-            line = f"{d.level:8} {d.code:20} {d.advice}{tail}"
+            tail = f" ({_('and {more} more such', more=n - 1)})" if n > ALIKE else ""
+            line = f"{_(d.level):8} {d.code:20} {d.advice}{tail}"
             lines.setdefault((d.level, d.code) if tail else k, line)
         return "\n".join(lines.values())
 
@@ -103,10 +104,16 @@ class ImportedRuns(NamedTuple):
                 first.setdefault((d.level, d.code), d)
                 seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
         lines = [
-            f"{level:8} {code:20} in {seen[level, code]} of {len(self.each)} runs; the first: {d.advice}"
+            f"{_(level):8} {code:20} "
+            + _(
+                "in {runs} of {of} runs; the first: {advice}",
+                runs=seen[level, code],
+                of=len(self.each),
+                advice=d.advice,
+            )
             for (level, code), d in first.items()
         ]
-        return "\n".join(lines or ["nothing was doubted"])
+        return "\n".join(lines or [_("nothing was doubted")])
 
 
 def import_run(

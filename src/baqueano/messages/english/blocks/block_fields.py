@@ -47,11 +47,11 @@ TEMPLATES: dict[str, str] = {
         "Tags.points_m has shape {found}: expected (n, 2), a row (x, y) for each tag, such as [[0.0, 0.0], [1.2, "
         "0.8]]."
     ),
-    "field.one-number": "{where} = {found}: expected one number [{in_unit}], {meaning}.",
-    "field.not-array": "{where} = {found}: expected a NumPy array, {meaning}; write np.array([...]).",
-    "field.shape": "{where} has shape {found}: expected {expected} [{in_unit}], {meaning}.",
-    "field.not-finite": "{where} = {found}: expected finite numbers [{in_unit}], {meaning}.",
-    "field.range": "{where} = {found}: expected values from {low:g} to {high:g} [{in_unit}], {meaning}.",
+    "field.one-number": "{where} = {found}: expected one number [{in_unit}], {meaning:word}.",
+    "field.not-array": "{where} = {found}: expected a NumPy array, {meaning:word}; write np.array([...]).",
+    "field.shape": "{where} has shape {found}: expected {expected} [{in_unit}], {meaning:word}.",
+    "field.not-finite": "{where} = {found}: expected finite numbers [{in_unit}], {meaning:word}.",
+    "field.range": "{where} = {found}: expected values from {low:g} to {high:g} [{in_unit}], {meaning:word}.",
     "car.commands": (
         "Car has {commands} commands (throttle, servo), its drivetrain {of_drivetrain}: give "
         "Drivetrain(commands=2)."

@@ -88,9 +88,9 @@ TEMPLATES: dict[str, str] = {
     "wiring.swapped": "left and right motor are swapped: change their connectors",
     "wiring.backwards-left": "the left motor runs backwards: change its two wires",
     "wiring.backwards-right": "the right motor runs backwards: change its two wires",
-    "first-drive.nothing-moved": "nothing moved with {command}: is the motor connected, the battery charged?",
+    "first-drive.nothing-moved": "nothing moved with {command:word}: is the motor connected, the battery charged?",
     "first-drive.ended-early": (
-        "nothing moved with up to {tried_percent:.0f} % of {command}, and then the drive ended: the "
+        "nothing moved with up to {tried_percent:.0f} % of {command:word}, and then the drive ended: the "
         "vehicle had left its spot, or it took too long. Put it back and start again"
     ),
     "mission.lacks": 'a mission of kind "{kind}" without {name}: it needs one.',

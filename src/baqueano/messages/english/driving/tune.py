@@ -14,7 +14,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "simulate.lost": "{lost} of {vehicles} vehicles diverged and are not counted",
     "simulate.clipped": "{clipped} of {vehicles} draws were moved to a bound",
-    "compare.inconsistent": "{subject} {how}",
+    "compare.inconsistent": "{subject} {how:word}",
     "tune.aside": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
     "tune.all-run-away": (
         "{vehicle}: with all gains that were tried the simulated vehicle leaves the finite numbers. Give the "

@@ -1,0 +1,31 @@
+"""Words that are keys in the code and are shown in tables and figures: verdicts, levels, kinds of runs, columns."""
+
+from baqueano.language import marked as N_
+
+VERDICTS = (
+    N_("USABLE"), N_("WARN"), N_("REFUSED"), N_("CANNOT TELL"), N_("STOPPED"), N_("DONE"), N_("CONSISTENT"),
+    N_("INCONSISTENT"), N_("NOT REPORTED"), N_("GUESS"), N_("OK"), N_("KNOWN"), N_("LOST"), N_("FOUND"),
+    N_("consistent"), N_("too sure"), N_("too cautious"), N_("too careful"), N_("cannot tell"), N_("not reported"),
+    N_("not definite"), N_("diverged"), N_("ok"), N_("warn"), N_("bad"), N_("unknown"),
+)  # fmt: skip
+LEVELS = N_("debug"), N_("info"), N_("warning"), N_("error"), N_("fatal")
+RUNS = (
+    N_("run"), N_("demo"), N_("drive"), N_("experiment"), N_("first drive"), N_("repeat"), N_("replay"), N_("simulate"),
+    N_("teach"), N_("import"), N_("manual"), N_("forecast"),
+)  # fmt: skip
+CURVES = (
+    N_("measured"), N_("model"), N_("truth"), N_("estimate"), N_("reference"), N_("asked for"), N_("applied"),
+    N_("sent"), N_("residual"), N_("limit"), N_("at its limit"),
+)  # fmt: skip
+COLUMNS = (
+    N_("actuator"), N_("arrived"), N_("at limit"), N_("before"), N_("bound"), N_("by"), N_("channel"), N_("code"),
+    N_("command"), N_("cost at × 0.8 [%]"), N_("at × 1.25 [%]"), N_("count"), N_("covariance"), N_("delay ms"),
+    N_("duration s"), N_("error"), N_("estimate"), N_("explained"), N_("figure"), N_("first gap s"), N_("from"),
+    N_("gain"), N_("gaps"), N_("high"), N_("in the file"), N_("independent samples"), N_("is"), N_("kind"),
+    N_("largest"), N_("level"), N_("longest step s"), N_("low"), N_("name"), N_("nan rows"), N_("note"),
+    N_("number"), N_("observable"), N_("on own runs"), N_("parameter"), N_("rate [Hz]"), N_("rate hz"), N_("refused"),
+    N_("room"), N_("run"), N_("size"), N_("source"), N_("speed"), N_("start"), N_("text"), N_("time [s]"), N_("times"),
+    N_("to"), N_("topic"), N_("truth"), N_("unit"), N_("value"), N_("verdict"), N_("what"), N_("weak"), N_("yes"),
+    N_("no"), N_("high"),
+)  # fmt: skip
+TOPICS = N_("command applied"), N_("command requested"), N_("command sent")
