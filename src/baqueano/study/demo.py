@@ -19,6 +19,9 @@ from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise import Noise, measure_noise
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.of_estimate import errors, paths
@@ -79,7 +82,7 @@ class Demo:
         out = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):
             z = None if row["estimate"] is None or not row["sd"] else (row["estimate"] - truth) / row["sd"]
-            said = "not seen" if z is None else "ok" if abs(z) < 3 else "off"
+            said = N_("not seen") if z is None else "ok" if abs(z) < 3 else N_("off")
             out.append({**row, "truth": float(truth), "z": z, "verdict": said})
         return out
 
@@ -90,61 +93,90 @@ class Demo:
 
     def table(self) -> str:
         """For people."""
-        head = f"{'parameter':<34} {'estimate':>11} {'± sd':>9} {'truth':>9}  verdict"
+        head = f"{_('parameter'):<34} {_('estimate'):>11} {_('± sd'):>9} {_('truth'):>9}  {_('verdict')}"
         lines = [head, "-" * len(head)]
         for row in self.rows():
             known = row["estimate"] is not None
-            value = f"{row['estimate']:11.4g} {row['sd'] or np.nan:9.2g}" if known else f"{'–':>11} {'':>9}"
-            lines.append(
-                f"{row['name'].removeprefix('model.'):<34} {value} {row['truth']:9.4g}  {row['verdict']}"
-            )
-        judged, found = self.judged.rows()[0], self.judged.runs[0].corridor
-        gains = ", ".join(f"{name} {value:.3g}" for name, value in self.tuned.values.items())
-        lines += [
-            "",
-            f"gains            {gains}: a lap that begins beside its route costs {self.tuned.cost:.2g} m², before "
-            f"{self.tuned.cost_before:.2g} m²",
-            f"repeat, {LAPS} laps   across the path: {100 * judged['across_estimate_rms_m']:.1f} cm rms by the "
-            f"estimate, {100 * judged['across_true_rms_m']:.1f} cm in truth",
-            f"speed            {100 * judged['pace_true_error']:.1f} % rms off the asked one, at a limit in "
-            f"{100 * judged['at_limit']:.0f} % of the ticks, {judged['sign_changes_per_s']:.1f} changes of sign per s",
-            f"filter           velocity {judged['nees_velocity_is']}, pose {judged['nees_pose_is']}",
-            f"corridor         {found.sentence if found else 'not known'}; in truth it is off by "
-            f"{100 * judged['end_error_m']:.0f} cm at the end",
-            f"verdict          {verdict_line(self.verdict, self.fit.reasons[:1])}",
-        ]
+            sd = number(row["sd"] or np.nan)
+            value = f"{number(row['estimate']):11.4g} {sd:9.2g}" if known else f"{'–':>11} {'':>9}"
+            name = row["name"].removeprefix("model.")
+            lines.append(f"{name:<34} {value} {number(row['truth']):9.4g}  {_(row['verdict'])}")
+        lines += ["", *self._summary()]
         if any(row["verdict"] == "off" for row in self.rows()):
             lines.append(
-                f"off: the gyro shows {100.0 * (SCALE - 1.0):.1f} % too much. Nothing on board tells it, and what "
-                "turns is off by as much. Two turns on a mark tell it."
+                _(
+                    "off: the gyro shows {percent:.1f} % too much. Nothing on board tells it, and what turns "
+                    "is off by "
+                    "as much. Two turns on a mark tell it.",
+                    percent=100.0 * (SCALE - 1.0),
+                )
             )
         return "\n".join(lines)
+
+    def _summary(self) -> list[str]:
+        """Return a line each of gains, laps, speed, filter, corridor and verdict."""
+        judged, found = self.judged.rows()[0], self.judged.runs[0].corridor
+        gains = ", ".join(f"{name} {number(value):.3g}" for name, value in self.tuned.values.items())
+        said = {
+            _("gains"): _(
+                "{gains}: a lap that begins beside its route costs {cost:.2g} m², before {before:.2g} m²",
+                gains=gains, cost=self.tuned.cost, before=self.tuned.cost_before,
+            ),
+            _("repeat, {laps} laps", laps=LAPS): _(
+                "across the path: {estimate_cm:.1f} cm rms by the estimate, {true_cm:.1f} cm in truth",
+                estimate_cm=100 * judged["across_estimate_rms_m"], true_cm=100 * judged["across_true_rms_m"],
+            ),
+            _("speed"): _(
+                "{percent:.1f} % rms off the asked one, at a limit in {at_limit:.0f} % of the ticks, {changes:.1f} "
+                "changes of sign per s",
+                percent=100 * judged["pace_true_error"], at_limit=100 * judged["at_limit"],
+                changes=judged["sign_changes_per_s"],
+            ),
+            _("filter"): _(
+                "velocity {velocity}, pose {pose}",
+                velocity=_(judged["nees_velocity_is"]), pose=_(judged["nees_pose_is"]),
+            ),
+            _("corridor"): _(
+                "{corridor}; in truth it is off by {error_cm:.0f} cm at the end",
+                corridor=found.sentence if found else _("not known"), error_cm=100 * judged["end_error_m"],
+            ),
+            _("verdict"): verdict_line(self.verdict, self.fit.reasons[:1]),
+        }  # fmt: skip
+        wide = max(16, *map(len, said))
+        return [f"{label:{wide}} {one}" for label, one in said.items()]
 
     def page(self) -> Page:
         """The report."""
         judged = self.judged.rows()[0]
-        said = (
-            f"The taught path, driven again {LAPS} times on IMU and model alone. Nothing on board measures a "
-            "position, so the true path drifts away from the believed one; the corridor says how far it may be."
+        said = _(
+            "The taught path, driven again {laps} times on IMU and model alone. Nothing on board "
+            "measures a position, "
+            "so the true path drifts away from the believed one; the corridor says how far it may be.",
+            laps=LAPS,
         )
         seen = [r for r in self.rows() if r["z"] is not None]
         inside = sum(abs(r["z"]) <= 1.96 for r in seen)
-        first = Headline("parameters in their 95 % interval", f"{inside} of {len(seen)}", "against the truth")
+        count = _("{inside} of {all}", inside=inside, all=len(seen))
+        first = Headline(_("parameters in their 95 % interval"), count, _("against the truth"))
         return Page(
-            title="A vehicle nobody had a data sheet for",
-            subtitle="the simulated small vehicle: experiment, identify, noise, tune, teach, repeat",
+            title=_("A vehicle nobody had a data sheet for"),
+            subtitle=_("the simulated small vehicle: experiment, identify, noise, tune, teach, repeat"),
             verdict=self.verdict,
             headlines=[first, *headlines(judged)],
             sections=[
-                Section("Teach and repeat", said, paths(self.repeated)),
+                Section(_("Teach and repeat"), said, paths(self.repeated)),
                 *driving(self.repeated, judged),
                 *sections_of_fit(self.fit, self.true_values),
-                Section("Noise", "Measured in the same run.", [Table(self.noise.rows())]),
+                Section(_("Noise"), _("Measured in the same run."), [Table(self.noise.rows())]),
                 Section(
-                    "Gains",
-                    "Tuned on the identified model, from a start beside the route, by the paper's cost with a price "
-                    f"on jerky commands: {self.tuned.cost:.2g} m², before {self.tuned.cost_before:.2g} m².",
-                    [Table(self.tuned.rows(), "", GAINS)],
+                    _("Gains"),
+                    _(
+                        "Tuned on the identified model, from a start beside the route, by the paper's cost with a "
+                        "price on jerky commands: {cost:.2g} m², before {before:.2g} m².",
+                        cost=self.tuned.cost,
+                        before=self.tuned.cost_before,
+                    ),
+                    [Table(self.tuned.rows(), "", {key: _(heading) for key, heading in GAINS.items()})],
                 ),
                 *errors(self.repeated),
             ],
@@ -161,30 +193,30 @@ def demo(
     truth, believed = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
     options = {"truth": truth, "backend": backend}
 
-    say("1/6 experiment  60 s of random steps")
+    say(_("1/6 experiment  60 s of random steps"))
     u = excitation("random_steps", believed.command.limit, 60.0, believed.rate_hz, seed, rest_s=2.0)
     once = "python" if chosen(backend) == "c" else backend  # this model is used for one run: no C pays
     run = experiment(believed, u, seed=seed, path=folder / "1-experiment.mcap", truth=truth, backend=once)
-    say("2/6 identify    the model from commands and IMU")
+    say(_("2/6 identify    the model from commands and IMU"))
     fit = identify(run, believed, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("demo.refused", cause=joined(fit.reasons)))
     believed = fit.vehicle_file
-    say("3/6 noise       covariances of sensors and model")
+    say(_("3/6 noise       covariances of sensors and model"))
     noise = measure_noise(fit, run, backend=backend)
     believed = noise.updated(believed, run.name)
-    say("4/6 tune        gains on the identified model")
+    say(_("4/6 tune        gains on the identified model"))
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
     less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
     tuned = tune(believed, shape, backend=backend, **less)
     believed = tuned.applied()
     believed.save(folder / "vehicle.toml")
-    say("5/6 teach       a sinuous circle")
+    say(_("5/6 teach       a sinuous circle"))
     taught = teach(
         believed, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
     )
     write_route(taught.route, folder / "route.csv")
-    say(f"6/6 repeat      {LAPS} laps")
+    say(_("6/6 repeat      {laps} laps", laps=LAPS))
     repeated = repeat(believed, taught.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
     return Demo(truth, fit, noise, tuned, repeated, compare(repeated), folder)

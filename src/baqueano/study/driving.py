@@ -32,6 +32,8 @@ from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import excitation, identify
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.sensors.truth import truth_sensor
@@ -126,7 +128,7 @@ class Driving:
     def rows(self) -> list[TableRow]:
         """Return one flat row per case, shape and speed: median, 95 % quantile and worst of each figure."""
         out = []
-        for case, (_, _, speeds) in CASES.items():
+        for case, (_low, _high, speeds) in CASES.items():
             for shape in SHAPES:
                 for speed in speeds:
                     if laps := self.of(case, shape, speed):
@@ -137,18 +139,41 @@ class Driving:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Say which limit is not kept."""
-        out = [f"the fits of robots {', '.join(map(str, self.refused))} were refused"] if self.refused else []
+        out = (
+            [_("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused)))]
+            if self.refused
+            else []
+        )
         for row in self.rows():
-            where = f"{row['case']}, {row['shape']} at {row['asked_m_s']:g} m/s"
+            where = _(
+                "{case}, {shape} at {asked_m_s:g} m/s",
+                case=row["case"],
+                shape=row["shape"],
+                asked_m_s=row["asked_m_s"],
+            )
             for limit in LIMITS[row["case"]]:
                 if row[f"{limit.figure}_p95"] > limit.most:
                     found, most = (limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.most))
                     out.append(
-                        f"{where}: {limit.figure} {found:.1f} {limit.unit}, at most {most:g} {limit.unit} expected"
+                        _(
+                            "{where}: {figure} {found:.1f} {unit}, at most {most:g} {unit} expected",
+                            where=where,
+                            figure=limit.figure,
+                            found=found,
+                            unit=limit.unit,
+                            most=most,
+                        )
                     )
             for figure in ("at_limit", "sign_changes", "stopped"):
                 if row[f"{figure}_worst"] > 0.0:
-                    out.append(f"{where}: {figure} {row[f'{figure}_worst']:.3g}, expected 0")
+                    out.append(
+                        _(
+                            "{where}: {figure} {value:.3g}, expected 0",
+                            where=where,
+                            figure=figure,
+                            value=row[f"{figure}_worst"],
+                        )
+                    )
         return tuple(out)
 
     @property
@@ -158,22 +183,30 @@ class Driving:
 
     def table(self) -> str:
         """Return the rows for people."""
-        head = f"{'case':11}{'shape':11}{'m/s':>4}{'speed error %':>17}{'uneven %':>16}"
-        head += f"{'across mm':>18}{'limit':>7}{'sign':>6}"
+        head = f"{_('case'):11}{_('shape'):11}{'m/s':>4}{_('speed error %'):>17}{_('uneven %'):>16}"
+        head += f"{_('across mm'):>18}{_('limit'):>7}{_('sign'):>6}"
         lines = [
-            f"{self.driven} robots; of each figure the median, the 95 % quantile and the worst",
+            _(
+                "{driven} robots; of each figure the median, the 95 % quantile and the worst",
+                driven=self.driven,
+            ),
             head,
             "-" * len(head),
         ]
         for r in self.rows():
             three = {f: [r[f"{f}_{q}"] for q in ("median", "p95", "worst")] for f in FIGURES}
-            speed, uneven = ([f"{100.0 * x:.1f}" for x in three[f]] for f in ("speed_error", "unevenness"))
-            across = [f"{1e3 * x:.1f}" for x in three["across_m"]]
-            lines.append(
-                f"{r['case']:11}{r['shape']:11}{r['asked_m_s']:4.1f}{' '.join(speed):>17}{' '.join(uneven):>16}"
-                f"{' '.join(across):>18}{100.0 * r['at_limit_worst']:6.1f}%{r['sign_changes_worst']:6.0f}"
+            speed, uneven = (
+                [f"{number(100.0 * x):.1f}" for x in three[f]] for f in ("speed_error", "unevenness")
             )
-        return "\n".join([*lines, "", f"{self.verdict}: {'; '.join(self.reasons) or 'all limits are kept'}"])
+            across = [f"{number(1000.0 * x):.1f}" for x in three["across_m"]]
+            lines.append(
+                f"{r['case']:11}{r['shape']:11}{number(r['asked_m_s']):4.1f}{' '.join(speed):>17}"
+                f"{' '.join(uneven):>16}{' '.join(across):>18}{number(100.0 * r['at_limit_worst']):6.1f}"
+                f"%{number(r['sign_changes_worst']):6.0f}"
+            )
+        return "\n".join(
+            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all limits are kept')}"]
+        )
 
 
 FIGURES = ("speed_error", "unevenness", "at_limit", "sign_changes", "across_m", "stopped")

@@ -17,6 +17,8 @@ from baqueano.contracts.blocks import World
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
 from baqueano.identify.design import room_of
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, drawn
@@ -82,8 +84,8 @@ class FirstDrives:
         touched = sum(row.touched for row in self.each)
         unnamed = sum(row.drives - row.named for row in self.each)
         return (
-            *([f"in {touched} drives the body touched a wall"] if touched else []),
-            *([f"after {unnamed} drives the wiring was named wrongly"] if unnamed else []),
+            *([_("in {touched} drives the body touched a wall", touched=touched)] if touched else []),
+            *([_("after {unnamed} drives the wiring was named wrongly", unnamed=unnamed)] if unnamed else []),
         )
 
     @property
@@ -103,13 +105,16 @@ class FirstDrives:
 
     def table(self) -> str:
         """Text."""
-        head = f"{'wiring':16}{'drives':>7}{'touched':>9}{'left over':>11}{'named':>7}{'gain':>7}{'time':>7}"
-        lines = [f"room {ROOM} m", head]
+        head = (
+            f"{_('wiring'):16}{_('drives'):>7}{_('touched'):>9}{_('left over'):>11}{_('named'):>7}"
+            f"{_('gain'):>7}{_('time'):>7}"
+        )
+        lines = [_("room {room} m", room=ROOM), head]
         for r in self.each:
-            gain = f"{r.gain_off:.2f}×" if np.isfinite(r.gain_off) else "-"
+            gain = f"{number(r.gain_off):.2f}×" if np.isfinite(r.gain_off) else "-"
             lines.append(
-                f"{r.wiring:16}{r.drives:>7}{r.touched:>9}{100.0 * r.nearest_m:>8.0f} cm{r.named:>7}{gain:>7}"
-                f"{r.longest_s:>5.0f} s"
+                f"{r.wiring:16}{r.drives:>7}{r.touched:>9}{number(100.0 * r.nearest_m):>8.0f} "
+                f"cm{r.named:>7}{gain:>7}{number(r.longest_s):>5.0f} s"
             )
         return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import FileError
+from baqueano.language import translated as _
 from baqueano.runs.maps.column_map import data_folders, load_map
 
 if TYPE_CHECKING:
@@ -38,7 +39,14 @@ class Recorded:
     def reasons(self) -> tuple[str, ...]:
         """The bars that are missed."""
         return tuple(
-            f"{r['recording']}: {r['quantity']} is {shown(r['value'])}" for r in self.each if not r["ok"]
+            _(
+                "{recording}: {quantity} is {value}",
+                recording=r["recording"],
+                quantity=r["quantity"],
+                value=shown(r["value"]),
+            )
+            for r in self.each
+            if not r["ok"]
         )
 
     @property
@@ -49,15 +57,25 @@ class Recorded:
     def table(self) -> str:
         """For people."""
         width = max((len(r["quantity"]) for r in self.each), default=0)
-        lines = [f"{'recording':20} {'quantity':{width}}  {'ok':3}  {'bar':26} value"]
+        lines = [f"{_('recording'):20} {_('quantity'):{width}}  {_('ok'):3}  {_('bar'):26} {_('value')}"]
         for r in self.each:
-            ok = "yes" if r["ok"] else "NO"
+            ok = _("yes") if r["ok"] else _("NO")
             lines.append(
                 f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {shown(r['value'])}"
             )
         lines += self.left_out
         met = sum(bool(r["ok"]) for r in self.each)
-        return "\n".join([*lines, f"{self.verdict}: {met} of {len(self.each)} bars are met"])
+        return "\n".join(
+            [
+                *lines,
+                _(
+                    "{verdict}: {met} of {all} bars are met",
+                    verdict=_(self.verdict),
+                    met=met,
+                    all=len(self.each),
+                ),
+            ]
+        )
 
 
 def recordings(
@@ -70,14 +88,20 @@ def recordings(
         module = import_module(f"baqueano.study.recorded.{name}")
         missing = missing_of(getattr(module, "files", lambda: files_of(MAPS))())
         if missing:
-            left_out.append(f"{name} is left out: there is no {missing[0]}; set BAQUEANO_DATA to its folder")
+            left_out.append(
+                _(
+                    "{name} is left out: there is no {missing}; set BAQUEANO_DATA to its folder",
+                    name=name,
+                    missing=missing[0],
+                )
+            )
         else:
             try:
                 rows += module.rows(say, backend)
             except KeyboardInterrupt:
                 if not rows:
                     raise
-                last = f"stopped from the keyboard: {name} and what follows are left out"
+                last = _("stopped from the keyboard: {name} and what follows are left out", name=name)
                 return Recorded(tuple(rows), (*left_out, last), stopped=True)
     if not rows:
         check_present()

@@ -24,6 +24,9 @@ from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.noise import Noise, measure_noise
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import MAPS, check_present
 from baqueano.symbolic import scan
@@ -141,26 +144,44 @@ class TwoWays:
                 low, high, least, most = np.min(known), np.max(known), np.min(asked), np.max(asked)
                 if least < low - BEYOND * (high - low) or most > high + BEYOND * (high - low):
                     out.append(
-                        f"{_head(one)}: {name} from {least:.2f} to {most:.2f} leaves what the model was fitted "
-                        f"to, {low:.2f} to {high:.2f}"
+                        _(
+                            "{head}: {name} from {least:.2f} to {most:.2f} leaves what the model was fitted to, "
+                            "{low:.2f} to {high:.2f}",
+                            head=_head(one),
+                            name=name,
+                            least=least,
+                            most=most,
+                            low=low,
+                            high=high,
+                        )
                     )
         return tuple(out)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return the reasons against USABLE."""
-        out = [f"the fit on {run} is {done.fit.verdict}" for run, done in self.fitted.items()
-               if done.fit.verdict != Verdict.USABLE]  # fmt: skip
+        out = [_("the fit on {run} is {verdict}", run=run, verdict=_(done.fit.verdict)) 
+               for run, done in self.fitted.items() if done.fit.verdict != Verdict.USABLE]  # fmt: skip
         for one in self.judged:
-            where = f"fitted on {one.fitted_on}, judged on {one.judged_on}"
+            where = _(
+                "fitted on {fitted_on}, judged on {judged_on}",
+                fitted_on=one.fitted_on,
+                judged_on=one.judged_on,
+            )
             if one.lost:
-                out.append(f"{where}: the estimate lost the car")
+                out.append(_("{where}: the estimate lost the car", where=where))
             if one.held_out and np.min(one.predicted.explained) < EXPLAINS:
-                out.append(f"{where}: less than {100 * EXPLAINS:.0f} % of speed or yaw rate is explained")
+                out.append(
+                    _(
+                        "{where}: less than {explains:.0f} % of speed or yaw rate is explained",
+                        where=where,
+                        explains=100 * EXPLAINS,
+                    )
+                )
         sure = [
             _head(one) for one in self.judged if one.held_out and one.figures["nees_pose_is"] == "too sure"
         ]
-        out += [f"the filter is too sure of its pose ({', '.join(sure)})"] if sure else []
+        out += [_("the filter is too sure of its pose ({sure})", sure=", ".join(sure))] if sure else []
         return tuple(out)
 
     @property
@@ -174,7 +195,11 @@ class TwoWays:
     def table(self) -> str:
         """For people."""
         runs = list(self.fitted)
-        lines = [f"{'parameter':30}" + "".join(f"{'fit on ' + run:>22}" for run in runs) + "  unit"]
+        lines = [
+            f"{_('parameter'):30}"
+            + "".join(f"{_('fit on {run}', run=run):>22}" for run in runs)
+            + f"  {_('unit')}"
+        ]
         for row in self.parameters():
             cells = [_with_sd(row[run], row[f"{run}_sd"]) for run in runs]
             name = row["name"].removeprefix("model.")
@@ -182,24 +207,24 @@ class TwoWays:
         heads = [_head(one) for one in self.judged]
         lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
         for row in self.figures():
-            lines.append(f"{row['figure']:30}" + "".join(f"{row[head]:>13}" for head in heads))
+            lines.append(f"{_(row['figure']):30}" + "".join(f"{row[head]:>13}" for head in heads))
         lines += ["", *CAVEATS]
         lines += [f"- {note}" for note in self.notes]
-        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or 'both ways round'}"])
+        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('both ways round')}"])
 
 
 _LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
-    ("model, speed [m/s rms]", lambda r: f"{r['speed_rmse_m_s']:.3f}"),
-    ("  of its variance [%]", lambda r: f"{100 * r['speed_explained']:.1f}"),
-    ("model, yaw rate [rad/s rms]", lambda r: f"{r['yaw_rate_rmse_rad_s']:.3f}"),
-    ("  of its variance [%]", lambda r: f"{100 * r['yaw_rate_explained']:.1f}"),
-    ("driven [m]", lambda r: f"{r['driven_m']:.1f}"),
-    ("EKF, position [m rms]", lambda r: f"{r['ate_m']:.3f}"),
-    ("EKF, position at the end [m]", lambda r: f"{r['end_error_m']:.3f}"),
-    ("EKF, heading [° rms]", lambda r: f"{np.degrees(r['ate_heading_rad']):.2f}"),
-    ("EKF, drift over 1 s [m rms]", lambda r: f"{r['rpe_m']:.3f}"),
-    ("NEES of the pose, 1 is right", lambda r: f"{r['nees_pose']:.2f}"),
-    ("NIS, 1 is right", lambda r: f"{r['nis']:.2f}"),
+    (N_("model, speed [m/s rms]"), lambda r: f"{number(r['speed_rmse_m_s']):.3f}"),
+    (N_("  of its variance [%]"), lambda r: f"{number(100 * r['speed_explained']):.1f}"),
+    (N_("model, yaw rate [rad/s rms]"), lambda r: f"{number(r['yaw_rate_rmse_rad_s']):.3f}"),
+    (N_("  of its variance [%]"), lambda r: f"{number(100 * r['yaw_rate_explained']):.1f}"),
+    (N_("driven [m]"), lambda r: f"{number(r['driven_m']):.1f}"),
+    (N_("EKF, position [m rms]"), lambda r: f"{number(r['ate_m']):.3f}"),
+    (N_("EKF, position at the end [m]"), lambda r: f"{number(r['end_error_m']):.3f}"),
+    (N_("EKF, heading [° rms]"), lambda r: f"{number(np.degrees(r['ate_heading_rad'])):.2f}"),
+    (N_("EKF, drift over 1 s [m rms]"), lambda r: f"{number(r['rpe_m']):.3f}"),
+    (N_("NEES of the pose, 1 is right"), lambda r: f"{number(r['nees_pose']):.2f}"),
+    (N_("NIS, 1 is right"), lambda r: f"{number(r['nis']):.2f}"),
 )
 
 

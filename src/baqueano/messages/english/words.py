@@ -28,4 +28,5 @@ COLUMNS = (
     N_("to"), N_("topic"), N_("truth"), N_("unit"), N_("value"), N_("verdict"), N_("what"), N_("weak"), N_("yes"),
     N_("no"), N_("high"),
 )  # fmt: skip
+GROUPS = N_("group dialout"), N_("group i2c"), N_("group gpio")
 TOPICS = N_("command applied"), N_("command requested"), N_("command sent")

@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import RobotUnreachable
+from baqueano.language import translated as _
 from baqueano.messages import text
 
 BUS = "i2c-1"  # on the pins 3 and 5 of every Raspberry Pi
@@ -122,16 +123,26 @@ def recoverable(path: str, model: Path) -> tuple[str, str, str]:
     """Check if the bus at `path` could be clocked free on this machine, whose name is in the file `model`: a verdict, a
     figure and a remedy of doctor.py."""
     if not model.exists() or "Raspberry Pi" not in model.read_text():
-        return "unknown", "this machine is no Raspberry Pi", ""
+        return "unknown", _("this machine is no Raspberry Pi"), ""
     try:
         sda, scl = _pins(path).look()
     except RobotUnreachable as error:
-        return "warn", "a held bus could not be clocked free", str(error)
-    levels = f"SDA {'high' if sda.high else 'low'}, SCL {'high' if scl.high else 'low'}"
+        return "warn", _("a held bus could not be clocked free"), str(error)
+    levels = _(
+        "SDA {sda}, SCL {scl}",
+        sda=_("high") if sda.high else _("low"),
+        scl=_("high") if scl.high else _("low"),
+    )
     if sda.function != I2C or scl.function != I2C:
-        what = f"GPIO 2 is {sda.function} and GPIO 3 {scl.function}, expected {I2C}; {levels}"
-        return "warn", what, f"Type: pinctrl set {BOTH} {I2C}"
-    return "ok", f"pinctrl reaches GPIO 2 and 3; {levels}", ""
+        what = _(
+            "GPIO 2 is {sda} and GPIO 3 {scl}, expected {i2c}; {levels}",
+            sda=sda.function,
+            scl=scl.function,
+            i2c=I2C,
+            levels=levels,
+        )
+        return "warn", what, _("Type: pinctrl set {both} {i2c}", both=BOTH, i2c=I2C)
+    return "ok", _("pinctrl reaches GPIO 2 and 3; {levels}", levels=levels), ""
 
 
 class _Pins:
@@ -161,7 +172,7 @@ class _Pins:
         """Put both pins back into I2C mode; tried twice, however late it is."""
         self._end_s = float("inf")
         why = ""
-        for _ in range(2):
+        for _try in range(2):
             try:
                 self.set(BOTH, I2C)
                 if all(line.function == I2C for line in self.look()):

@@ -19,6 +19,8 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
 from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu
 from baqueano.signals import STANDARD_GRAVITY
@@ -84,7 +86,7 @@ def of(hardware: "Hardware", say: Callable[[str], object] | None, in_chip_axes: 
 def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> float:
     """The least time [s] of a burst of 14 bytes; NaN if none came through."""
     best = float("nan")
-    for _ in range(times):
+    for _time in range(times):
         start = now_ns()
         try:
             device.read(*BURST)
@@ -98,16 +100,46 @@ def lines(imu: Mpu6050, found: OpenedImu) -> list[str]:
     """Return the findings, for people."""
     s, band = imu.settings, imu.chip.bands[imu.settings.filter]
     axes = ", ".join(s.axes)
-    warm = "" if np.isnan(found.temperature_c) else f", {found.temperature_c:.1f} °C"
+    warm = "" if np.isnan(found.temperature_c) else f", {number(found.temperature_c):.1f} °C"
     lines = [
-        f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X}) at 0x{found.address:02X} on {found.path}{warm}",
-        f"  {s.rate_hz} Hz, {s.mode}; ±{s.accel_range_g} g, ±{s.gyro_range_dps} °/s; ahead, left, up: {axes}",
-        f"  filter {s.filter}: accelerometer {band.accel_hz:g} Hz, {band.accel_delay_s * 1e3:.1f} ms late; "
-        f"gyro {band.gyro_hz:g} Hz, {band.gyro_delay_s * 1e3:.1f} ms late",
-        f"  now {found.accel_ms2:.2f} m/s², {found.gyro_dps:.1f} °/s; 14 bytes take {found.burst_s * 1e3:.2f} ms "
-        f"(bus at {found.bus_hz / 1e3:.0f} kHz or more)",
+        _(
+            "IMU: {chip} (WHO_AM_I 0x{who_am_i:02X}) at 0x{address:02X} on {path}{warm}",
+            chip=found.chip,
+            who_am_i=found.who_am_i,
+            address=found.address,
+            path=found.path,
+            warm=warm,
+        ),
+        "  "
+        + _(
+            "{rate_hz} Hz, {mode}; ±{accel_range_g} g, ±{gyro_range_dps} °/s; ahead, left, up: {axes}",
+            rate_hz=s.rate_hz,
+            mode=s.mode,
+            accel_range_g=s.accel_range_g,
+            gyro_range_dps=s.gyro_range_dps,
+            axes=axes,
+        ),
+        "  "
+        + _(
+            "filter {filter}: accelerometer {accel_hz:g} Hz, {accel_delay_s:.1f} ms late; gyro "
+            "{gyro_hz:g} Hz, {gyro_delay_s:.1f} ms late",
+            filter=s.filter,
+            accel_hz=band.accel_hz,
+            accel_delay_s=band.accel_delay_s * 1000.0,
+            gyro_hz=band.gyro_hz,
+            gyro_delay_s=band.gyro_delay_s * 1000.0,
+        ),
+        "  "
+        + _(
+            "now {accel_ms2:.2f} m/s², {gyro_dps:.1f} °/s; 14 bytes take {burst_s:.2f} ms (bus at "
+            "{bus_hz:.0f} kHz or more)",
+            accel_ms2=found.accel_ms2,
+            gyro_dps=found.gyro_dps,
+            burst_s=found.burst_s * 1000.0,
+            bus_hz=found.bus_hz / 1000.0,
+        ),
     ]
-    return lines + [f"  warning: {text}" for text in found.warnings]
+    return lines + ["  " + _("warning: {text}", text=text) for text in found.warnings]
 
 
 def _rest(
@@ -148,17 +180,37 @@ def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]
     """Return the oddities. RobotUnreachable for an unknown chip with impossible numbers."""
     odd = []
     if abs(accel / STANDARD_GRAVITY - 1.0) > GRAVITY_SLACK:
-        odd.append(f"feels {accel:.2f} m/s², expected {STANDARD_GRAVITY:.2f} ± 15 % at rest")
+        odd.append(
+            _(
+                "feels {accel:.2f} m/s², expected {standard_gravity:.2f} ± 15 % at rest",
+                accel=accel,
+                standard_gravity=STANDARD_GRAVITY,
+            )
+        )
     if gyro > STILL_DPS:
-        odd.append(f"turns at {gyro:.1f} °/s, expected less than {STILL_DPS:g} at rest")
+        odd.append(
+            _(
+                "turns at {gyro:.1f} °/s, expected less than {still_dps:g} at rest",
+                gyro=gyro,
+                still_dps=STILL_DPS,
+            )
+        )
     if imu.chip.known:
         return odd
     if odd:
         raise RobotUnreachable(
-            fault("imu.unknown-chip", who_am_i=who_am_i, address=imu.device.address, odd=" and ".join(odd))
+            fault(
+                "imu.unknown-chip",
+                who_am_i=who_am_i,
+                address=imu.device.address,
+                odd=f" {_('and')} ".join(odd),
+            )
         )
     odd.append(
-        f"WHO_AM_I 0x{who_am_i:02X} is not known: driven as an MPU-6500, temperature unknown. "
-        "Its numbers at rest are possible."
+        _(
+            "WHO_AM_I 0x{who_am_i:02X} is not known: driven as an MPU-6500, temperature unknown. Its "
+            "numbers at rest are possible.",
+            who_am_i=who_am_i,
+        )
     )
     return odd

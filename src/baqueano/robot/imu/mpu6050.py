@@ -23,6 +23,7 @@ import numpy as np
 
 from baqueano.diagnostics import Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
+from baqueano.language import marked as N_
 from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
 from baqueano.robot.imu.i2c import Device, is_stuck_low
@@ -202,7 +203,7 @@ class Mpu6050:
         if full or eaten or self._odd >= FAILURES:
             self._empty()
             self.counts.overflows += 1
-            self._watch.tell(now, "imu.overflow", how="full" if full else "out of step", count=count)
+            self._watch.tell(now, "imu.overflow", how=N_("full") if full else N_("out of step"), count=count)
             return NOTHING
         if rest:
             return NOTHING

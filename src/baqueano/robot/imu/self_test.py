@@ -21,10 +21,13 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.robot.imu.chips import GYRO_LSB_PER_DPS
 from baqueano.robot.imu.mpu6050 import SMPLRT_DIV, Mpu6050
 
-AXES = ("accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z")
+AXES = (N_("accel x"), N_("accel y"), N_("accel z"), N_("gyro x"), N_("gyro y"), N_("gyro z"))
 UNITS = ("g", "g", "g", "°/s", "°/s", "°/s")
 FILTER = 2
 TEST_BITS = 0xE0
@@ -58,9 +61,10 @@ class SelfTest(NamedTuple):
 
     def table(self) -> str:
         """A line for each axis."""
-        words = {True: "passed", False: "FAILED", None: "no factory code"}
+        words = {True: _("passed"), False: _("FAILED"), None: _("no factory code")}
         return "\n".join(
-            f"{a.name:8} {a.response:8.3f} {a.unit:3}  factory {a.trim:8.3f}  {words[a.passed]}"
+            f"{_(a.name):8} {number(a.response):8.3f} {a.unit:3}  {_('factory')} {number(a.trim):8.3f}  "
+            f"{words[a.passed]}"
             for a in self.axes
         )
 
@@ -130,7 +134,7 @@ def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float]
     imu.device.write(SMPLRT_DIV, 0, FILTER, gyro_bits, accel_bits, *own)
     sleep(SETTLE_S)
     rows = []
-    for _ in range(READINGS):
+    for _reading in range(READINGS):
         rows.append(np.frombuffer(imu.device.read(0x3B, 14), ">i2")[[0, 1, 2, 4, 5, 6]].astype(float))
         sleep(STEP_S)
     accel_lsb = 16384.0 if imu.chip.own_accel_filter else 4096.0

@@ -8,6 +8,7 @@ import errno
 from typing import Any
 
 from baqueano.diagnostics import Severity, note
+from baqueano.language import marked as N_
 from baqueano.robot.imu.i2c import is_stuck_low
 from baqueano.robot.imu.settings import SECOND, Counts, ImuEvent, ImuSettings
 
@@ -18,7 +19,14 @@ LONGEST_CALL_NS = SECOND // 10
 ROWS = 20
 SHARE_S = 0.1
 END = 32767
-AXES = ("accelerometer x", "accelerometer y", "accelerometer z", "gyro x", "gyro y", "gyro z")
+AXES = (
+    N_("accelerometer x"),
+    N_("accelerometer y"),
+    N_("accelerometer z"),
+    N_("gyro x"),
+    N_("gyro y"),
+    N_("gyro z"),
+)
 NAMES = {
     errno.EREMOTEIO: "no answer",
     errno.ENXIO: "no answer",

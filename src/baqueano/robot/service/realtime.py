@@ -13,6 +13,8 @@ import socket
 from contextlib import suppress
 from typing import Any
 
+from baqueano.language import translated as _
+
 PRIORITY = 40  # below the kernel's own threads at 50
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 
@@ -23,15 +25,15 @@ def claimed(priority: int = PRIORITY) -> list[str]:
     grants = []
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
-        grants.append(f"real-time priority {priority}")
+        grants.append(_("real-time priority {priority}", priority=priority))
     except (AttributeError, OSError) as error:
-        grants.append(f"no real-time priority ({error}): ticks may be some milliseconds late")
+        grants.append(_("no real-time priority ({error}): ticks may be some milliseconds late", error=error))
     try:
         if ctypes.CDLL(None, use_errno=True).mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT):
             raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
-        grants.append("memory locked")
+        grants.append(_("memory locked"))
     except (AttributeError, OSError) as error:
-        grants.append(f"memory not locked ({error})")
+        grants.append(_("memory not locked ({error})", error=error))
     gc.freeze()
     gc.enable()
     return grants

@@ -22,6 +22,7 @@ import baqueano
 from baqueano.diagnostics import fault
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
+from baqueano.language import translated as _
 from baqueano.robot.setup.deployed_vehicle_file import renewed
 from baqueano.vehicle_file.file import VehicleFile
 
@@ -91,7 +92,12 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
     missing = [name for name in ONBOARD if not list(folder.glob(f"{name}-*.whl"))]
     if missing:
         say(
-            f"downloading {', '.join(missing)} for Python {machine.python[0]}.{machine.python[1]} on {machine.kind}"
+            _(
+                "downloading {missing} for Python {version} on {kind}",
+                missing=", ".join(missing),
+                version=f"{machine.python[0]}.{machine.python[1]}",
+                kind=machine.kind,
+            )
         )
         tag = f"{machine.python[0]}{machine.python[1]}"
         where = [x for glibc in GLIBC for x in ("--platform", f"{glibc}_{machine.kind}")]
@@ -109,7 +115,7 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
 def _piped(command: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
-        said = done.stderr.strip().splitlines() or ["it says nothing"]
+        said = done.stderr.strip().splitlines() or [_("it says nothing")]
         raise FileError(fault("setup.packages", said=said[-1]))
 
 

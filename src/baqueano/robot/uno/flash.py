@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, RobotUnreachable, UsageError
+from baqueano.language import translated as _
 from baqueano.robot.uno.frames import PROTOCOL
 from baqueano.robot.uno.serial_port import connected, find_port
 
@@ -41,9 +42,13 @@ class Flashed(NamedTuple):
 
     def table(self) -> str:
         """A line."""
-        return (
-            f"{self.port}: {self.bytes} bytes written and read back; firmware {self.version}, protocol {PROTOCOL}, "
-            f"boot {self.boots}"
+        return _(
+            "{port}: {bytes} bytes written and read back; firmware {version}, protocol {protocol}, boot {boots}",
+            port=self.port,
+            bytes=self.bytes,
+            version=self.version,
+            protocol=PROTOCOL,
+            boots=self.boots,
         )
 
 
@@ -95,7 +100,15 @@ def flash(
     if avrdude is None:
         raise UsageError(fault("flash.no-avrdude"))
     where = find_port(port)
-    say(f"{where}: writing {size} bytes ({path.name}, {checksum(path)})")
+    say(
+        _(
+            "{where}: writing {size} bytes ({name}, {checksum})",
+            where=where,
+            size=size,
+            name=path.name,
+            checksum=checksum(path),
+        )
+    )
     _written(avrdude, where, path)
     with connected(where) as uno:
         info = uno.info

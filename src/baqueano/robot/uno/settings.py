@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.robot.uno.frames import FIELDS, Driver, Encoders, Settings, Way, Wiring
 
 if TYPE_CHECKING:
@@ -83,20 +85,20 @@ class StoredSettings:
         """For people, by the names of the options."""
         whole, *ways = self.rows()
         shown = {
-            "battery-ratio": "V for 1 V at A0", "kick-ms": "ms", "dither": "of full duty, to and fro",
-            "dither-ms": "ms", "mark": "over the tape",
+            "battery-ratio": _("V for 1 V at A0"), "kick-ms": "ms", "dither": _("of full duty, to and fro"),
+            "dither-ms": "ms", "mark": _("over the tape"),
         }  # fmt: skip
         lines = []
         for name in (*KINDS, *PLUGS, *NUMBERS):
             value = whole[name.replace("-", "_")]
-            text = f"{value:g}" if isinstance(value, float) else value
+            text = f"{number(value):g}" if isinstance(value, float) else value
             lines.append(f"{name:15} {text} {shown.get(name, '')}".rstrip())
         lines.append(f"{'':15} dead-zone  slope   kick")
         for way in ways:
             zone, slope, kick = (way[name.replace("-", "_")] for name in OF_WAYS)
-            lines.append(f"{way['wheel']:15} {zone:9.3f}  {slope:5.3f}  {kick:5.3f}")
-        origin = "what the firmware begins with" if self.verdict == "DEFAULT" else "kept in the Uno"
-        return "\n".join([*lines, f"{self.verdict}: {origin}"])
+            lines.append(f"{way['wheel']:15} {number(zone):9.3f}  {number(slope):5.3f}  {number(kick):5.3f}")
+        origin = _("what the firmware begins with") if self.verdict == "DEFAULT" else _("kept in the Uno")
+        return "\n".join([*lines, f"{_(self.verdict)}: {origin}"])
 
 
 def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
@@ -162,7 +164,7 @@ def _word(name: str, text: str, words: list[str]) -> str:
 
 def _number(name: str, text: str, said: str, layout: type, field: str, unit: int) -> int:
     """In units of the wire, within the range that the firmware takes."""
-    (least, most), *_ = (f.within for f in FIELDS[layout] if f.path == field)
+    (least, most), *_others = (f.within for f in FIELDS[layout] if f.path == field)
     try:
         value = float(said)
     except ValueError:
@@ -199,12 +201,17 @@ def _at_rest(uno: "Uno", wait: Wait) -> None:
 def watch(uno: "Uno", seconds: float, say: Callable[[str], object], wait: Wait = time.sleep) -> None:
     """Says what battery, encoders and mark tell, each time that one of them counts."""
     before = None
-    for _ in range(round(seconds / LOOK_S)):
+    for _look in range(round(seconds / LOOK_S)):
         wait(LOOK_S)
         for newest in uno.receive()[-1:]:
             if (newest.counts, newest.marks) != before:
                 before = (newest.counts, newest.marks)
                 say(
-                    f"battery {newest.battery_v:.2f} V, counts left {newest.counts[0]}, right {newest.counts[1]}, "
-                    f"marks {newest.marks}"
+                    _(
+                        "battery {battery_v:.2f} V, counts left {left}, right {right}, marks {marks}",
+                        battery_v=newest.battery_v,
+                        left=newest.counts[0],
+                        right=newest.counts[1],
+                        marks=newest.marks,
+                    )
                 )

@@ -23,6 +23,8 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
+from baqueano.language import marked as N_
+from baqueano.language import translated as _
 from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
 from baqueano.signals import STANDARD_GRAVITY, Motion
 
@@ -125,12 +127,17 @@ class Mounted:
     def table(self) -> str:
         """For people."""
         a_x, a_y = self.accel
-        return (
-            f"axes that point ahead, left, up: {', '.join(self.axes)}; "
-            f"{np.degrees(self.oblique_rad):.1f}° from upright\n"
-            f"at rest: accelerometer ({a_x:+.3f}, {a_y:+.3f}) m/s² ahead and left, "
-            f"gyro {np.degrees(self.gyro):+.3f} °/s\n"
-            f"the floor slopes by {np.degrees(self.slope_rad):.1f}°; the turn was {np.degrees(self.turn_rad):.0f}°"
+        return _(
+            "axes that point ahead, left, up: {axes}; {oblique_rad:.1f}° from upright\nat rest: "
+            "accelerometer ({a_x:+.3f}, {a_y:+.3f}) m/s² ahead and left, gyro {gyro:+.3f} °/s\nthe "
+            "floor slopes by {slope_rad:.1f}°; the turn was {turn_rad:.0f}°",
+            axes=", ".join(self.axes),
+            oblique_rad=np.degrees(self.oblique_rad),
+            a_x=a_x,
+            a_y=a_y,
+            gyro=np.degrees(self.gyro),
+            slope_rad=np.degrees(self.slope_rad),
+            turn_rad=np.degrees(self.turn_rad),
         )
 
     def values(self, file: "VehicleFile") -> "JsonObject":
@@ -147,20 +154,25 @@ class Mounted:
 
 def calibrate(watched: Watched, say: Say) -> Mounted:
     """Asks a person for three things and finds the rest; the IMU gives its chip's own axes."""
-    say(f"put it on the floor, wheels down, and leave it alone for {REST_S + STEADY_S:g} s")
-    first, gyro_1 = watched.still(REST_S, "at rest")
+    say(
+        _(
+            "put it on the floor, wheels down, and leave it alone for {steady_s:g} s",
+            steady_s=REST_S + STEADY_S,
+        )
+    )
+    first, gyro_1 = watched.still(REST_S, N_("at rest"))
     up, watched.bias = upward(first), gyro_1
-    say("now lift its front by a hand's breadth, straight over the rear, and hold it there")
+    say(_("now lift its front by a hand's breadth, straight over the rear, and hold it there"))
     least = LEAST_LIFT * STANDARD_GRAVITY
 
     def tilted(accel: np.ndarray) -> bool:
         return bool(np.abs(_across(accel - first, up)).max() > least)
 
-    axes, lift = ahead(watched.changed("the lift of the front", tilted) - first, up)
-    say("put it down and turn it by about half a turn to the left, on the floor; then leave it alone")
+    axes, lift = ahead(watched.changed(N_("the lift of the front"), tilted) - first, up)
+    say(_("put it down and turn it by about half a turn to the left, on the floor; then leave it alone"))
     before = watched.turned
-    watched.changed("the turn", lambda accel: _turned(watched, before, up) and not tilted(accel))
-    second, gyro_2 = watched.still(REST_S, "after the turn")
+    watched.changed(N_("the turn"), lambda accel: _turned(watched, before, up) and not tilted(accel))
+    second, gyro_2 = watched.still(REST_S, N_("after the turn"))
     gyro = float(0.5 * up @ (gyro_1 + gyro_2))
     turn = float(up @ (watched.turned - before))
     bias, slope = biases((axes @ first)[:2], (axes @ second)[:2], turn)

@@ -23,6 +23,9 @@ from baqueano.controllers.hand import Hand
 from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, placed
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, RobotUnreachable
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import Settings, Way, Wiring
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
@@ -43,7 +46,7 @@ STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
 STRAIGHT = 0.05  # wheels that differ by less go straight enough for any controller
 HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): the slowest lag, and the motors', the wire's and 10 ms
 TRIES = 3  # to store again what was stored before
-NAMES = ("left forwards", "left backwards", "right forwards", "right backwards")
+NAMES = (N_("left forwards"), N_("left backwards"), N_("right forwards"), N_("right backwards"))
 TURN = (-1.0, 1.0)  # of a wheel that runs forwards: the left one turns the vehicle to the right
 Say = Callable[[str], object]
 
@@ -95,14 +98,18 @@ class Motors:
 
     def table(self) -> str:
         """For people."""
-        lines = [wiring_text(self.settings.wiring), "                 starts  dead zone  slope  fit"]
+        wide = max(15, *(len(_(name)) for name in NAMES))
+        lines = [
+            wiring_text(self.settings.wiring),
+            f"{'':{wide}}  {_('starts'):>8}  {_('dead zone'):>11}  {_('slope'):>9}  {_('fit')}",
+        ]
         for name, s, way in zip(NAMES, self.sweeps, self.settings.ways, strict=True):
             lines.append(
-                f"{name:15}  {s.started:5.0%}  {way.dead_zone_permille / 10:7.1f} %  "
-                f"{way.slope_permille / 1000:5.2f}  ± {s.rms:.1%}"
+                f"{_(name):{wide}}  {number(s.started):8.0%}  {number(way.dead_zone_permille / 10):9.1f} %  "
+                f"{number(way.slope_permille / 1000):9.2f}  ± {number(s.rms):.1%}"
             )
         ways = zip(
-            ("forwards", "backwards"),
+            (_("forwards"), _("backwards")),
             self.before,
             self.left_over,
             self.turned_dps,
@@ -111,21 +118,32 @@ class Motors:
         )
         for name, b, e, w, h in ways:
             lines.append(
-                f"straight {name}: turns {w:+.1f} °/s, wheels differ by {e:+.1%} (before the trim {b:+.1%}); "
-                f"by the gyro {h:+.1f}° off after {STRAIGHT_S:g} s"
+                _(
+                    "straight {name}: turns {w:+.1f} °/s, wheels differ by {e:+.1%} (before the trim "
+                    "{b:+.1%}); by the gyro {h:+.1f}° off after {straight_s:g} s",
+                    name=name,
+                    w=w,
+                    e=e,
+                    b=b,
+                    h=h,
+                    straight_s=STRAIGHT_S,
+                )
             )
         if self.verdict == "CROOKED":
             lines.append(
-                f"The wheels differ by more than {STRAIGHT:.0%}: does one slip, or rub? "
-                "Clean the tyres, calibrate again."
+                _(
+                    "The wheels differ by more than {straight:.0%}: does one slip, or rub? Clean the tyres, "
+                    "calibrate again.",
+                    straight=STRAIGHT,
+                )
             )
-        return "\n".join([*lines, f"{self.verdict}; stored in the Uno"])
+        return "\n".join([*lines, _("{verdict}; stored in the Uno", verdict=_(self.verdict))])
 
 
 def wiring_text(wiring: int) -> str:
     """The plugs in words."""
     names = [flag.name.lower().replace("_", " ") for flag in Wiring if wiring & flag and flag.name]
-    return f"wiring: {', '.join(names) or 'as in the guide'}"
+    return _("wiring: {names}", names=", ".join(map(_, names)) or _("as in the guide"))
 
 
 def calibrate(bench: "Bench", say: Say = lambda text: None) -> Motors:
@@ -168,12 +186,15 @@ def _give_back(bench: "Bench", before: Settings, say: Say) -> None:
             except RobotUnreachable:
                 if not left:
                     raise
-        say("the Uno keeps what it kept before")
+        say(_("the Uno keeps what it kept before"))
     except (RobotUnreachable, KeyboardInterrupt):
         say(
-            "the Uno did not take back what it kept before, and keeps settings of a calibration that was not finished: "
-            "the motors may run the wrong way round. When it answers again, calibrate it anew, or type there what it "
-            f"kept: {uno_settings.as_typed(before)}"
+            _(
+                "the Uno did not take back what it kept before, and keeps settings of a calibration that "
+                "was not finished: the motors may run the wrong way round. When it answers again, "
+                "calibrate it anew, or type there what it kept: {as_typed}",
+                as_typed=uno_settings.as_typed(before),
+            )
         )
 
 
@@ -199,8 +220,8 @@ def _ramp(bench: "Bench", wheel: int, direction: float) -> tuple[float, float]:
         raise AnswerNo(
             fault(
                 "calibrate.motor-does-not-turn",
-                side=("left", "right")[wheel],
-                direction="forwards" if direction > 0 else "backwards",
+                side=(N_("left"), N_("right"))[wheel],
+                direction=N_("forwards") if direction > 0 else N_("backwards"),
             )
         )
     return reached[-1], float(np.sign(turn))
@@ -208,7 +229,7 @@ def _ramp(bench: "Bench", wheel: int, direction: float) -> tuple[float, float]:
 
 def _wiring(bench: "Bench", say: Say) -> Wiring:
     """Plugs that went in the other way round.  (1), (2)"""
-    say("which motor is which: it will turn to both sides, then push to and fro")
+    say(_("which motor is which: it will turn to both sides, then push to and fro"))
     (left, turn_l), (right, turn_r) = _ramp(bench, 0, 1.0), _ramp(bench, 1, 1.0)
     signs = (
         -turn_l,
@@ -251,7 +272,7 @@ def _sweeps(bench: "Bench", say: Say) -> tuple[Sweep, ...]:
         sign = 1.0 - 2.0 * direction
         other = min(1.0, started[2 * (1 - wheel) + 1 - direction] + ABOVE)  # it runs the other way
         found.append(_sweep(bench, wheel, sign, started[place], other, name))
-        say(f"{name}: dead zone {found[-1].dead_zone:.1%}")
+        say(_("{name}: dead zone {dead_zone:.1%}", name=_(name), dead_zone=found[-1].dead_zone))
     return tuple(found)
 
 
@@ -282,7 +303,7 @@ def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> 
             )
         )
     powers = np.stack([np.ones(runs.sum()), added[runs], added[runs] ** 2], axis=1)
-    found, *_ = np.linalg.lstsq(powers, duties[runs], rcond=None)
+    found, *_others = np.linalg.lstsq(powers, duties[runs], rcond=None)
     rms = float(np.sqrt(np.mean((powers @ found - duties[runs]) ** 2)))
     dead_zone = float(np.clip(found[0], 0.0, 1.0))
     if dead_zone > 0.7:
@@ -303,7 +324,7 @@ def _slope(permille: float) -> int:
 
 def _straight(bench: "Bench", settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
     """Drives straight, trims, and drives straight again.  (5)"""
-    say("straight on: half a metre to and fro, three times")
+    say(_("straight on: half a metre to and fro, three times"))
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
     bench.store(settings)
     before = tuple(_differ(bench, sign, reach)[0] for sign in (1.0, -1.0))

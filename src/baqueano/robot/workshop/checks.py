@@ -9,6 +9,7 @@ unknown   cannot be seen on this machine; the figure says why
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
+from baqueano.language import translated as _
 from baqueano.printable import in_lines
 
 if TYPE_CHECKING:
@@ -42,10 +43,11 @@ class Report:
 
     def table(self) -> str:
         """A line for each, and what to do below it."""
-        wide = max(len(check.name) for check in self.checks)
+        wide = max(len(_(check.name)) for check in self.checks)
+        grade = max(7, *(len(_(check.verdict)) for check in self.checks))
         lines = []
         for check in self.checks:
-            lines.append(f"{check.verdict:7}  {check.name:{wide}}  {check.figure}")
+            lines.append(f"{_(check.verdict):{grade}}  {_(check.name):{wide}}  {check.figure}")
             if check.remedy and check.verdict != "ok":
-                lines.append(f"{'':9}{'':{wide}}  → {check.remedy}")
-        return in_lines([*lines, f"all in all: {self.verdict}"])
+                lines.append(f"{'':{grade + 2}}{'':{wide}}  → {check.remedy}")
+        return in_lines([*lines, _("all in all: {verdict}", verdict=_(self.verdict))])

@@ -13,6 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from baqueano.errors import BaqueanoError
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.robot.imu.bus_recovery import recoverable
 from baqueano.robot.workshop.checks import Check, Report
 from baqueano.robot.workshop.uno_checks import uno
@@ -21,12 +24,18 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
     from baqueano.worlds.robot import Sample
 
-GROUPS = {"dialout": "the serial line", "i2c": "the IMU", "gpio": "the pins"}
+GROUPS = {"dialout": N_("the serial line"), "i2c": N_("the IMU"), "gpio": N_("the pins")}
 THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
 THROTTLE_BITS = {
-    0: "under 4.63 V now", 1: "clock capped now", 2: "throttled now", 3: "hot now", 16: "was under 4.63 V",
-    17: "clock was capped", 18: "was throttled", 19: "was hot",
-}  # fmt: skip
+    0: N_("under 4.63 V now"),
+    1: N_("clock capped now"),
+    2: N_("throttled now"),
+    3: N_("hot now"),
+    16: N_("was under 4.63 V"),
+    17: N_("clock was capped"),
+    18: N_("was throttled"),
+    19: N_("was hot"),
+}
 MODEL = "proc/device-tree/model"
 HOT_C = 75.0  # the Pi slows down at 80
 LEAST_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
@@ -43,7 +52,9 @@ def examine(
     for part in (
         lambda: uno(hardware.port, hardware.least_battery_v),
         lambda: imu(hardware, root),
-        lambda: [Check("IMU bus recovery", *recoverable(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL))],
+        lambda: [
+            Check(N_("IMU bus recovery"), *recoverable(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL))
+        ],
         lambda: groups(root),
         lambda: power(root),
         lambda: temperature(root),
@@ -63,12 +74,14 @@ def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
 
     bus = f"dev/i2c-{hardware.imu_bus:.0f}"
     if not (root / bus).exists() and not (root / MODEL).exists():
-        yield Check("IMU", "unknown", f"there is no /{bus} on this machine, which is no Raspberry Pi")
+        yield Check(
+            "IMU", "unknown", _("there is no /{bus} on this machine, which is no Raspberry Pi", bus=bus)
+        )
         return
     try:
         chip = imu_driver.of(hardware, None)
     except BaqueanoError as error:
-        yield Check("IMU", "bad", "none answers", str(error))
+        yield Check("IMU", "bad", _("none answers"), str(error))
         return
     try:
         yield from feels(chip, time.sleep)
@@ -79,31 +92,61 @@ def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
 def feels(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
     """Chip, bus, rate and noise of an IMU that runs."""
     found, samples = chip.found, []
-    for _ in range(round(seconds / 0.02)):
+    for _look in range(round(seconds / 0.02)):
         wait(0.02)
         samples += chip.read()
     yield Check(
-        "IMU", "warn" if found.warnings else "ok",
-        f"{found.chip}, WHO_AM_I 0x{found.who_am_i:02X} at 0x{found.address:02X} on {found.path}",
+        "IMU",
+        "warn" if found.warnings else "ok",
+        _(
+            "{chip}, WHO_AM_I 0x{who_am_i:02X} at 0x{address:02X} on {path}",
+            chip=found.chip,
+            who_am_i=found.who_am_i,
+            address=found.address,
+            path=found.path,
+        ),
         "; ".join(found.warnings),
-    )  # fmt: skip
+    )
     share = chip.settings.rate_hz * found.burst_s  # of the bus's time
     yield Check(
-        "IMU bus", "ok" if found.bus_hz > 200e3 else "warn" if share < 0.7 else "bad",
-        f"14 bytes in {1e3 * found.burst_s:.2f} ms: {found.bus_hz / 1e3:.0f} kHz or more",
-        "dtparam=i2c_arm_baudrate=400000 and core_freq=250 in /boot/firmware/config.txt: baqueano robot setup does it",
-    )  # fmt: skip
+        N_("IMU bus"),
+        "ok" if found.bus_hz > 200e3 else "warn" if share < 0.7 else "bad",
+        _(
+            "14 bytes in {burst_s:.2f} ms: {bus_hz:.0f} kHz or more",
+            burst_s=1000.0 * found.burst_s,
+            bus_hz=found.bus_hz / 1000.0,
+        ),
+        _(
+            "dtparam=i2c_arm_baudrate=400000 and core_freq=250 in /boot/firmware/config.txt: "
+            "baqueano robot setup does it"
+        ),
+    )
     if not samples:
-        yield Check("IMU rate", "bad", f"no sample in {seconds:g} s", "Look at its four wires")
+        yield Check(
+            N_("IMU rate"),
+            "bad",
+            _("no sample in {seconds:g} s", seconds=seconds),
+            _("Look at its four wires"),
+        )
         return
     off = chip.rate_hz / chip.settings.rate_hz - 1.0
     failed, known = chip.counts.overflows + chip.counts.failures, chip.clock
     yield Check(
-        "IMU rate", "ok" if abs(off) < 0.05 and not failed and not known.slips else "warn",
-        f"{chip.rate_hz:.2f} ± {known.rate_error_hz:.2f} Hz of {chip.settings.rate_hz} ({off:+.1%}), stamped within "
-        f"{1e-6 * known.phase_error_ns:.1f} ms; {failed} calls failed or overflowed, {known.slips} times samples lost",
-        "Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off",
-    )  # fmt: skip
+        N_("IMU rate"),
+        "ok" if abs(off) < 0.05 and not failed and not known.slips else "warn",
+        _(
+            "{rate_hz:.2f} ± {rate_error_hz:.2f} Hz of {rate_hz2} ({off:+.1%}), stamped within "
+            "{phase_error_ns:.1f} ms; {failed} calls failed or overflowed, {slips} times samples lost",
+            rate_hz=chip.rate_hz,
+            rate_error_hz=known.rate_error_hz,
+            rate_hz2=chip.settings.rate_hz,
+            off=off,
+            phase_error_ns=1e-06 * known.phase_error_ns,
+            failed=failed,
+            slips=known.slips,
+        ),
+        _("Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off"),
+    )
     yield from noise(samples)
     yield tested(chip, wait)
 
@@ -115,12 +158,26 @@ def tested(chip: Any, wait: Callable[[float], object]) -> Check:
     try:
         axes = self_test(chip, wait).axes
     except BaqueanoError as error:
-        return Check("IMU self-test", "unknown", str(error))
-    off = [f"{a.name} {a.response:.2f} of {a.trim:.2f} {a.unit}" for a in axes if a.passed is False]
+        return Check(N_("IMU self-test"), "unknown", str(error))
+    off = [
+        _(
+            "{name} {response:.2f} of {trim:.2f} {unit}",
+            name=_(a.name),
+            response=a.response,
+            trim=a.trim,
+            unit=a.unit,
+        )
+        for a in axes
+        if a.passed is False
+    ]
     silent = sum(a.passed is None for a in axes)
-    said = f"{6 - silent - len(off)} of 6 axes answer as at the factory, which says nothing of {silent}"
+    said = _(
+        "{good} of 6 axes answer as at the factory, which says nothing of {silent}",
+        good=6 - silent - len(off),
+        silent=silent,
+    )
     return Check(
-        "IMU self-test", "warn" if off else "ok", "; ".join([said, *off]), "A clone, or a damaged chip"
+        N_("IMU self-test"), "warn" if off else "ok", "; ".join([said, *off]), _("A clone, or a damaged chip")
     )
 
 
@@ -135,12 +192,25 @@ def noise(samples: "list[Sample]") -> Iterator[Check]:
     noise_a, noise_g = float(accel.std(axis=0).max()), float(gyro.std(axis=0).max())
     size = float(np.linalg.norm(accel.mean(axis=0)))
     yield Check(
-        "IMU noise", "ok" if noise_a < STILL_M_S2 and noise_g < STILL_RAD_S else "warn",
-        f"{noise_a:.3f} m/s², {np.degrees(noise_g):.3f} °/s; feels {size:.2f} m/s²",
-        "Put the vehicle on a floor where nobody walks; if it stands still, the chip is bad or its supply is",
-    )  # fmt: skip
+        N_("IMU noise"),
+        "ok" if noise_a < STILL_M_S2 and noise_g < STILL_RAD_S else "warn",
+        _(
+            "{noise_a:.3f} m/s², {noise_g:.3f} °/s; feels {size:.2f} m/s²",
+            noise_a=noise_a,
+            noise_g=np.degrees(noise_g),
+            size=size,
+        ),
+        _(
+            "Put the vehicle on a floor where nobody walks; if it stands still, the chip is bad or its supply is"
+        ),
+    )
     if abs(size / STANDARD_GRAVITY - 1.0) > 0.1:
-        yield Check("IMU scale", "bad", f"{size:.2f} m/s² at rest, expected 9.81 ± 10 %", "Replace the IMU")
+        yield Check(
+            N_("IMU scale"),
+            "bad",
+            _("{size:.2f} m/s² at rest, expected 9.81 ± 10 %", size=size),
+            _("Replace the IMU"),
+        )
 
 
 def groups(root: Path) -> Iterator[Check]:
@@ -148,19 +218,21 @@ def groups(root: Path) -> Iterator[Check]:
     names: dict[int, str] = {}
     with suppress(OSError):
         for line in (root / "etc/group").read_text().splitlines():
-            name, _, number, *_ = line.split(":")
-            names[int(number)] = name
-    mine = {names.get(number) for number in os.getgroups()} if POSIX else set()
+            name, _mark, gid, *_rest = line.split(":")
+            names[int(gid)] = name
+    mine = {names.get(gid) for gid in os.getgroups()} if POSIX else set()
     for group, what in GROUPS.items():
         if group not in names.values():
-            yield Check(f"group {group}", "unknown", "there is no such group on this machine")
+            yield Check(f"group {group}", "unknown", _("there is no such group on this machine"))
         elif group in mine or (POSIX and os.geteuid() == 0):
-            yield Check(f"group {group}", "ok", f"{what} may be opened")
+            yield Check(f"group {group}", "ok", _("{what} may be opened", what=_(what)))
         else:
             yield Check(
-                f"group {group}", "bad", f"this user is not in it: {what} may not be opened",
-                f"Type: sudo usermod -aG {group} $USER, and log in again",
-            )  # fmt: skip
+                f"group {group}",
+                "bad",
+                _("this user is not in it: {what} may not be opened", what=_(what)),
+                _("Type: sudo usermod -aG {group} $USER, and log in again", group=group),
+            )
 
 
 def power(root: Path) -> Iterator[Check]:
@@ -168,13 +240,15 @@ def power(root: Path) -> Iterator[Check]:
     try:
         bits = int((root / THROTTLED).read_text(), 16)
     except (OSError, ValueError):
-        yield Check("supply", "unknown", "this machine does not tell (a Raspberry Pi does)")
+        yield Check(N_("supply"), "unknown", _("this machine does not tell (a Raspberry Pi does)"))
         return
-    said = [text for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
+    said = [_(text) for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
     yield Check(
-        "supply", "bad" if bits & 0xF else "warn" if said else "ok", ", ".join(said) or "never under 4.63 V",
-        "Use a supply of 5.1 V and 2.5 A with short thick wires, apart from the motors' battery",
-    )  # fmt: skip
+        N_("supply"),
+        "bad" if bits & 0xF else "warn" if said else "ok",
+        ", ".join(said) or _("never under 4.63 V"),
+        _("Use a supply of 5.1 V and 2.5 A with short thick wires, apart from the motors' battery"),
+    )
 
 
 def temperature(root: Path) -> Iterator[Check]:
@@ -182,10 +256,13 @@ def temperature(root: Path) -> Iterator[Check]:
     try:
         celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text()) / 1000.0
     except (OSError, ValueError):
-        yield Check("temperature", "unknown", "this machine does not tell")
+        yield Check(N_("temperature"), "unknown", _("this machine does not tell"))
         return
     yield Check(
-        "temperature", "ok" if celsius < HOT_C else "warn", f"{celsius:.0f} °C", "A heat sink, or some air"
+        N_("temperature"),
+        "ok" if celsius < HOT_C else "warn",
+        f"{number(celsius):.0f} °C",
+        _("A heat sink, or some air"),
     )
 
 
@@ -194,13 +271,17 @@ def governor(root: Path) -> Iterator[Check]:
     try:
         chosen = (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").read_text().strip()
     except OSError:
-        yield Check("governor", "unknown", "this machine does not tell")
+        yield Check(N_("governor"), "unknown", _("this machine does not tell"))
         return
     yield Check(
-        "governor", "ok" if chosen == "performance" else "warn", chosen,
-        "The service sets performance; by hand: echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/"
-        "scaling_governor",
-    )  # fmt: skip
+        N_("governor"),
+        "ok" if chosen == "performance" else "warn",
+        chosen,
+        _(
+            "The service sets performance; by hand: echo performance | sudo tee "
+            "/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
+        ),
+    )
 
 
 def disk(runs: Path, least_mb: float) -> Iterator[Check]:
@@ -208,9 +289,16 @@ def disk(runs: Path, least_mb: float) -> Iterator[Check]:
     place = next(p for p in (runs.absolute(), *runs.absolute().parents) if p.exists())
     free_mb = shutil.disk_usage(place).free / 1e6
     yield Check(
-        "disk", "bad" if free_mb < least_mb else "warn" if free_mb < 5 * least_mb else "ok",
-        f"{free_mb:.0f} MB free at {place}, no drive below {least_mb:g}", "Delete old runs",
-    )  # fmt: skip
+        N_("disk"),
+        "bad" if free_mb < least_mb else "warn" if free_mb < 5 * least_mb else "ok",
+        _(
+            "{free_mb:.0f} MB free at {place}, no drive below {least_mb:g}",
+            free_mb=free_mb,
+            place=place,
+            least_mb=least_mb,
+        ),
+        _("Delete old runs"),
+    )
 
 
 def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
@@ -218,9 +306,13 @@ def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
     year = time.gmtime(now_s()).tm_year
     text = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s()))
     yield Check(
-        "clock", "ok" if year >= LEAST_YEAR else "warn", text,
-        "It has not heard of the time; runs are named by it. baqueano robot setup brings the laptop's time",
-    )  # fmt: skip
+        N_("clock"),
+        "ok" if year >= LEAST_YEAR else "warn",
+        text,
+        _(
+            "It has not heard of the time; runs are named by it. baqueano robot setup brings the laptop's time"
+        ),
+    )
 
 
 def realtime() -> Iterator[Check]:
@@ -228,18 +320,24 @@ def realtime() -> Iterator[Check]:
     from baqueano.robot.service.realtime import PRIORITY
 
     if not LINUX:
-        yield Check("real time", "unknown", "this system has no SCHED_FIFO")
+        yield Check(N_("real time"), "unknown", _("this system has no SCHED_FIFO"))
         return
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         os.sched_setscheduler(0, *before)
-        yield Check("real time", "ok", f"SCHED_FIFO {PRIORITY} is granted")
+        yield Check(N_("real time"), "ok", _("SCHED_FIFO {priority} is granted", priority=PRIORITY))
     except OSError as error:
         yield Check(
-            "real time", "warn", f"SCHED_FIFO {PRIORITY} is not granted to this user ({error.strerror})",
-            "The service has it from systemd (baqueano robot setup); this user needs none",
-        )  # fmt: skip
+            N_("real time"),
+            "warn",
+            _(
+                "SCHED_FIFO {priority} is not granted to this user ({strerror})",
+                priority=PRIORITY,
+                strerror=error.strerror,
+            ),
+            _("The service has it from systemd (baqueano robot setup); this user needs none"),
+        )
 
 
 def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
@@ -254,7 +352,7 @@ def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
             granted = True
-    say(f"measures the wake-up error of a 100 Hz loop for {seconds:g} s")
+    say(_("measures the wake-up error of a 100 Hz loop for {seconds:g} s", seconds=seconds))
     try:
         late_us = lateness(seconds)
     finally:
@@ -262,12 +360,21 @@ def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
             os.sched_setscheduler(0, *before)
     p50, p99, worst = (float(x) for x in np.percentile(late_us, [50, 99, 100]))
     yield Check(
-        "jitter", "ok" if p99 < 1000.0 else "warn" if p99 < 5000.0 else "bad",
-        f"{'SCHED_FIFO' if granted else 'no real-time priority'}: p50 {p50:.0f} µs, p99 {p99:.0f} µs, at most "
-        f"{worst:.0f} µs of {len(late_us)} ticks",
-        "With the service's priority it is less: sudo baqueano robot doctor --jitter. Else another program keeps the "
-        "processor busy",
-    )  # fmt: skip
+        N_("jitter"),
+        "ok" if p99 < 1000.0 else "warn" if p99 < 5000.0 else "bad",
+        ("SCHED_FIFO" if granted else _("no real-time priority"))
+        + _(
+            ": p50 {p50:.0f} µs, p99 {p99:.0f} µs, at most {worst:.0f} µs of {ticks} ticks",
+            p50=p50,
+            p99=p99,
+            worst=worst,
+            ticks=len(late_us),
+        ),
+        _(
+            "With the service's priority it is less: sudo baqueano robot doctor --jitter. Else "
+            "another program keeps the processor busy"
+        ),
+    )
 
 
 def lateness(seconds: float) -> list[float]:

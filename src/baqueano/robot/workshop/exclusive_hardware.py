@@ -13,6 +13,8 @@ from baqueano.door.remote_session import answer_of, attended
 from baqueano.door.ssh import ssh
 from baqueano.door.states import DoorState
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
+from baqueano.language import VARIABLE, current
+from baqueano.language import translated as _
 from baqueano.printable import words
 from baqueano.robot import SERVICE
 from baqueano.robot.uno.serial_port import connected
@@ -39,15 +41,19 @@ def service_off(say: Say) -> Iterator[None]:
         raise UsageError(
             fault("hardware.service-has-it", f"sudo systemctl stop {SERVICE}", error=done.stderr.strip())
         )
-    say(f"{SERVICE} stopped meanwhile")
+    say(_("{service} stopped meanwhile", service=SERVICE))
     try:
         yield
     finally:
         done = _quiet([*sudo, "systemctl", "start", SERVICE])
         say(
-            f"{SERVICE} was not started again ({done.stderr.strip()}). Type: sudo systemctl start {SERVICE}"
+            _(
+                "{service} was not started again ({error}). Type: sudo systemctl start {service}",
+                service=SERVICE,
+                error=done.stderr.strip(),
+            )
             if done.returncode
-            else f"{SERVICE} started again"
+            else _("{service} started again", service=SERVICE)
         )
 
 
@@ -83,7 +89,7 @@ def there(host: str, *verb: str) -> list["TableRow"]:
 
     Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.
     """
-    answer, code = answer_of(ssh(host, shlex.join(["baqueano", *verb, "--json"])))
+    answer, code = answer_of(ssh(host, shlex.join([*_spoken(), "baqueano", *verb, "--json"])))
     try:
         rows = words(json.loads(answer)["rows"])
         if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
@@ -93,10 +99,17 @@ def there(host: str, *verb: str) -> list["TableRow"]:
     if code == INTERRUPTED:
         raise KeyboardInterrupt
     why = {
-        127: f"{host} lacks baqueano. Type: baqueano robot setup {host}",
-        255: f"{host} was not reached by ssh. To see why: ssh {host}",
-    }.get(code, f"{host}: baqueano {' '.join(verb)} ended there, for the reason above.")
+        127: _("{host} lacks baqueano. Type: baqueano robot setup {host}", host=host),
+        255: _("{host} was not reached by ssh. To see why: ssh {host}", host=host),
+    }.get(
+        code, _("{host}: baqueano {verb} ended there, for the reason above.", host=host, verb=" ".join(verb))
+    )
     raise of_code(code, why, otherwise=RobotUnreachable)
+
+
+def _spoken() -> list[str]:
+    """Return what makes the vehicle answer in the current language."""
+    return [] if current() == "en" else ["env", f"{VARIABLE}={current()}"]
 
 
 def _quiet(command: list[str]) -> subprocess.CompletedProcess[str]:

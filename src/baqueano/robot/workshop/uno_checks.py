@@ -10,6 +10,8 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from baqueano.errors import BaqueanoError
+from baqueano.language import marked as N_
+from baqueano.language import translated as _
 from baqueano.robot.workshop.checks import Check
 
 if TYPE_CHECKING:
@@ -21,7 +23,7 @@ COMMAND_EVERY_S = 0.01
 FIRST_S = 0.1  # until telemetry gives the next number of a command
 LOSS_WARN, LOSS_BAD = 1e-3, 0.05  # shares of frames
 RAM, LEAST_RAM = 2048, 128  # bytes
-QUIETER = "Keep the USB cable away from the motors' wires, and 100 nF across each motor"
+QUIETER = N_("Keep the USB cable away from the motors' wires, and 100 nF across each motor")
 
 
 def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
@@ -32,19 +34,19 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
     try:
         where = find_port(port)
         with connected(where) as link:
-            yield Check("serial line", "ok", where)
+            yield Check(N_("serial line"), "ok", where)
             time.sleep(FIRST_S)
             before = copy(link.statistics)  # a frame whose beginning was missed counts as damaged
             commanded(link, seconds, time.sleep)
             yield from answers(link, least_battery_v, before)
             yield memory(link.ask(AskInfo(), Info))  # INFO of its start comes before it has looked
     except BaqueanoError as error:
-        yield Check("serial line", "bad", "no Uno that speaks our language", str(error))
+        yield Check(N_("serial line"), "bad", _("no Uno that speaks our language"), str(error))
 
 
 def commanded(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
     """Send as many commands as in a drive, each with the motors off."""
-    for _ in range(round(seconds / COMMAND_EVERY_S)):
+    for _tick in range(round(seconds / COMMAND_EVERY_S)):
         link.disarm()
         wait(COMMAND_EVERY_S)
 
@@ -58,30 +60,44 @@ def answers(
     info, heard = link.info, link.receive()
     if info is None:
         yield Check(
-            "firmware", "bad", "the Uno was reset while it was asked", "Look at its supply, and try again"
+            N_("firmware"),
+            "bad",
+            _("the Uno was reset while it was asked"),
+            _("Look at its supply, and try again"),
         )
         return
     has, ours = (info.version_major, info.version_minor, info.version_patch), VERSION
     yield Check(
-        "firmware", "ok" if has == ours else "warn",
-        f"{'.'.join(map(str, has))}, protocol {info.protocol} (this baqueano: {'.'.join(map(str, ours))}, {PROTOCOL})",
-        "Type: baqueano robot flash",
-    )  # fmt: skip
+        N_("firmware"),
+        "ok" if has == ours else "warn",
+        _(
+            "{version}, protocol {protocol} (this baqueano: {ours}, {our_protocol})",
+            version=".".join(map(str, has)),
+            protocol=info.protocol,
+            ours=".".join(map(str, ours)),
+            our_protocol=PROTOCOL,
+        ),
+        _("Type: baqueano robot flash"),
+    )
     yield from line(link, before)
     yield at_uno(link.statistics, before, info)
     yield start(info)
     ppm = 1e6 * link.clock.skew
     yield Check(
-        "Uno's clock", "ok" if abs(ppm) < 5000.0 else "warn", f"{-ppm:+.0f} ppm",
-        "More than a resonator may be off: does the board run at 16 MHz?",
-    )  # fmt: skip
+        N_("Uno's clock"),
+        "ok" if abs(ppm) < 5000.0 else "warn",
+        _("{ppm:+.0f} ppm", ppm=-ppm),
+        _("More than a resonator may be off: does the board run at 16 MHz?"),
+    )
     if heard:
         yield battery(heard[-1].battery_v, least_battery_v)
     known = any(way != Way() for way in link.settings(wait).ways)
     yield Check(
-        "motors", "ok" if known else "warn", "calibrated" if known else "not calibrated",
-        "Type: baqueano robot calibrate motors",
-    )  # fmt: skip
+        N_("motors"),
+        "ok" if known else "warn",
+        _("calibrated") if known else _("not calibrated"),
+        _("Type: baqueano robot calibrate motors"),
+    )
 
 
 def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
@@ -90,16 +106,20 @@ def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
     if trips:
         middle, last = trips[len(trips) // 2], trips[-1]
         yield Check(
-            "link round trip", "ok" if last < 20.0 else "warn", f"{middle:.1f} ms, at most {last:.1f} of {len(trips)}",
-            "Use a short USB cable without a hub; look for another program that works hard",
-        )  # fmt: skip
+            N_("link round trip"),
+            "ok" if last < 20.0 else "warn",
+            _("{middle:.1f} ms, at most {last:.1f} of {trips}", middle=middle, last=last, trips=len(trips)),
+            _("Use a short USB cable without a hub; look for another program that works hard"),
+        )
     else:
-        yield Check("link round trip", "bad", "no answer to a ping", "Type: baqueano robot flash")
+        yield Check(N_("link round trip"), "bad", _("no answer to a ping"), _("Type: baqueano robot flash"))
     lost, damaged, came = link.statistics.since(before, "lost", "damaged", "heard")
     yield Check(
-        "frames", of_share((lost + damaged) / max(1, came + lost)), f"{came} came, {lost} lost, {damaged} damaged",
-        QUIETER,
-    )  # fmt: skip
+        N_("frames"),
+        of_share((lost + damaged) / max(1, came + lost)),
+        _("{came} came, {lost} lost, {damaged} damaged", came=came, lost=lost, damaged=damaged),
+        _(QUIETER),
+    )
 
 
 def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
@@ -107,11 +127,22 @@ def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
     written, spoilt, ignored, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
     share = spoilt / max(1, written)
     return Check(
-        "frames to the Uno", "warn" if (ignored or overrun) and share < LOSS_BAD else of_share(share),
-        f"{written} sent, {spoilt} damaged ({100.0 * share:.1f} %), {ignored} not obeyed, {overrun} bytes lost in its "
-        f"receiver; earlier, since its start, {info.bad_crc + info.bad_shape} damaged",
-        QUIETER if spoilt else "Is there another program on its line? If not, type: baqueano robot flash",
-    )  # fmt: skip
+        N_("frames to the Uno"),
+        "warn" if (ignored or overrun) and share < LOSS_BAD else of_share(share),
+        _(
+            "{written} sent, {spoilt} damaged ({share:.1f} %), {ignored} not obeyed, {overrun} bytes "
+            "lost in its receiver; earlier, since its start, {earlier} damaged",
+            written=written,
+            spoilt=spoilt,
+            share=100.0 * share,
+            ignored=ignored,
+            overrun=overrun,
+            earlier=info.bad_crc + info.bad_shape,
+        ),
+        _(QUIETER)
+        if spoilt
+        else _("Is there another program on its line? If not, type: baqueano robot flash"),
+    )
 
 
 def start(info: "Info") -> Check:
@@ -121,20 +152,28 @@ def start(info: "Info") -> Check:
     why = info.reset_cause
     hung, sagged = why & (ResetCause.WATCHDOG | ResetCause.HUNG), why & ResetCause.BROWN_OUT
     return Check(
-        "Uno's start", "warn" if hung or (sagged and not why & ResetCause.POWER) else "ok",
-        f"number {info.boots}, by {causes(why) or 'a cause that its boot-loader hides'}",
-        "Its firmware hung. Type: baqueano robot flash" if hung else
-        "Its supply sagged: 1000 µF at the bridge, thick short wires, a converter of its own",
-    )  # fmt: skip
+        N_("Uno's start"),
+        "warn" if hung or (sagged and not why & ResetCause.POWER) else "ok",
+        _(
+            "number {boots}, by {causes}",
+            boots=info.boots,
+            causes=causes(why) or _("a cause that its boot-loader hides"),
+        ),
+        _("Its firmware hung. Type: baqueano robot flash")
+        if hung
+        else _("Its supply sagged: 1000 µF at the bridge, thick short wires, a converter of its own"),
+    )
 
 
 def memory(info: "Info") -> Check:
     """Check the RAM that the Uno's stack never reached; beyond it, variables are overwritten."""
     free = info.least_free_ram
     return Check(
-        "Uno's memory", "ok" if free >= LEAST_RAM else "warn", f"{free} of {RAM} bytes were never used",
-        "Is this our firmware, unchanged? Type: baqueano robot flash",
-    )  # fmt: skip
+        N_("Uno's memory"),
+        "ok" if free >= LEAST_RAM else "warn",
+        _("{free} of {ram} bytes were never used", free=free, ram=RAM),
+        _("Is this our firmware, unchanged? Type: baqueano robot flash"),
+    )
 
 
 def of_share(lost: float) -> str:
@@ -146,7 +185,15 @@ def battery(volts: float, least_v: float) -> Check:
     """Of the motors, behind its divider."""
     if least_v <= 0.0:
         return Check(
-            "battery", "unknown", f"{volts:.2f} V at A0, if it is wired there", "Set [robot] least_battery_v"
+            N_("battery"),
+            "unknown",
+            _("{volts:.2f} V at A0, if it is wired there", volts=volts),
+            _("Set [robot] least_battery_v"),
         )
     low = "bad" if volts < least_v else "warn" if volts < 1.05 * least_v else "ok"
-    return Check("battery", low, f"{volts:.2f} V, at least {least_v:g}", "Charge it")
+    return Check(
+        N_("battery"),
+        low,
+        _("{volts:.2f} V, at least {least_v:g}", volts=volts, least_v=least_v),
+        _("Charge it"),
+    )

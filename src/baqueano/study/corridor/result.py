@@ -16,6 +16,8 @@ import numpy as np
 
 from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
 from baqueano.diagnostics import Verdict
+from baqueano.language import number
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -62,7 +64,13 @@ class Corridors:
     def reasons(self) -> tuple[str, ...]:
         """Say which bar is missed."""
         return tuple(
-            f"{r['quantity']} at {r['at']}: coverage {100.0 * r['coverage']:.0f} %, {r['wider']:.2f} × what is needed"
+            _(
+                "{quantity} at {at}: coverage {coverage:.0f} %, {wider:.2f} × what is needed",
+                quantity=r["quantity"],
+                at=r["at"],
+                coverage=100.0 * r["coverage"],
+                wider=r["wider"],
+            )
             for r in self.rows()
             if r["ok"] is False
         )
@@ -75,23 +83,36 @@ class Corridors:
     def table(self) -> str:
         """For people."""
         lines = [
-            f"{'at':18}{'quantity':10}{'cases':>6}{'lost':>6}{'coverage':>10}  {'95 %':14}{'× needed':>9}"
+            f"{_('at'):18}{_('quantity'):10}{_('cases'):>6}{_('lost'):>6}{_('coverage'):>10}  "
+            f"{'95 %':14}{_('× needed'):>9}"
         ]
         for r in self.rows():
-            interval = f"[{100 * r['low']:.0f}, {100 * r['high']:.0f}] %"
+            interval = f"[{number(100 * r['low']):.0f}, {number(100 * r['high']):.0f}] %"
             lines.append(
-                f"{r['at']:18}{r['quantity']:10}{r['cases']:6}{r['lost']:6}{100 * r['coverage']:8.1f} %  "
-                f"{interval:14}{r['wider']:9.2f}{'  NO' if r['ok'] is False else ''}"
+                f"{r['at']:18}{r['quantity']:10}{r['cases']:6}{r['lost']:6}"
+                f"{number(100 * r['coverage']):8.1f} "
+                f"%  {interval:14}{number(r['wider']):9.2f}{_('  NO') if r['ok'] is False else ''}"
             )
         lines.append(
-            f"Coverage of the 95 % region is to lie within {COVERAGE[0]:g} and {COVERAGE[1]:g}; its area, of a heading "
-            f"its variance, is to be at most {WIDER:g} × that of a region that holds 95 % of these vehicles. Windows "
-            f"of recordings: coverage at least {OF_RECORDINGS[0]:g}."
+            _(
+                "Coverage of the 95 % region is to lie within {low:g} and {high:g}; its area, of a "
+                "heading its variance, is to be at most {wider:g} × that of a region that holds 95 % of "
+                "these vehicles. Windows of recordings: coverage at least {of_recordings:g}.",
+                low=COVERAGE[0],
+                high=COVERAGE[1],
+                wider=WIDER,
+                of_recordings=OF_RECORDINGS[0],
+            )
         )
         if self.refused:
-            lines.append(f"The fits of {len(self.refused)} vehicles were refused: they did not drive.")
+            lines.append(
+                _(
+                    "The fits of {refused} vehicles were refused: they did not drive.",
+                    refused=len(self.refused),
+                )
+            )
         return "\n".join(
-            [*lines, *self.notes, f"{self.verdict}: {'; '.join(self.reasons) or 'all bars are met'}"]
+            [*lines, *self.notes, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bars are met')}"]
         )
 
 

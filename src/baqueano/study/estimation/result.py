@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Verdict
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.study.estimation.errors import QUANTITIES, SPEED, joined
 from baqueano.study.estimation.subjects import BOTH
 
@@ -24,7 +27,10 @@ REFUSED = Verdict.REFUSED
 ALONE = 1.10
 POOLED, SPEED_WITH_ODOMETER, GOAL = 1.0, 0.7, 0.7
 NEES, NIS, WHITE = (0.4, 1.6), (0.85, 1.15), 0.12  # where those of a recording are to lie
-AGAINST = {True: "the model from the commands alone", False: "plain integration with the same calibration"}
+AGAINST = {
+    True: N_("the model from the commands alone"),
+    False: N_("plain integration with the same calibration"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +82,16 @@ class Estimated:
         missed = [r for r in self.rows_shown() if r["ok"] is False and "typical" not in r["quantity"]]
         return (
             *stopped,
-            *(f"{r['recording']}, {r['estimator']}: {_short(r['quantity'])} is {_times(r)}" for r in missed),
+            *(
+                _(
+                    "{recording}, {estimator}: {quantity} is {times}",
+                    recording=r["recording"],
+                    estimator=r["estimator"],
+                    quantity=_short(r["quantity"]),
+                    times=_times(r),
+                )
+                for r in missed
+            ),
         )
 
     @property
@@ -91,30 +106,57 @@ class Estimated:
             key: max(len(key), *(len(r[key]) for r in rows)) for key in ("recording", "estimator", "quantity")
         }
         head = "  ".join(key.ljust(width) for key, width in wide.items())
-        lines = [f"{head}  {'value':>7} {'ref.':>7} {'ratio':>6}  95 %"]
+        lines = [f"{head}  {_('value'):>7} {_('ref.'):>7} {_('ratio'):>6}  95 %"]
         for r in rows:
             known = np.isfinite(r.get("low", float("nan")))
-            interval = r.get("verdict", f"[{r['low']:.2f}, {r['high']:.2f}]" if known else "")
-            ratio = f"{r['ratio']:.2f}" if "ratio" in r else ""
+            interval = r.get("verdict", f"[{number(r['low']):.2f}, {number(r['high']):.2f}]" if known else "")
+            ratio = f"{number(r['ratio']):.2f}" if "ratio" in r else ""
             ok = "NO" if r["ok"] is False else ""
             named = "  ".join(r[key].ljust(width) for key, width in wide.items())
-            figures = f"{r['value']:7.3f} {r['reference']:7.3f} {ratio:>6}"
+            figures = f"{number(r['value']):7.3f} {number(r['reference']):7.3f} {ratio:>6}"
             lines.append(f"{named}  {figures}  {interval:14} {ok}".rstrip())
         lines += [
-            f"Reference of a speed: {AGAINST[True]}. Of a position: {AGAINST[False]}.",
-            f"NO: a ratio on one recording that is significantly above {ALONE:g}, or a bar that is missed. The goal of "
-            f"a pooled ratio is {GOAL:g}.",
-            f"NEES of a speed is to lie within {NEES}, NIS within {NIS}, lag-1 correlation within ± {WHITE:g}.",
+            _(
+                "Reference of a speed: {speed}. Of a position: {position}.",
+                speed=_(AGAINST[True]),
+                position=_(AGAINST[False]),
+            ),
+            _(
+                "NO: a ratio on one recording that is significantly above {alone:g}, or a bar that is "
+                "missed. The goal of a pooled ratio is {goal:g}.",
+                alone=ALONE,
+                goal=GOAL,
+            ),
+            _(
+                "NEES of a speed is to lie within {nees}, NIS within {nis}, lag-1 correlation within ± {white:g}.",
+                nees=NEES,
+                nis=NIS,
+                white=WHITE,
+            ),
             *(f"{one.recording}, {one.estimator}: {one.consistency.sentence}" for one in self.judged),
             *self.notes,
             *dict.fromkeys(
-                f"{one.recording}: its fit is {REFUSED}, so it is shown and not counted."
+                _(
+                    "{recording}: its fit is {verdict}, so it is shown and not counted.",
+                    recording=one.recording,
+                    verdict=_(REFUSED),
+                )
                 for one in self.judged
                 if one.fit == REFUSED
             ),
         ]
         met = [r["ok"] for r in rows if r["ok"] is not None]
-        return "\n".join([*lines, f"{self.verdict}: {sum(met)} of {len(met)} bars are met"])
+        return "\n".join(
+            [
+                *lines,
+                _(
+                    "{verdict}: {met} of {all} bars are met",
+                    verdict=_(self.verdict),
+                    met=sum(met),
+                    all=len(met),
+                ),
+            ]
+        )
 
 
 def row(recording: str, estimator: str, quantity: str, value: float, bar: float) -> "JsonObject":
@@ -156,4 +198,4 @@ def _short(quantity: str) -> str:
 
 def _times(row: "TableRow") -> str:
     ratio = row.get("ratio", row["value"])
-    return f"{ratio:.2f}" if ratio == row["value"] else f"{ratio:.2f} × the reference"
+    return f"{number(ratio):.2f}" if ratio == row["value"] else _("{ratio:.2f} × the reference", ratio=ratio)

@@ -8,6 +8,8 @@ import numpy as np
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
+from baqueano.language import number
+from baqueano.language import translated as _
 
 DESIGNED, BASELINE = "designed", "random_steps"
 RATIO = 1.5
@@ -42,16 +44,24 @@ class Experiments:
         out, said = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
         if said["all"].ratio < RATIO:
             out.append(
-                f"designed is {said['all'].ratio:.2f} times better than random steps, not {RATIO:g} times"
+                _(
+                    "designed is {ratio:.2f} times better than random steps, not {wanted:g} times",
+                    ratio=said["all"].ratio,
+                    wanted=RATIO,
+                )
             )
         if above := said["all"].above_best:
-            out.append(f"of {above} vehicles another signal tells more")
+            out.append(_("of {above} vehicles another signal tells more", above=above))
         left = sum(row.left for row in self.each if row.vehicle != "all")
         if left:
-            out.append(f"in {left} drives the body left the room")
+            out.append(_("in {left} drives the body left the room", left=left))
         if said["all"].seconds > self.duration_s / 6.0:
             out.append(
-                f"the design took {said['all'].seconds:.1f} s, more than a sixth of {self.duration_s:g} s"
+                _(
+                    "the design took {seconds:.1f} s, more than a sixth of {duration_s:g} s",
+                    seconds=said["all"].seconds,
+                    duration_s=self.duration_s,
+                )
             )
         return tuple(out)
 
@@ -66,13 +76,16 @@ class Experiments:
 
     def table(self) -> str:
         """Text."""
-        head = f"{'vehicles':14}{'room':6}{'signal':14}{'mean error':>11}{'better':>8}{'above best':>12}"
-        lines = [f"{head}{'left':>10}{'nearest':>9}{'made in':>9}"]
+        head = (
+            f"{_('vehicles'):14}{_('room'):6}{_('signal'):14}{_('mean error'):>11}{_('better'):>8}"
+            f"{_('above best'):>12}"
+        )
+        lines = [f"{head}{_('outside'):>10}{_('nearest'):>9}{_('made in'):>9}"]
         for r in self.each:
             lines.append(
-                f"{r.vehicle:14}{r.room:6}{r.signal:14}{100.0 * r.mean_error:>9.4f} %{r.ratio:>7.2f}×"
-                f"{r.above_best:>6} of {r.vehicles:<2}{r.left:>5} of {r.drives:<3}{100.0 * r.nearest_m:>5.0f} cm"
-                f"{r.seconds:>7.1f} s"
+                f"{r.vehicle:14}{r.room:6}{r.signal:14}{number(100.0 * r.mean_error):>9.4f} "
+                f"%{number(r.ratio):>7.2f}×{r.above_best:>6} of {r.vehicles:<2}{r.left:>5} of "
+                f"{r.drives:<3}{number(100.0 * r.nearest_m):>5.0f} cm{number(r.seconds):>7.1f} s"
             )
         return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])
 

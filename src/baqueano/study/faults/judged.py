@@ -25,6 +25,8 @@ from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.result.fit_result import Fit
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.logging import LOGGING
@@ -183,7 +185,7 @@ def _planned(
     second = [(plan.second or plan.vehicle, plan.felt, u) for _, plan, u in plans if plan.second is not None]
     runs = of.runs(*zip(*first, *second, strict=True))
     others, out = iter(runs[len(plans) :]), []
-    for (job, plan, _), run in zip(plans, runs, strict=False):
+    for (job, plan, _u), run in zip(plans, runs, strict=False):
         other = next(others) if plan.second is not None else run
         run = plan.change(run, other) if plan.change else run
         free = tuple(path for path in of.free if path.removeprefix("+") not in plan.without)
@@ -245,17 +247,27 @@ class Faults:
         """Why the verdict is not USABLE."""
         rows = self.rows()
         out = [
-            f"{r['wrongly_usable']} wrong fits with {r['fault']} were called USABLE"
+            _(
+                "{wrongly_usable} wrong fits with {fault} were called USABLE",
+                wrongly_usable=r["wrongly_usable"],
+                fault=r["fault"],
+            )
             for r in rows
             if r["wrongly_usable"]
         ]
-        out += [f"{r['crashed']} fits with {r['fault']} crashed" for r in rows if r["crashed"]]
+        out += [
+            _("{crashed} fits with {fault} crashed", crashed=r["crashed"], fault=r["fault"])
+            for r in rows
+            if r["crashed"]
+        ]
         sound = sum(r["fits"] for r in rows if r["fault"] in SOUND)
         refused = sum(r["wrongly_refused"] for r in rows)
         if refused > 0.02 * sound:
-            out.append(f"{refused} of {sound} sound runs were refused, more than 2 %")
+            out.append(
+                _("{refused} of {sound} sound runs were refused, more than 2 %", refused=refused, sound=sound)
+            )
         if not sound:
-            out.append("no sound run was fitted")
+            out.append(_("no sound run was fitted"))
         return tuple(out)
 
     @property
@@ -266,26 +278,28 @@ class Faults:
     def table(self) -> str:
         """For people."""
         head = (
-            f"{'fault':<22}{'fits':>5}{'wrong':>7}{'called usable':>15}{'sound refused':>15}   "
-            f"{'usable/warn/refused':<20}{'error/clean':>12}{'lost':>8}{'error/left':>12}"
+            f"{_('fault'):<22}{_('fits'):>5}{_('wrong'):>7}{_('called usable'):>15}{_('sound refused'):>15}   "
+            f"{_('usable/warn/refused'):<20}{_('error/clean'):>12}{_('lost'):>8}{_('error/left'):>12}"
         )
         lines = [head, "-" * len(head)]
         for r in self.rows():
-            over = ["" if r[key] is None else f"{r[key]:.2f}" for key in ("over_clean", "over_left")]
-            lost = "" if r["lost"] is None else f"{100 * r['lost']:.0f} %"
-            verdicts = f"{r['usable']}/{r['warn']}/{r['refused']}" + f" {r['crashed']} crashed" * bool(
-                r["crashed"]
+            over = ["" if r[key] is None else f"{number(r[key]):.2f}" for key in ("over_clean", "over_left")]
+            lost = "" if r["lost"] is None else f"{number(100 * r['lost']):.0f} %"
+            verdicts = (
+                f"{r['usable']}/{r['warn']}/{r['refused']}"
+                + " "
+                + _("{crashed} crashed", crashed=r["crashed"]) * bool(r["crashed"])
             )
             lines.append(
-                f"{r['fault']:<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15}   "
-                f"{verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
+                f"{r['fault']:<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15} "
+                f"  {verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
             )
         sound = [o for o in self.outcomes if o.job.fault in SOUND]
         warned = sum(o.verdict == Verdict.WARN for o in sound)
-        lines += ["", f"{warned} of {len(sound)} sound runs with a warning"]
+        lines += ["", _("{warned} of {sound} sound runs with a warning", warned=warned, sound=len(sound))]
         if self.tried < self.asked:
-            lines.append(f"interrupted: {self.tried} of {self.asked} fits")
-        return "\n".join([*lines, f"verdict: {self.verdict}", *self.reasons])
+            lines.append(_("interrupted: {tried} of {asked} fits", tried=self.tried, asked=self.asked))
+        return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
 
 
 def _ratio(pairs: list[tuple[float, float]]) -> float | None:

@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Verdict
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.printable import typed
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
@@ -20,42 +23,57 @@ CASES = (
     "case", "fits", "holds", "holds_or_named", "rmse", "sd", "usable", "wrongly_usable", "silent", "fits_named",
 )  # fmt: skip
 PARAMETERS = ("case", "name", "intervals", "holds", "named", "rmse", "sd")
-ABOUT = (
-    "holds: part of the 95 % intervals that hold the truth. rmse: root mean square error over the Cramér-Rao bound of "
-    "the same runs. sd: median of the standard error over that bound. named: part of the fits whose verdict speaks of "
-    "the parameter. wrongly_usable: fits with a parameter off by 5 of its errors and 5 %, called USABLE."
+ABOUT = N_(
+    "holds: part of the 95 % intervals that hold the truth. rmse: root mean square error "
+    "over the Cramér-Rao bound of the same runs. sd: median of the standard error over that "
+    "bound. named: part of the fits whose verdict speaks of the parameter. wrongly_usable: "
+    "fits with a parameter off by 5 of its errors and 5 %, called USABLE."
 )
-Z = "Clean: each error in its own standard error, {} estimates, and the normal density. Beyond 4.5: at the edge."
-COVERAGE = "Clean: part of the 95 % intervals that hold the truth, with twice its scatter; the band is the requirement."
-BARS = "Clean: errors and standard errors in bounds. The line is what an error has to keep below."
+Z = N_(
+    "Clean: each error in its own standard error, {} estimates, and the normal density. Beyond 4.5: at the edge."
+)
+COVERAGE = N_(
+    "Clean: part of the 95 % intervals that hold the truth, with twice its scatter; the band is the requirement."
+)
+BARS = N_("Clean: errors and standard errors in bounds. The line is what an error has to keep below.")
 
 
 def page_of_identification(study: Identification) -> Page:
     """Return everything, on one page."""
     rows = study.rows()
-    over = f"{study.seeds:,} seeds"
-    over += f" of {study.asked:,}, stopped from the keyboard" if study.seeds < study.asked else ""
+    over = _("{seeds:,} seeds", seeds=study.seeds)
+    over += (
+        _(" of {asked:,}, stopped from the keyboard", asked=study.asked) if study.seeds < study.asked else ""
+    )
     clean = [row for row in rows if row["case"] == rows[0]["case"] and row["name"] != POOL]
-    parts: list[Table | Drawing] = [draw(coverage(clean), COVERAGE)]
+    parts: list[Table | Drawing] = [draw(coverage(clean), _(COVERAGE))]
     if len(z := study.z()):
-        parts = [draw(histogram(z), Z.format(z.size)), *parts, draw(efficiency(clean), BARS)]
+        parts = [draw(histogram(z), _(Z).format(z.size)), *parts, draw(efficiency(clean), _(BARS))]
     pooled = [row for row in rows if row["name"] == POOL]
     single = [row for row in rows if row["name"] != POOL]
     wrong = sum(row["wrongly_usable"] for row in pooled)
     return Page(
-        title="How near to the limit a fit comes",
-        subtitle=f"Robots and cars of an independent truth, 60 s each, {over}",
+        title=_("How near to the limit a fit comes"),
+        subtitle=_("Robots and cars of an independent truth, 60 s each, {over}", over=over),
         verdict=study.verdict,
         headlines=[
             Headline(
-                "error / bound", f"{rows[0]['rmse'] or np.nan:.2f}", f"{rows[0]['case']}, all parameters"
+                _("error / bound"),
+                f"{number(rows[0]['rmse'] or np.nan):.2f}",
+                _("{case}, all parameters", case=rows[0]["case"]),
             ),
-            Headline("within the interval", f"{100 * rows[0]['holds']:.1f} %", "95 % are expected"),
-            Headline(Verdict.USABLE, f"{100 * rows[0]['usable']:.0f} %", f"of the fits, {rows[0]['case']}"),
-            Headline("wrong and USABLE", f"{wrong}", "in all cases"),
+            Headline(
+                _("within the interval"), f"{number(100 * rows[0]['holds']):.1f} %", _("95 % are expected")
+            ),
+            Headline(
+                Verdict.USABLE,
+                f"{number(100 * rows[0]['usable']):.0f} %",
+                _("of the fits, {case}", case=rows[0]["case"]),
+            ),
+            Headline(_("wrong and USABLE"), f"{wrong}", _("in all cases")),
         ],
         sections=[
-            Section("Cases", "\n".join(study.reasons), [Table(_columns(pooled, CASES), ABOUT)]),
+            Section("Cases", "\n".join(study.reasons), [Table(_columns(pooled, CASES), _(ABOUT))]),
             Section("Parameters", "", [Table(_columns(single, PARAMETERS))]),
             Section("Figures", "", parts),
         ],
@@ -74,7 +92,7 @@ def histogram(z: np.ndarray) -> "Figure":
     grid = np.linspace(-4.5, 4.5, 200)
     axis.hist(np.clip(z, -4.5, 4.5), bins=60, range=(-4.5, 4.5), density=True, color=MEASURED, alpha=0.6)
     axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2 * np.pi), color=TRUTH, lw=1)
-    axis.set_xlabel("(estimate − truth) / standard error")
+    axis.set_xlabel(_("(estimate − truth) / standard error"))
     return figure
 
 
@@ -89,7 +107,7 @@ def coverage(rows: list[dict[str, float]]) -> "Figure":
     axis.errorbar(range(len(rows)), 100 * part, yerr=scatter, fmt="o", color=MODEL, capsize=3)
     axis.axhline(95.0, color=TRUTH, lw=1)
     axis.set_xticks(range(len(rows)), _names(rows), rotation=90, fontsize=7)
-    axis.set_ylabel("inside [%]")
+    axis.set_ylabel(_("inside [%]"))
     return figure
 
 
@@ -99,10 +117,12 @@ def efficiency(rows: list[dict[str, float]]) -> "Figure":
     figure, axis = panel((9.2, 3.4))
     at = np.arange(len(rows))
     axis.bar(at - 0.2, [row["rmse"] or 0.0 for row in rows], width=0.38, color=MODEL, label="error")
-    axis.bar(at + 0.2, [row["sd"] or 0.0 for row in rows], width=0.38, color=MEASURED, label="standard error")
+    axis.bar(
+        at + 0.2, [row["sd"] or 0.0 for row in rows], width=0.38, color=MEASURED, label=_("standard error")
+    )
     axis.axhline(LIMITS["clean"].rmse_each, color=TRUTH, lw=1)
     axis.set_xticks(at, _names(rows), rotation=90, fontsize=7)
-    axis.set_ylabel("in bounds")
+    axis.set_ylabel(_("in bounds"))
     axis.legend(loc="lower right")
     return figure
 

@@ -18,6 +18,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.study.identification.trials import CASES, SECONDS, TrialJob, TrialOutcome, work
 from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
@@ -92,20 +94,26 @@ class Identification:
 
     def table(self) -> str:
         """For people: each case, and the parameters of the first."""
-        head = f"{'case':36}{'fits':>5}{'holds':>10}{'rmse':>8}{'sd':>7}{'usable':>9}{'wrong':>7}{'named':>8}"
-        rows, lines = self.rows(), [f"{self.seeds} of {self.asked} seeds", head, "-" * len(head)]
+        head = (
+            f"{_('case'):36}{_('fits'):>5}{_('holds'):>10}{_('rmse'):>8}{_('sd'):>7}{_('usable'):>9}"
+            f"{_('wrong'):>7}{_('named'):>8}"
+        )
+        rows, lines = (
+            self.rows(),
+            [_("{seeds} of {asked} seeds", seeds=self.seeds, asked=self.asked), head, "-" * len(head)],
+        )
         for row in (row for row in rows if row["name"] == POOL):
-            text = f"{row['case']:36}{row['fits']:5}{_figures(row)}{100 * row['usable']:7.0f} %"
-            lines.append(f"{text}{row['wrongly_usable']:7}{100 * row['named']:6.0f} %")
+            text = f"{row['case']:36}{row['fits']:5}{_figures(row)}{number(100 * row['usable']):7.0f} %"
+            lines.append(f"{text}{row['wrongly_usable']:7}{number(100 * row['named']):6.0f} %")
         lines += ["", f"{rows[0]['case']}:"]
         for row in (row for row in rows if row["name"] != POOL and row["case"] == rows[0]["case"]):
             lines.append(f"{row['name'].removeprefix('model.'):36}{row['fits']:5}{_figures(row)}")
-        kept = f"every limit is kept, within the scatter of {self.seeds} seeds"
+        kept = _("every limit is kept, within the scatter of {seeds} seeds", seeds=self.seeds)
         lines += [
             "",
-            "holds: 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: fits that were called USABLE.",
+            _("holds: 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: fits that were called USABLE."),
         ]
-        return "\n".join([*lines, f"{self.verdict}: {'; '.join(self.reasons) or kept}"])
+        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or kept}"])
 
 
 def _rows(case: str, outcomes: list[TrialOutcome]) -> list["TableRow"]:
@@ -148,22 +156,32 @@ def _reasons(row: "TableRow") -> list[str]:
     least, rmse = (limit.held, limit.rmse) if whole else (limit.each, limit.rmse_each)
     out = []
     if row["holds"] < min(least, 0.95 - few) or (whole and row["holds"] > max(limit.held_most, 0.95 + few)):
-        out.append(f"{100 * row['holds']:.1f} % of the intervals hold the truth")
+        out.append(_("{holds:.1f} % of the intervals hold the truth", holds=100 * row["holds"]))
     if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
-        out.append(f"rmse {row['rmse']:.3f} bounds")
+        out.append(_("rmse {rmse:.3f} bounds", rmse=row["rmse"]))
     if whole:
         if row["sd"] is not None and row["sd"] > limit.width:
-            out.append(f"standard errors of {row['sd']:.2f} bounds")
+            out.append(_("standard errors of {sd:.2f} bounds", sd=row["sd"]))
         if row["usable"] < limit.usable - SURE * np.sqrt(limit.usable * (1.0 - limit.usable) / n):
-            out.append(f"{100 * row['usable']:.0f} % USABLE, expected {100 * limit.usable:.0f} %")
+            out.append(
+                _(
+                    "{usable:.0f} % USABLE, expected {expected:.0f} %",
+                    usable=100 * row["usable"],
+                    expected=100 * limit.usable,
+                )
+            )
         if row["holds_or_named"] < min(limit.held_or_named, 0.95 - few):
-            out.append(f"{100 * row['holds_or_named']:.0f} % of the parameters are held or named")
+            out.append(
+                _("{percent:.0f} % of the parameters are held or named", percent=100 * row["holds_or_named"])
+            )
         if row["fits_named"] > limit.named + SURE * np.sqrt(limit.named * (1.0 - limit.named) / n):
-            out.append(f"{100 * row['fits_named']:.0f} % of the fits name a parameter")
+            out.append(_("{percent:.0f} % of the fits name a parameter", percent=100 * row["fits_named"]))
         if row["wrongly_usable"]:
-            out.append(f"{row['wrongly_usable']} wrong fits were called USABLE")
+            out.append(
+                _("{wrongly_usable} wrong fits were called USABLE", wrongly_usable=row["wrongly_usable"])
+            )
         if row["silent"]:
-            out.append(f"{row['silent']} ended elsewhere and did not say so")
+            out.append(_("{silent} ended elsewhere and did not say so", silent=row["silent"]))
     return [f"{row['case']}, {row['name'].removeprefix('model.')}: {text}" for text in out]
 
 
@@ -225,5 +243,5 @@ def _mean(x: np.ndarray) -> float:
 
 
 def _figures(row: "TableRow") -> str:
-    ratios = ("" if row[key] is None else f"{row[key]:.2f}" for key in ("rmse", "sd"))
-    return f"{100 * row['holds']:8.1f} %" + "{:>8}{:>7}".format(*ratios)
+    ratios = ("" if row[key] is None else f"{number(row[key]):.2f}" for key in ("rmse", "sd"))
+    return f"{number(100 * row['holds']):8.1f} %" + "{:>8}{:>7}".format(*ratios)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.study.marks.drives import Laps
 from baqueano.diagnostics import Verdict
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.study.marks.drives import Laps
 
 WITHIN_2, WITHIN_3 = 5.991, 7.815  # χ² of 2 and 3 numbers, 95 %
@@ -84,23 +86,59 @@ class Marks:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Say which bound is not kept: worst errors where all tags are read, all else with faults too."""
-        out = [f"the fits of robots {', '.join(map(str, self.refused))} were refused"] if self.refused else []
+        out = (
+            [_("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused)))]
+            if self.refused
+            else []
+        )
         for row in self.rows():
             where, lap = f"{row['shape']}, {row['read']}", row["lap"]
             if lap == str(self.laps) and row["across_p95_m"] > WORST_M:
-                out.append(f"{where}, lap {lap}: {_cm(row['across_p95_m'])} beside the route, 10 cm expected")
+                out.append(
+                    _(
+                        "{where}, lap {lap}: {distance} beside the route, 10 cm expected",
+                        where=where,
+                        lap=lap,
+                        distance=_cm(row["across_p95_m"]),
+                    )
+                )
             if lap != self._later:
                 continue
             if row["read"] == "all read" and row["position_worst_m"] > WORST_M:
-                out.append(f"{where}: the estimate is {_cm(row['position_worst_m'])} off, 10 cm expected")
+                out.append(
+                    _(
+                        "{where}: the estimate is {distance} off, 10 cm expected",
+                        where=where,
+                        distance=_cm(row["position_worst_m"]),
+                    )
+                )
             if row["kept"] < LEAST_KEPT:
-                out.append(f"{where}: {row['kept']:.0%} of the robots keep the route, 90 % expected")
+                out.append(
+                    _(
+                        "{where}: {kept:.0%} of the robots keep the route, 90 % expected",
+                        where=where,
+                        kept=row["kept"],
+                    )
+                )
             if row["within"] < LEAST_WITHIN:
-                out.append(f"{where}: {row['within']:.0%} within the 95 % region, 90 % expected")
+                out.append(
+                    _(
+                        "{where}: {within:.0%} within the 95 % region, 90 % expected",
+                        where=where,
+                        within=row["within"],
+                    )
+                )
             if row["nees"] > MOST_NEES:
-                out.append(f"{where}: NEES {row['nees']:.2f}, at most {MOST_NEES:g} expected")
+                out.append(
+                    _(
+                        "{where}: NEES {nees:.2f}, at most {most:g} expected",
+                        where=where,
+                        nees=row["nees"],
+                        most=MOST_NEES,
+                    )
+                )
         if stopped := len({(d.shape, d.read, d.seed) for d in self.drives if d.stopped}):
-            out.append(f"{stopped} drives were stopped")
+            out.append(_("{stopped} drives were stopped", stopped=stopped))
         return tuple(out)
 
     @property
@@ -114,25 +152,33 @@ class Marks:
 
     def table(self) -> str:
         """Return the rows for people."""
-        head = f"{'shape':11}{'tags':10}{'lap':>6}{'position, cm: true':>20}{'claimed':>9}"
-        head += f"{'heading, °: true':>18}{'claimed':>9}{'within':>8}{'NEES':>6}{'beside, cm':>18}{'kept':>6}"
+        head = f"{_('shape'):11}{_('tags'):10}{_('lap'):>6}{_('position, cm: true'):>20}{_('claimed'):>9}"
+        head += f"{_('heading, °: true'):>18}{_('claimed'):>9}{_('within'):>8}{'NEES':>6}"
+        head += f"{_('beside, cm'):>18}{_('kept'):>6}"
         lines = [
-            f"{self.robots} robots; worst of a lap: its median, 95 % quantile and largest; median of the claims",
+            _(
+                "{robots} robots; worst of a lap: its median, 95 % quantile and largest; median of the claims",
+                robots=self.robots,
+            ),
             head,
             "-" * len(head),
         ]
         for r in self.rows():
             place, beside = (
-                " ".join(f"{100.0 * r[f'{of}_{q}_m']:.1f}" for q in QUANTILES)
+                " ".join(f"{number(100.0 * r[f'{of}_{q}_m']):.1f}" for q in QUANTILES)
                 for of in ("position", "across")
             )
-            angle = " ".join(f"{np.degrees(r[f'heading_{q}_rad']):.1f}" for q in QUANTILES)
-            kept = f"{r['kept']:.0%}" if "kept" in r else ""
+            angle = " ".join(f"{number(np.degrees(r[f'heading_{q}_rad'])):.1f}" for q in QUANTILES)
+            kept = f"{number(r['kept']):.0%}" if "kept" in r else ""
             lines.append(
-                f"{r['shape']:11}{r['read']:10}{r['lap']:>6}{place:>20}{100.0 * r['claimed_m']:9.1f}{angle:>18}"
-                f"{np.degrees(r['claimed_rad']):9.1f}{r['within']:8.1%}{r['nees']:6.2f}{beside:>18}{kept:>6}"
+                f"{r['shape']:11}{r['read']:10}{r['lap']:>6}{place:>20}"
+                f"{number(100.0 * r['claimed_m']):9.1f}{angle:>18}"
+                f"{number(np.degrees(r['claimed_rad'])):9.1f}{number(r['within']):8.1%}"
+                f"{number(r['nees']):6.2f}{beside:>18}{kept:>6}"
             )
-        return "\n".join([*lines, "", f"{self.verdict}: {'; '.join(self.reasons) or 'all bounds are kept'}"])
+        return "\n".join(
+            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bounds are kept')}"]
+        )
 
 
 QUANTILES = {"median": 0.5, "p95": 0.95, "worst": 1.0}
@@ -143,7 +189,7 @@ def _keeps(laps: list[Lap]) -> bool:
 
 
 def _cm(metres: float) -> str:
-    return f"{100.0 * metres:.0f} cm"
+    return f"{number(100.0 * metres):.0f} cm"
 
 
 def _row(shape: str, read: str, lap: str, of: list[Lap]) -> "JsonObject":

@@ -12,6 +12,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, excitation, identify
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import texts
 from baqueano.runs import Run
 from baqueano.simulate import simulate
@@ -113,23 +115,36 @@ class CaseStudy:
     def table(self) -> str:
         """For people: the paper's errors in per cent of the truth, and ours."""
         head = (
-            f"{'':8}{'truth':>10} {'paper':>11} {'its error':>10} {'ours':>12} {'± sd':>9} {'our error':>10}"
+            f"{'':8}{_('truth'):>10} {_('paper'):>11} {_('its error'):>10} {_('ours'):>12} "
+            f"{_('± sd'):>9} {_('our error'):>10}"
         )
-        lines = [f"Case study I, {SECONDS:.0f} s, seed {self.seeds[0]}", head, "-" * len(head)]
+        lines = [
+            _("Case study I, {seconds:.0f} s, seed {seed}", seconds=SECONDS, seed=self.seeds[0]),
+            head,
+            "-" * len(head),
+        ]
         for row in self.rows():
             truth, ours = row["truth"], row["estimate"]
-            value = f"{'not observable':>22}" if ours is None else f"{ours:12.5g} {row['sd']:9.2g}"
+            value = (
+                f"{_('not observable'):>22}"
+                if ours is None
+                else f"{number(ours):12.5g} {number(row['sd']):9.2g}"
+            )
             lines.append(
-                f"{row['name']:8}{truth:10.4g} {row['paper']:11.5g} {_error(row['paper'], truth):>10} {value} "
-                f"{_error(ours, truth):>10}"
+                f"{row['name']:8}{number(truth):10.4g} {number(row['paper']):11.5g} "
+                f"{_error(row['paper'], truth):>10} {value} {_error(ours, truth):>10}"
             )
         lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].never)]
-        lines.append(f"largest deviation {np.abs(self.z).max():.1f} standard errors")
+        lines.append(_("largest deviation {largest:.1f} standard errors", largest=np.abs(self.z).max()))
         if len(self.fits) > 1:
             lines.append(
-                f"over {len(self.fits)} seeds {100 * self.inside:.1f} % lie within 1.96 standard errors"
+                _(
+                    "over {seeds} seeds {inside:.1f} % lie within 1.96 standard errors",
+                    seeds=len(self.fits),
+                    inside=100 * self.inside,
+                )
             )
-        return "\n".join([*lines, f"verdict: {self.verdict}"])
+        return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict))])
 
 
 def _error(value: float | None, truth: float) -> str:
@@ -137,8 +152,8 @@ def _error(value: float | None, truth: float) -> str:
     if value is None:
         return ""
     if truth == 0.0:
-        return f"{value:+.2g}"
-    return f"{100 * (value - truth) / abs(truth):+.2f} %"
+        return f"{number(value):+.2g}"
+    return f"{number(100 * (value - truth) / abs(truth)):+.2f} %"
 
 
 def case_study(
@@ -172,25 +187,29 @@ class Implied:
         said = (
             (
                 f"I = {self.inertia}",
-                f"a radius of gyration of {gyration:.1f} m",
-                f"½ m R² = {disc:.3g} kg m² (a disc of {self.radius_m} m)",
+                _("a radius of gyration of {gyration:.1f} m", gyration=gyration),
+                _("½ m R² = {disc:.3g} kg m² (a disc of {radius_m} m)", disc=disc, radius_m=self.radius_m),
             ),
             (
                 f"d_lx = -{self.d_lx}",
-                f"a time constant m/d of {1000 * self.mass_kg / self.d_lx:.0f} ms",
-                "as small gear motors have",
+                _("a time constant m/d of {ms:.0f} ms", ms=1000 * self.mass_kg / self.d_lx),
+                _("as small gear motors have"),
             ),
             (
                 f"T_11 = {self.T_11}",
-                f"{self.T_11 / self.d_lx:.3f} m/s per unit of u_x",
-                "0.4 to 0.7 m/s at full command: u is not a duty in [-1, 1]",
+                _("{speed:.3f} m/s per unit of u_x", speed=self.T_11 / self.d_lx),
+                _("0.4 to 0.7 m/s at full command: u is not a duty in [-1, 1]"),
             ),
             (
                 f"T_33 = {self.T_33}",
-                f"{turning:.2g} rad/s² per unit of u_psi with that I, {with_disc:.2g} with the disc's",
-                "tens of rad/s² at full command",
+                _(
+                    "{turning:.2g} rad/s² per unit of u_psi with that I, {with_disc:.2g} with the disc's",
+                    turning=turning,
+                    with_disc=with_disc,
+                ),
+                _("tens of rad/s² at full command"),
             ),
-            ("d_l's third entry, d_c", "missing in the text", "one value each"),
+            ("d_l[2], d_c", _("missing in the text"), _("one value each")),
         )
         return [dict(zip(("printed", "implies", "expected"), row, strict=True)) for row in said]
 
@@ -198,7 +217,15 @@ class Implied:
         """For people."""
         return "\n".join(
             [
-                "Case study II, as printed",
-                *(f"  {r['printed']:<24} {r['implies']}; expected {r['expected']}" for r in self.rows()),
+                _("Case study II, as printed"),
+                *(
+                    _(
+                        "  {printed:<24} {implies}; expected {expected}",
+                        printed=r["printed"],
+                        implies=r["implies"],
+                        expected=r["expected"],
+                    )
+                    for r in self.rows()
+                ),
             ]
         )

@@ -3,6 +3,9 @@
 import numpy as np
 
 from baqueano.guides.shapes import sinuous_circle
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.of_fit import label
 from baqueano.simulate import simulate_loop
@@ -11,10 +14,10 @@ from baqueano.study.paper.two_models import JudgedModel, rows
 from baqueano.vehicle_file import load
 
 SHOWN_S = 30.0
-SIGNS = "In the paper's signs. A dash is not observable: u_y is always zero."
-SENSORS = "The paper's fig. acceleracion_simulacion: measured in blue, the dynamic model in green."
-MODELS = "One step ahead (square roots of R), and as the EKF's model on a run that neither has seen."
-CLOSED = (
+SIGNS = N_("In the paper's signs. A dash is not observable: u_y is always zero.")
+SENSORS = N_("The paper's fig. acceleracion_simulacion: measured in blue, the dynamic model in green.")
+MODELS = N_("One step ahead (square roots of R), and as the EKF's model on a run that neither has seen.")
+CLOSED = N_(
     "The paper's fig. evaluacion_real, for the simulated small vehicle: reference, truth, and what the EKF with "
     "the dynamic model believes."
 )
@@ -39,23 +42,29 @@ def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: st
         "truth": loop.truth.eta[:, :2],
         "estimate": loop.estimate.eta[:, :2],
     }
-    over = f"over {len(study.fits)} seeds" if len(study.fits) > 1 else f"seed {study.seeds[0]}"
+    over = _("over {seeds} seeds", seeds=len(study.fits))
+    if len(study.fits) == 1:
+        over = _("seed {seed}", seed=study.seeds[0])
     return Page(
-        title="The paper's case studies",
-        subtitle="Grotz et al., A low cost small reconfigurable autonomous vehicle; simulated anew, fitted anew",
+        title=_("The paper's case studies"),
+        subtitle=_(
+            "Grotz et al., A low cost small reconfigurable autonomous vehicle; simulated anew, fitted anew"
+        ),
         verdict=study.verdict,
         headlines=[
             Headline(
-                "largest deviation", f"{np.abs(study.z).max():.1f} sd", f"{len(study.z)} estimates, {over}"
+                _("largest deviation"),
+                f"{number(float(np.abs(study.z).max())):.1f} σ",
+                _("{estimates} estimates, {over}", estimates=len(study.z), over=over),
             ),
-            Headline("within 1.96 sd", f"{100 * study.inside:.0f} %", "95 % are expected"),
+            Headline(_("within 1.96 sd"), f"{100 * study.inside:.0f} %", _("95 % are expected")),
         ],
         sections=[
-            Section("Case study I: parameters", SIGNS, [Table(study.rows())]),
-            Section("Sensors and model", "", [draw(sensors, SENSORS)]),
-            Section("Dynamic and kinematic model", MODELS, [Table(rows(models))]),
-            Section("Closed loop", "", [draw(figures.paths(lines), CLOSED)]),
-            Section("Case study II: what the printed values imply", "", [Table(Implied().rows())]),
+            Section(_("Case study I: parameters"), _(SIGNS), [Table(study.rows())]),
+            Section(_("Sensors and model"), "", [draw(sensors, _(SENSORS))]),
+            Section(_("Dynamic and kinematic model"), _(MODELS), [Table(rows(models))]),
+            Section(_("Closed loop"), "", [draw(figures.paths(lines), _(CLOSED))]),
+            Section(_("Case study II: what the printed values imply"), "", [Table(Implied().rows())]),
         ],
         reproduce="baqueano study paper",
     )

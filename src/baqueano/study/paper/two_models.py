@@ -14,6 +14,9 @@ from baqueano.compare.errors import rms
 from baqueano.drive import replay
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise import measure_noise
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs.interpolated import at_times
 from baqueano.vehicle_file import VehicleFile, parse
 
@@ -76,8 +79,8 @@ def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
             "R: ν_ψ [rad/s]": float(np.sqrt(j.process[2, 2])),
             "R: ν̇_x [m/s²]": float(np.sqrt(j.process[3, 3])),
             "R: ν̇_ψ [rad/s²]": float(np.sqrt(j.process[5, 5])),
-            "EKF: ν_x error [m/s]": float(j.velocity[0]),
-            "EKF: ν_ψ error [rad/s]": float(j.velocity[2]),
+            N_("EKF: ν_x error [m/s]"): float(j.velocity[0]),
+            N_("EKF: ν_ψ error [rad/s]"): float(j.velocity[2]),
         }
         for j in judged
     ]
@@ -87,11 +90,14 @@ def table(judged: tuple[JudgedModel, ...]) -> str:
     """For people."""
     found = rows(judged)
     keys = list(found[0])
-    lines = ["  ".join(f"{key:>22}" for key in keys)]
+    lines = ["  ".join(f"{_(key):>22}" for key in keys)]
     lines += [
-        "  ".join(f"{row[key] if isinstance(row[key], str) else format(row[key], '.3g'):>22}" for key in keys)
+        "  ".join(
+            f"{_(row[key]) if isinstance(row[key], str) else format(number(row[key]), '.3g'):>22}"
+            for key in keys
+        )
         for row in found
     ]
     return "\n".join(
-        ["Which model predicts what (one step ahead, and as the EKF's model on another run)", *lines]
+        [_("Which model predicts what (one step ahead, and as the EKF's model on another run)"), *lines]
     )

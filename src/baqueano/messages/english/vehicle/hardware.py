@@ -54,7 +54,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "imu.self-test-broke-off": "The self-test of the IMU broke off: {error}. Check the wires and repeat.",
     "imu.self-test-moved": (
-        "The vehicle moved during the self-test: {axis} scattered by {scatter:.3g} {in_unit}, expected less than "
+        "The vehicle moved during the self-test: {axis:word} scattered by {scatter:.3g} {in_unit}, expected less than "
         "{limit:g}. Put it down, motors off, and repeat."
     ),
     "imu.axes": (
@@ -150,9 +150,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "calibrate.no-sample": "the IMU gave no sample in {within_s:g} s: look at its four wires. Type: {fix}",
     "calibrate.not-still": (
-        "{what}: the vehicle was not still within {within_s:g} s. Put it down, let it go, and try again."
+        "{what:word}: the vehicle was not still within {within_s:g} s. Put it down, let it go, and try again."
     ),
-    "calibrate.not-felt": "{what}: nothing of that was felt within {within_s:g} s. Type the same line again.",
+    "calibrate.not-felt": "{what:word}: nothing of that was felt within {within_s:g} s. Type the same line again.",
     "calibrate.turned-right": (
         "it was turned by {turned_deg:.0f}° to the right, or its gyro is a mirror image of its accelerometer, as "
         "in no chip that is known. Seen from above to the left is against the clock: try again."
@@ -167,7 +167,7 @@ TEMPLATES: dict[str, str] = {
         "straight over the rear; at 45° none of the chip's axes points ahead: turn it on the vehicle."
     ),
     "calibrate.motor-does-not-turn": (
-        "motor {side}, {direction}: the vehicle did not turn even at full duty. Is the battery on, are the "
+        "motor {side:word}, {direction:word}: the vehicle did not turn even at full duty. Is the battery on, are the "
         "motor's two wires and its enable pin (D9 left, D10 right) plugged in?"
     ),
     "calibrate.no-push": (

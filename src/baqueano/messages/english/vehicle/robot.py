@@ -64,8 +64,8 @@ TEMPLATES: dict[str, str] = {
     "imu.back": "The IMU is back after {silent_s:.2f} s.",
     "imu.data-missing": "No data from the IMU for {silent_s:g} s{because}.",
     "imu.frozen": "The IMU has repeated the same words {times} times.",
-    "imu.saturated": "The IMU's {axis} (the chip's axis) is at the end of {range}.",
-    "imu.overflow": "The FIFO was {how} with {count} bytes, and was emptied.",
+    "imu.saturated": "The IMU's {axis:word} (the chip's axis) is at the end of {range}.",
+    "imu.overflow": "The FIFO was {how:word} with {count} bytes, and was emptied.",
     "imu.started": "The IMU runs again.",
     "imu.restart": "The IMU is started again.",
     "imu.lost-supply": (
