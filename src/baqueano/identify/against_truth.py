@@ -110,10 +110,8 @@ class Calibration:
         lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
         for one in self.known:
             was = "" if one.in_file is None else f"{number(one.in_file):.4g}"
-            lines.append(
-                f"{one.name:{wide}}  {number(one.value):>10.4f} ± {number(one.half):>8.2g}  {was:>8}  {one.unit}"
-                f"  {one.said}"
-            )
+            values = f"{number(one.value):>10.4f} ± {number(one.half):>8.2g}"
+            lines.append(f"{one.name:{wide}}  {values}  {was:>8}  {one.unit}  {one.said}")
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
