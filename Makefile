@@ -11,9 +11,10 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 # By whole files, and in the order of tests/conftest.py.
 BOTH_CORES := -n 2 --dist loadfile --no-loadscope-reorder
 
-# What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices.
+# What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices; and
+# the browser in which the page is tested.
 DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude arduino-core-avr umockdev \
-          gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools
+          gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools chromium
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
 .PHONY: demo test test-fast docs promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean

@@ -1,0 +1,163 @@
+// The diagram of the blocks, alive: on each wire what travels there now, in each block who sits there.
+
+import { begin, colours, follow } from "./canvas.js";
+import { el, write } from "./dom.js";
+import { Strip } from "./strips.js";
+import { num, t, three } from "./strings.js";
+
+const SPAN = 10; // s, on a wire
+// Where each stands is a matter of the style sheet: `at-…`.
+const BLOCKS = ["vehicle", "sensors", "estimator", "guide", "controller", "supervisor"];
+const WIRES = [["vehicle", "sensors"], ["sensors", "estimator"], ["estimator", "guide"], ["guide", "controller"], ["estimator", "controller"], ["controller", "supervisor"], ["supervisor", "vehicle"]];
+const ON_WIRE = ["measured", "estimate", "reference", "asked", "command"];
+
+export class Blocks {
+  static key = "blocks";
+
+  constructor(page) {
+    this.page = page;
+    this.node = el("div", { class: "blocks" });
+    this.picked = "estimator";
+    this.build();
+  }
+
+  /** What the screen shows: the live drive, or the run that is open. */
+  get source() {
+    const { page } = this, open = page.hello.mode === "replay";
+    return open ? { record: page.opened?.record, vehicle: page.opened?.about.vehicle, blocks: page.opened?.about.blocks } : { record: page.record, vehicle: page.hello.vehicle, blocks: page.hello.blocks };
+  }
+
+  opened() { this.build(); }
+
+  build() {
+    const { record, vehicle, blocks } = this.source;
+    if (!record) { this.node.replaceChildren(el("section", { class: "card empty" }, el("h2", {}, t("replay.none")))); return; }
+    this.wires = follow(el("canvas", { class: "wires", "aria-hidden": "true" }));
+    const names = { vehicle: blocks?.model ?? vehicle.name, sensors: [...new Set(record.channels.map((one) => one.replace(/[.[].*$/, "")))].join(", "), estimator: blocks?.estimator, guide: blocks?.guide, controller: blocks?.controller, supervisor: t("block.supervisor-does") };
+    this.boxes = Object.fromEntries(BLOCKS.map((key) => {
+      const box = el("button", { type: "button", class: `block at-${key}`, "aria-pressed": String(key === this.picked), onclick: () => this.pick(key) }, el("b", {}, t(`block.${key}`)), el("span", {}, names[key] ?? t("block.none")));
+      return [key, box];
+    }));
+    const lines = this.#lines(record, vehicle);
+    this.sparks = Object.fromEntries(ON_WIRE.filter((key) => lines[key].length).map((key) => {
+      const canvas = follow(el("canvas", { "aria-hidden": "true" }));
+      const value = el("b", {});
+      const node = el("div", { class: `spark at-${key}` }, el("p", {}, el("span", {}, t(`wire.${key}`)), value), canvas);
+      return [key, { canvas, node, value, lines: lines[key], range: [NaN, NaN] }];
+    }));
+    this.world = el("span", { class: "world-label" }, t("block.world"));
+    this.late = el("b", {});
+    this.tick = el("div", { class: "tick" }, el("span", {}, t("block.tick", { ms: num(1000 / vehicle.rate_hz, 0) })), this.late, el("span", {}, t("block.late")));
+    this.side = el("aside", { class: "card side", "aria-live": "polite" });
+    this.node.replaceChildren(el("section", { class: "card diagram" }, this.wires, this.world, ...Object.values(this.boxes), ...Object.values(this.sparks).map((one) => one.node), record.has("late_ms") ? this.tick : null), this.side);
+    this.names = names;
+    this.pick(this.picked);
+  }
+
+  #lines(record, vehicle) {
+    const live = vehicle.command.flatMap(({ low, high }, k) => (low < high ? [k] : []));
+    const known = (names) => names.filter((name) => record.has(name));
+    return { measured: known(record.channels.slice(0, 3).map((one) => `z.${one}`)), estimate: known(["eta.x", "eta.y"]), reference: known(["ref.x", "ref.y"]), asked: known(live.map((k) => `asked.${k}`)), command: known(live.map((k) => `u.${k}`)) };
+  }
+
+  /** Show what a block takes and gives. */
+  pick(key) {
+    this.picked = key;
+    const { record, vehicle } = this.source;
+    for (const [name, box] of Object.entries(this.boxes)) box.setAttribute("aria-pressed", String(name === key));
+    const channels = record.channels, innovation = (one) => ({ title: t("strip.innovation", { of: record.field(`innov.${one}`).label }), unit: record.field(`innov.${one}`).unit, traces: [{ name: `innov.${one}`, line: "measured" }], band: `S.${one}` });
+    const plain = (name, title, unit, line = "model") => ({ title, unit, traces: [{ name, line }] });
+    const live = vehicle.command.flatMap(({ low, high }, k) => (low < high ? [k] : []));
+    const commands = live.map((k) => ({ title: record.field(`u.${k}`)?.label ?? `u.${k}`, unit: vehicle.command[k].unit, traces: [{ name: `u.${k}`, line: "applied" }, { name: `asked.${k}`, line: "asked" }] }));
+    const specs = {
+      vehicle: [plain("nu.u", t("strip.speed"), "m/s"), plain("nu.r", t("strip.turn"), "rad/s")],
+      sensors: channels.map((one) => ({ title: record.field(`z.${one}`).label, unit: record.field(`z.${one}`).unit, traces: [{ name: `z.${one}`, line: "measured" }, { name: `model.${one}`, line: "model" }] })),
+      estimator: [...channels.filter((one) => record.has(`innov.${one}`)).map(innovation), plain("nis", t("strip.nis"), "", "measured")],
+      guide: [plain("ref.u", t("strip.wanted-speed"), "m/s"), plain("progress", t("strip.progress"), "m"), plain("cross", t("strip.cross"), "m")],
+      controller: commands, supervisor: commands,
+    }[key];
+    this.strips = specs.map((one) => ({ ...one, traces: one.traces.filter(({ name }) => record.has(name)) })).filter((one) => one.traces.length).slice(0, 5).map((one) => new Strip(one));
+    this.side.replaceChildren(el("h2", {}, t(`block.${key}`)), el("p", { class: "who" }, this.names[key] ?? t("block.none")), el("p", {}, t(`block.${key}-about`)), el("div", { class: "strip-list" }, ...this.strips.map((one) => one.node)));
+  }
+
+  draw() {
+    const { record } = this.source;
+    if (!record?.length || !this.wires) return;
+    const at = this.page.screens.replay?.now_s, replayed = this.page.hello.mode === "replay";
+    const i = replayed ? record.row(at ?? record.end) : record.last, to = Math.max(record.t[i], record.start + 1e-3), from = to - SPAN;
+    for (const one of this.strips) one.draw(record, from, to, i);
+    write(this.late, `${num(record.value("late_ms", i), 1)} ms`);
+    for (const one of Object.values(this.sparks)) this.#spark(one, record, from, to, i);
+    this.#wire();
+  }
+
+  #spark(spark, record, from, to, i) {
+    write(spark.value, spark.lines.slice(0, 2).map((name) => three(record.value(name, i))).join(" · "));
+    const begun = begin(spark.canvas);
+    if (!begun) return;
+    const [c, w, h] = begun, first = record.lower(from), columns = spark.lines.map((name) => record.column(name));
+    let low = Infinity, high = -Infinity;
+    for (const v of columns) for (let k = first; k <= i; k++) { if (v[k] < low) low = v[k]; if (v[k] > high) high = v[k]; }
+    if (!(low < high)) [low, high] = [low - 1, low + 1];
+    const every = Math.max(1, Math.floor((i - first) / (2 * w)));
+    columns.forEach((v, n) => {
+      c.strokeStyle = [colours.measured, colours.model, colours.ghost][n];
+      c.lineWidth = 1.3;
+      c.setLineDash(n === 1 ? [5, 2] : []);
+      c.beginPath();
+      let open = false;
+      for (let k = first; k <= i; k += every) {
+        const y = h - 2 - ((v[k] - low) / (high - low)) * (h - 4), x = ((record.t[k] - from) / (to - from)) * w;
+        if (y !== y) { open = false; continue; }
+        if (open) c.lineTo(x, y); else c.moveTo(x, y);
+        open = true;
+      }
+      c.stroke();
+    });
+    c.setLineDash([]);
+  }
+
+  /** Draw the wires between the boxes, wherever the grid has put them. */
+  #wire() {
+    const begun = begin(this.wires);
+    if (!begun) return;
+    const [c] = begun, home = this.wires.getBoundingClientRect();
+    const box = (node) => { const b = node.getBoundingClientRect(); return { l: b.left - home.left, r: b.right - home.left, t: b.top - home.top, b: b.bottom - home.top, x: (b.left + b.right) / 2 - home.left, y: (b.top + b.bottom) / 2 - home.top }; };
+    const at = Object.fromEntries(Object.entries(this.boxes).map(([key, node]) => [key, box(node)]));
+    const world = { l: at.vehicle.l - 12, t: at.vehicle.t - 30, r: at.sensors.r + 12, b: at.vehicle.b + 12 };
+    this.world.style.transform = `translate(${(world.l + 12).toFixed(0)}px, ${(world.t + 5).toFixed(0)}px)`;
+    c.setLineDash([6, 5]);
+    c.strokeStyle = colours.sim;
+    c.lineWidth = 1.3;
+    c.beginPath();
+    c.roundRect(world.l, world.t, world.r - world.l, world.b - world.t, 12);
+    c.stroke();
+    c.setLineDash([]);
+    c.strokeStyle = c.fillStyle = colours.muted;
+    c.lineWidth = 1.8;
+    for (const [from, to] of WIRES) arrow(c, path(at[from], at[to]));
+  }
+}
+
+/** Return the way of a wire: straight where two boxes share a row or a column, else along the row of the first. */
+function path(a, b) {
+  const near = (p, q) => Math.abs(p - q) < 6;
+  if (near(a.x, b.x)) return a.y < b.y ? [[a.x, a.b], [b.x, b.t]] : [[a.x, a.t], [b.x, b.b]];
+  if (near(a.y, b.y)) return a.x < b.x ? [[a.r, a.y], [b.l, b.y]] : [[a.l, a.y], [b.r, b.y]];
+  const middle = (a.l + b.r) / 2;
+  if (a.l - b.r < 60 && b.x < a.x) return [[a.l, a.y], [middle, a.y], [middle, b.y - 12], [b.r, b.y - 12]];
+  return [[b.x > a.x ? a.r : a.l, a.y], [b.x, a.y], [b.x, b.y > a.y ? b.t : b.b]];
+}
+
+function arrow(c, path) {
+  c.beginPath();
+  for (const [x, y] of path) c.lineTo(x, y);
+  c.stroke();
+  const [[x0, y0], [x1, y1]] = path.slice(-2), far = Math.hypot(x1 - x0, y1 - y0) || 1, dx = (x1 - x0) / far, dy = (y1 - y0) / far;
+  c.beginPath();
+  c.moveTo(x1, y1);
+  c.lineTo(x1 - 10 * dx - 5 * dy, y1 - 10 * dy + 5 * dx);
+  c.lineTo(x1 - 10 * dx + 5 * dy, y1 - 10 * dy - 5 * dx);
+  c.closePath();
+  c.fill();
+}

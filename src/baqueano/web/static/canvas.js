@@ -1,0 +1,44 @@
+// A canvas that has the size of its box, and the colours of the theme.
+
+const NAMES = ["ink", "muted", "faint", "line", "grid", "card", "measured", "model", "route", "ghost", "alarm", "band", "corridor", "sim"];
+export const colours = {};
+
+export function readColours() {
+  const style = getComputedStyle(document.documentElement);
+  for (const name of NAMES) colours[name] = style.getPropertyValue(`--${name}`).trim();
+  colours.font = style.getPropertyValue("--font").trim();
+  colours.rem = parseFloat(style.fontSize);
+}
+
+const sizes = new ResizeObserver((entries) => {
+  for (const { target } of entries) target.fitted = false;
+  readColours();
+});
+
+/** Follow the box of a canvas from now on. */
+export function follow(canvas) { sizes.observe(canvas); return canvas; }
+export function leave(canvas) { sizes.unobserve(canvas); }
+
+/** Return [context, width, height] in CSS pixels, cleared; null for a box without size. */
+export function begin(canvas) {
+  if (!canvas.fitted) {
+    const box = canvas.getBoundingClientRect(), scale = Math.min(devicePixelRatio || 1, 2);
+    canvas.w = box.width;
+    canvas.h = box.height;
+    canvas.width = Math.round(box.width * scale);
+    canvas.height = Math.round(box.height * scale);
+    canvas.scale = scale;
+    canvas.fitted = true;
+  }
+  if (canvas.w < 8 || canvas.h < 8) return null;
+  const c = canvas.context ??= canvas.getContext("2d");
+  c.setTransform(canvas.scale, 0, 0, canvas.scale, 0, 0);
+  c.clearRect(0, 0, canvas.w, canvas.h);
+  return [c, canvas.w, canvas.h];
+}
+
+/** Return 1, 2 or 5 times a power of ten, the largest that does not exceed a size. */
+export function nice(size) {
+  const ten = 10 ** Math.floor(Math.log10(size));
+  return ten * (size / ten >= 5 ? 5 : size / ten >= 2 ? 2 : 1);
+}

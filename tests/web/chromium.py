@@ -1,0 +1,148 @@
+"""Debian's Chromium, driven by its own protocol over one WebSocket: open a page, press, wait, look."""
+
+import base64
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+import urllib.request
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.client import connect
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--mute-audio",
+    "--disable-background-networking", "--disable-component-update", "--disable-extensions", "--disable-sync",
+    "--disable-dev-shm-usage", "--remote-debugging-port=0", "--remote-allow-origins=*",
+)  # fmt: skip
+WAIT_S = 15.0
+
+
+class Chromium:
+    """A browser without a window; `with Chromium() as browser: tab = browser.tab()`."""
+
+    def __enter__(self) -> "Chromium":
+        self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        self._process = subprocess.Popen(
+            [str(CHROMIUM), *FLAGS, f"--user-data-dir={self._folder.name}", "about:blank"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        written = Path(self._folder.name, "DevToolsActivePort")
+        until = time.monotonic() + 60.0
+        while not (written.exists() and written.read_text().count("\n")):
+            assert time.monotonic() < until, "Chromium did not start"
+            time.sleep(0.05)
+        self.port = int(written.read_text().splitlines()[0])
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.wait(20)
+        self._folder.cleanup()
+
+    def tab(self) -> "Tab":
+        new = urllib.request.Request(f"http://127.0.0.1:{self.port}/json/new?about:blank", method="PUT")
+        with urllib.request.urlopen(new) as answer:
+            return Tab(json.load(answer)["webSocketDebuggerUrl"])
+
+
+class Tab:
+    """A page of the browser. `errors` are what it could not do: exceptions, refused sources."""
+
+    def __init__(self, url: str) -> None:
+        self._open = ExitStack()
+        self._socket = self._open.enter_context(connect(url, max_size=None))
+        self._asked = 0
+        self.errors: list[str] = []
+        for domain in ("Page", "Runtime", "Log"):
+            self.do(f"{domain}.enable")
+
+    def close(self) -> None:
+        self.do("Page.close")
+        self._open.close()
+
+    def do(self, method: str, **parameters: object) -> Any:
+        self._asked += 1
+        self._socket.send(json.dumps({"id": self._asked, "method": method, "params": parameters}))
+        while True:
+            word = json.loads(self._socket.recv(60))
+            if word.get("id") == self._asked:
+                assert "error" not in word, f"{method}: {word['error']}"
+                return word["result"]
+            if word.get("method") == "Runtime.exceptionThrown":
+                thrown = word["params"]["exceptionDetails"]
+                self.errors.append(thrown.get("exception", {}).get("description", thrown["text"]))
+            if word.get("method") == "Log.entryAdded" and word["params"]["entry"]["level"] == "error":
+                self.errors.append(word["params"]["entry"]["text"])
+
+    def goto(self, url: str) -> None:
+        self.do("Page.navigate", url=url)
+        self.wait(f"location.href.startsWith({url.split('#')[0]!r}) && document.readyState === 'complete'")
+
+    def size(self, width: int, height: int, scale: float = 1.0) -> None:
+        touch = width < 600
+        self.do(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=scale,
+            mobile=touch,
+        )
+
+    def media(self, **features: str) -> None:
+        """Emulate media features, as `prefers_color_scheme="dark"`."""
+        wanted = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        self.do("Emulation.setEmulatedMedia", features=wanted)
+
+    def js(self, code: str) -> Any:
+        done = self.do("Runtime.evaluate", expression=code, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in done, f"{code}: {done['exceptionDetails']}"
+        return done["result"].get("value")
+
+    def wait(self, code: str, seconds: float = WAIT_S) -> None:
+        until = time.monotonic() + seconds
+        while not self.js(code):
+            assert time.monotonic() < until, f"still not true after {seconds} s: {code}"
+            time.sleep(0.05)
+
+    def press(
+        self, key: str, code: str = "", text: str = "", hold_s: float = 0.0, shift: bool = False
+    ) -> None:
+        self.down(key, code, text, shift)
+        time.sleep(hold_s)
+        self.up(key, code)
+
+    def down(self, key: str, code: str = "", text: str = "", shift: bool = False) -> None:
+        more = {"text": text, "unmodifiedText": text} if text else {}
+        self.do("Input.dispatchKeyEvent", type="keyDown", key=key, code=code or key, modifiers=8 * shift,
+                windowsVirtualKeyCode=VIRTUAL.get(code or key, 0), **more)  # fmt: skip
+
+    def up(self, key: str, code: str = "") -> None:
+        self.do("Input.dispatchKeyEvent", type="keyUp", key=key, code=code or key,
+                windowsVirtualKeyCode=VIRTUAL.get(code or key, 0))  # fmt: skip
+
+    def mouse(self, kind: str, x: float, y: float) -> None:
+        self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def middle(self, selector: str) -> tuple[float, float]:
+        box = self.js(
+            f"(() => {{ const b = document.querySelector({selector!r}).getBoundingClientRect();"
+            "return [b.x + b.width / 2, b.y + b.height / 2]; })()"
+        )
+        return box[0], box[1]
+
+    def click(self, selector: str) -> None:
+        x, y = self.middle(selector)
+        self.mouse("mousePressed", x, y)
+        self.mouse("mouseReleased", x, y)
+
+    def shot(self, path: Path) -> None:
+        path.write_bytes(base64.b64decode(self.do("Page.captureScreenshot", format="png")["data"]))
+
+
+VIRTUAL = {"Space": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Tab": 9, "Enter": 13,
+           "Home": 36, "End": 35, "PageUp": 33, "PageDown": 34}  # fmt: skip

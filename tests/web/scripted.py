@@ -1,0 +1,380 @@
+"""A page process that plays a script: it speaks the words of the page, drives a circle on paper, and keeps what a
+browser said. The page is judged by it alone, in states that a real drive reaches late or never."""
+
+import json
+import math
+import struct
+import threading
+import time
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+from websockets.sync.server import ServerConnection, serve
+
+STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".json": "application/json",
+    ".svg": "image/svg+xml",
+}
+CSP = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'"
+)
+RATE, RADIUS, SPEED, LAP_S = 100, 1.0, 0.4, 2.0 * math.pi / 0.4
+CHANNELS = {
+    "imu[0]": ("acceleration ahead", "m/s²"),
+    "imu[1]": ("acceleration to the left", "m/s²"),
+    "imu[2]": ("yaw rate of the gyroscope", "rad/s"),
+}
+PLAIN = [
+    "t",
+    "eta.x",
+    "eta.y",
+    "eta.psi",
+    "P.xx",
+    "P.xy",
+    "P.yy",
+    "P.psi",
+    "nu.u",
+    "nu.v",
+    "nu.r",
+    "ref.x",
+    "ref.y",
+    "ref.psi",
+    "ref.u",
+    "truth.x",
+    "truth.y",
+    "truth.psi",
+    "nis",
+    "progress",
+    "cross",
+    "battery",
+    "late_ms",
+]
+COMMAND = [
+    {"name": "u_x", "low": -1, "high": 1, "unit": "duty"},
+    {"name": "u_y", "low": 0, "high": 0, "unit": "duty"},
+    {"name": "u_psi", "low": -1, "high": 1, "unit": "duty"},
+]
+BLOCKS = {
+    "estimator": "AugmentedEKF",
+    "guide": "RepeatByProgress",
+    "controller": "PDFeedforward",
+    "model": "Planar",
+}
+SENTENCES = {
+    "en": {
+        "MISSION": (
+            "REPEATING",
+            "lab, lap 2 of 3, 12 s to go. It is 2.5 cm from the route and its filter knows it.",
+        ),
+        "READY": ("READY", "The vehicle stands. Take the wheel to teach or to repeat a route."),
+        "STOPPED": ("STOPPED", "A person stopped it. It drives again once the stop is cleared."),
+    },
+    "es": {
+        "MISSION": (
+            "REPITIENDO",
+            "lab, vuelta 2 de 3, faltan 12 s. Está a 2,5 cm de la ruta y su filtro lo sabe.",
+        ),
+        "READY": ("LISTO", "El vehículo está quieto. Tome el volante para enseñar o repetir una ruta."),
+        "STOPPED": ("DETENIDO", "Una persona lo detuvo. Vuelve a andar cuando se levante el alto."),
+    },
+}
+RUNS = [
+    {
+        "id": f"r{k}",
+        "name": name,
+        "kind": kind,
+        "when": "2026-03-02 10:15",
+        "seconds": 41.6,
+        "laps": laps,
+        "report": True,
+    }
+    for k, (name, kind, laps) in enumerate(
+        [
+            ("0042-repeat", "repeat", 3),
+            ("0039-repeat", "repeat", 3),
+            ("0038-teach", "teach", None),
+            ("0037-experiment", "experiment", None),
+        ]
+    )
+]
+
+
+def fields() -> list[dict[str, str]]:
+    made = [{"name": name, "unit": "", "group": name, "label": name} for name in PLAIN]
+    made += [
+        {"name": f"{kind}.{k}", "unit": "duty", "group": one["name"], "label": one["name"]}
+        for kind in ("u", "asked")
+        for k, one in enumerate(COMMAND)
+    ]
+    return made + [
+        {"name": f"{kind}.{name}", "unit": unit, "group": name, "label": label}
+        for kind in ("z", "model", "innov", "S")
+        for name, (label, unit) in CHANNELS.items()
+    ]
+
+
+def row(tick: int, off: float = 0.02) -> list[float]:
+    """Return a tick of a vehicle that drives a circle, `off` metres outside its route; noise is a sine of the tick."""
+    t, noise = tick / RATE, math.sin(12.9898 * tick) * math.cos(78.233 * tick)
+    angle, r = SPEED * t, RADIUS + off * (1 + 0.5 * math.sin(0.7 * t))
+    x, y, psi = r * math.sin(angle), RADIUS - r * math.cos(angle), math.remainder(angle, 2 * math.pi)
+    sd = 0.01 + 0.0004 * t
+    plain = [
+        t,
+        x,
+        y,
+        psi,
+        sd**2,
+        0.2 * sd**2,
+        2 * sd**2,
+        0.01,
+        SPEED * r,
+        0.0,
+        SPEED,
+        RADIUS * math.sin(angle),
+        RADIUS - RADIUS * math.cos(angle),
+        psi,
+        SPEED,
+        x + 0.01,
+        y - 0.01,
+        psi,
+        1.0 + noise,
+        SPEED * RADIUS * t,
+        RADIUS - r,
+        7.4 - t / 600,
+        0.5 + 0.1 * noise,
+    ]
+    u = [0.5 + 0.1 * math.sin(t), 0.0, 0.3 + 0.05 * math.cos(3 * t)]
+    model = [0.2 * math.sin(t), 0.16 * math.cos(2 * t), SPEED + 0.1 * math.sin(3 * t)]
+    sds = [0.1, 0.1, 0.01]
+    innovation = [s * 1.4 * noise for s in sds]
+    return (
+        plain
+        + u
+        + [one * 1.05 for one in u]
+        + [m + v for m, v in zip(model, innovation, strict=True)]
+        + model
+        + innovation
+        + sds
+    )
+
+
+def packed(number: int, first: int, count: int, off: float = 0.02) -> bytes:
+    rows = [row(tick, off) for tick in range(first, first + count)]
+    flat = [value for one in rows for value in one]
+    return struct.pack("<IId", number, count, first / RATE) + struct.pack(f"<{len(flat)}f", *flat)
+
+
+def route() -> dict[str, Any]:
+    angles = [2 * math.pi * k / 120 for k in range(120)]
+    return {
+        "name": "lab",
+        "closed": True,
+        "x": [math.sin(a) for a in angles],
+        "y": [1 - math.cos(a) for a in angles],
+    }
+
+
+class Scripted:
+    """`with Scripted("live") as server:`, then server.url, server.said, server.put(word)."""
+
+    def __init__(
+        self, mode: str, *, ghost: bool = False, world: str = "simulated", name: str = "small"
+    ) -> None:
+        self.mode, self.ghost, self.world, self.name = mode, ghost, world, name
+        self.said: list[tuple[float, dict[str, Any]]] = []
+        self.guests: list[tuple[ServerConnection, str]] = []
+        self.holder: ServerConnection | None = None
+        self.state, self.kind = "MISSION", "repeat"
+        self.tick, self.running, self.frozen = 6000, True, False
+
+    def __enter__(self) -> "Scripted":
+        self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.1"])  # pyright: ignore
+        self.port = self._server.socket.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}/"
+        for work in (self._server.serve_forever, self._drive):
+            threading.Thread(target=work, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.running = False
+        self._server.shutdown()
+
+    def words(self, kind: str) -> list[dict[str, Any]]:
+        return [word for _, word in list(self.said) if word["is"] == kind]
+
+    def drop(self) -> None:
+        """Cut every connection."""
+        for guest, _ in list(self.guests):
+            guest.close()
+
+    def put(self, word: dict[str, Any]) -> None:
+        for guest, _ in list(self.guests):
+            guest.send(json.dumps(word))
+
+    def go(self, state: str, kind: str | None = None) -> None:
+        self.state, self.kind = state, kind
+        for guest, language in list(self.guests):
+            guest.send(json.dumps(self._state(language)))
+
+    def _state(self, language: str) -> dict[str, Any]:
+        title, sentence = SENTENCES[language].get(self.state, (self.state, ""))
+        return {
+            "is": "state",
+            "state": self.state,
+            "mission": {"kind": self.kind} if self.kind else None,
+            "lap": 2,
+            "laps": 3,
+            "left_s": 12.0,
+            "title": title,
+            "sentence": sentence,
+            "odd": [],
+            "paused": False,
+            "pace": 1.0,
+            "severity": "error" if self.state == "STOPPED" else "info",
+        }
+
+    def _hello(self, language: str) -> dict[str, Any]:
+        live = self.mode == "live"
+        return {
+            "is": "hello",
+            "protocol": 1,
+            "role": "drive" if live else "view",
+            "mode": self.mode,
+            "vehicle": self._vehicle(),
+            "blocks": BLOCKS,
+            "fields": fields(),
+            "driver": None,
+            "you": "guest 1",
+            "state": self._state(language),
+            "route": route(),
+            "room": None,
+            "routes": ["lab", "oval"],
+            "runs": RUNS,
+            "open": None if live else {"run": "r0", "ghost": "r1" if self.ghost else None},
+        }
+
+    def _vehicle(self) -> dict[str, Any]:
+        return {
+            "name": self.name,
+            "footprint": {"kind": "round", "length_m": 0.14, "width_m": 0.14},
+            "command": COMMAND,
+            "rate_hz": RATE,
+            "world": self.world if self.mode == "live" else "recorded",
+        }
+
+    def _guest(self, guest: ServerConnection) -> None:
+        language = json.loads(guest.recv())["lang"]
+        guest.send(json.dumps(self._hello(language)))
+        if self.mode == "live":
+            guest.send(packed(0, self.tick - 2000, 2000))
+        self.guests.append((guest, language))
+        self._lease()
+        try:
+            for text in guest:
+                self._word(guest, json.loads(text))
+        finally:
+            self.guests = [one for one in self.guests if one[0] is not guest]
+            self.holder = None if self.holder is guest else self.holder
+
+    def _word(self, guest: ServerConnection, word: dict[str, Any]) -> None:
+        self.said.append((time.monotonic(), word))
+        if word["is"] == "take":
+            self.holder = guest
+            self._lease()
+        elif word["is"] == "give":
+            self.holder = None
+            self._lease()
+        elif word["is"] == "stop":
+            self.go("STOPPED")
+        elif word["is"] == "clear":
+            self.go("READY")
+        elif word["is"] == "open":
+            self._open(guest, word["run"], word.get("ghost"))
+        elif word["is"] == "ask":
+            guest.send(json.dumps({"is": "answer", "to": "ask", "id": word["id"]}))
+
+    def _lease(self) -> None:
+        for guest, _ in list(self.guests):
+            guest.send(
+                json.dumps(
+                    {
+                        "is": "lease",
+                        "who": "guest 1" if self.holder else None,
+                        "until_ms": 300,
+                        "you": self.holder is guest,
+                        "watching": 2,
+                    }
+                )
+            )
+
+    def _open(self, guest: ServerConnection, run: str, ghost: str | None) -> None:
+        for stream, key, off in ((1, run, 0.02), (2, ghost, 0.08)):
+            about = next((one for one in RUNS if one["id"] == key), None)
+            if about is None:
+                continue
+            events = [
+                {"t": 12.0, "severity": "warning", "text": "gate refused 3 innovations"},
+                {"t": 30.0, "severity": "info", "text": "mark 1"},
+            ]
+            head = {
+                "is": "answer",
+                "to": "open",
+                "stream": stream,
+                "run": about,
+                "rows": 4160,
+                "seconds": 41.6,
+                "fields": fields(),
+                "vehicle": self._vehicle() | {"world": "recorded"},
+                "blocks": BLOCKS,
+                "route": route(),
+                "events": events,
+            }
+            guest.send(json.dumps(head | {"done": False}))
+            for first in (0, 4096):
+                guest.send(packed(stream << 24 | 1, first, min(4096, 4160 - first), off))
+            guest.send(
+                json.dumps({"is": "answer", "to": "open", "stream": stream, "done": True, "seconds": 41.6})
+            )
+
+    def _drive(self) -> None:
+        number = 0
+        while self.running:
+            time.sleep(0.05)
+            if self.mode != "live" or self.frozen:
+                continue
+            number += 1
+            moves = self.state in ("MISSION", "MANUAL")
+            frame = packed(number, self.tick, 5 if moves else 0)
+            self.tick += 5 if moves else 0
+            for guest, _ in list(self.guests):
+                try:
+                    guest.send(frame)
+                except Exception:  # it has gone; its own thread takes it from the list
+                    continue
+
+
+def _file(connection: ServerConnection, request: Request) -> Response | None:
+    path = request.path.split("?")[0]
+    if path == "/ws":
+        return None
+    file = STATIC / ("index.html" if path == "/" else path.removeprefix("/static/"))
+    if not file.is_file():
+        return connection.respond(HTTPStatus.NOT_FOUND, "")
+    body = file.read_bytes()
+    headers = {
+        "Content-Type": KINDS[file.suffix],
+        "Content-Length": str(len(body)),
+        "Content-Security-Policy": CSP,
+        "Cache-Control": "no-store",
+        "Connection": "close",
+    }
+    return Response(200, "OK", Headers(headers), body)

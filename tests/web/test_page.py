@@ -1,0 +1,360 @@
+"""The page in a real browser, against a page process that plays a script: pictures, keys, scrub bar, stop."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.web.chromium import CHROMIUM, Chromium, Tab
+from tests.web.scripted import RADIUS, Scripted
+
+SIZES = {"phone": (390, 844), "laptop": (1280, 800), "projector": (1920, 1080)}
+LIVE, REPLAYED = ("drive", "runs", "blocks"), ("replay", "ghost", "runs", "blocks")
+BOXES = (Path(__file__).parent / "boxes.js").read_text(encoding="utf-8")
+SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder, to look at what the tests see
+FRAME_MS = 8.0
+READY = "Boolean(globalThis.baqueano?.page?.screen)"
+PAGE = "baqueano.page"
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with Chromium() as made:
+        yield made
+
+
+@pytest.fixture
+def tab(browser):
+    made = browser.tab()
+    made.size(*SIZES["laptop"])
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def live():
+    with Scripted("live") as server:
+        yield server
+
+
+@pytest.fixture
+def replay():
+    with Scripted("replay") as server:
+        yield server
+
+
+def opened(tab: Tab, server: Scripted, language: str = "en", screen: str = "") -> Tab:
+    tab.goto(f"{server.url}?lang={language}")
+    tab.wait(READY)
+    if server.mode == "replay":
+        tab.wait(f"Boolean({PAGE}.opened && {PAGE}.opened.record.length === 4160)")
+    else:
+        tab.wait(f"{PAGE}.record.length > 1990")
+    if screen:
+        tab.click(f"#tab-{screen}")
+    return tab
+
+
+def until(true, seconds: float = 10.0):
+    end = time.monotonic() + seconds
+    while not (found := true()):
+        assert time.monotonic() < end, "still not true"
+        time.sleep(0.02)
+    return found
+
+
+@pytest.mark.parametrize("language", ["en", "es"])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("size", SIZES)
+def test_every_screen_is_whole(browser, size, theme, language):
+    """No text cut, none over another, none faint, nothing beyond the edge."""
+    wrong = {}
+    for mode, screens in (("live", LIVE), ("replay", REPLAYED)):
+        for screen in screens:
+            with Scripted(mode, ghost=screen == "ghost") as server:
+                tab = browser.tab()
+                tab.size(*SIZES[size])
+                tab.media(prefers_color_scheme=theme)
+                opened(tab, server, language, "replay" if screen == "ghost" else screen)
+                if screen == "ghost":
+                    tab.wait(f"Boolean({PAGE}.ghost)")
+                if screen in ("replay", "ghost"):
+                    tab.js(f"{PAGE}.screens.replay.seek(22.4)")
+                time.sleep(0.3)
+                found = tab.js(BOXES) + tab.errors
+                if SHOTS:
+                    Path(SHOTS).mkdir(parents=True, exist_ok=True)
+                    tab.shot(Path(SHOTS, f"{mode}-{screen}-{theme}-{language}-{size}.png"))
+                if found:
+                    wrong[f"{mode} {screen}"] = found
+                tab.close()
+    assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
+
+
+@pytest.mark.parametrize("screen", ["drive", "replay", "runs", "blocks"])
+def test_space_stops_on_every_screen_without_the_lease(tab, live, screen):
+    opened(tab, live, screen=screen)
+    tab.press(" ", "Space", " ")
+    until(lambda: live.words("stop"))
+    tab.wait("document.getElementById('title').textContent === 'STOPPED'")
+    assert not live.words("take")
+
+
+def test_space_on_a_button_stops_and_does_not_press_it(tab, live):
+    opened(tab, live)
+    tab.js("document.getElementById('lease').focus()")
+    tab.press(" ", "Space", " ")
+    until(lambda: live.words("stop"))
+    assert not live.words("take")
+
+
+def test_a_touch_of_the_stop_is_enough_and_it_stands_at_the_same_place(tab, live):
+    places = set()
+    for screen in ("drive", "replay", "runs", "blocks"):
+        opened(tab, live, screen=screen)
+        places.add(tab.middle("#stop"))
+    assert len(places) == 1
+    x, y = tab.middle("#stop")
+    tab.mouse("mousePressed", x, y)  # a finger that has not left it yet
+    until(lambda: live.words("stop"))
+    tab.mouse("mouseReleased", x, y)
+
+
+def test_a_recorded_run_shows_no_stop(tab, replay):
+    opened(tab, replay)
+    assert tab.js("document.getElementById('stop').hidden")
+
+
+def test_keys_drive_while_held_and_beats_name_the_frame_drawn(tab, live):
+    live.state, live.kind = "MANUAL", "drive"
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    until(lambda: live.words("beat"))
+    tab.down("w", "KeyW", "w")
+    tab.down("a", "KeyA", "a")
+    until(lambda: live.words("beat")[-1]["u"] == [0.5, 0, 0.5])
+    tab.up("w", "KeyW")
+    tab.up("a", "KeyA")
+    until(lambda: live.words("beat")[-1]["u"] == [0, 0, 0])
+    beats = live.words("beat")
+    numbers, seen = [one["n"] for one in beats], [one["seen"] for one in beats]
+    assert numbers == sorted(set(numbers))
+    assert seen == sorted(seen)
+    until(lambda: live.words("beat")[-1]["seen"] > seen[0])
+
+
+def test_a_frozen_picture_is_not_claimed_as_new(tab, live):
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    until(lambda: live.words("beat"))
+    live.frozen = True
+    time.sleep(0.6)
+    last = live.words("beat")[-1]["seen"]
+    time.sleep(0.6)
+    assert live.words("beat")[-1]["seen"] == last
+    tab.wait("!document.getElementById('age').hidden")
+
+
+def test_without_the_lease_keys_drive_nothing(tab, live):
+    opened(tab, live)
+    tab.press("w", "KeyW", "w", hold_s=0.3)
+    assert not live.words("beat")
+
+
+@pytest.mark.parametrize(
+    "leaves", ["window.dispatchEvent(new Event('blur'))", "window.dispatchEvent(new Event('pagehide'))"]
+)
+def test_who_leaves_with_a_key_held_stands_still_and_gives(tab, live, leaves):
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    until(lambda: live.words("beat"))
+    tab.down("w", "KeyW", "w")
+    until(lambda: live.words("beat")[-1]["u"][0] > 0)
+    tab.js(leaves)
+    until(lambda: live.words("give"))
+    assert live.words("beat")[-1]["u"] == [0, 0, 0]
+    tab.up("w", "KeyW")
+
+
+def test_the_pad_drives_and_springs_back(tab, live):
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    until(lambda: live.words("beat"))
+    x, y = tab.middle(".pad")
+    tab.mouse("mousePressed", x, y)
+    tab.mouse("mouseMoved", x, y - 40)
+    until(lambda: live.words("beat")[-1]["u"][0] > 0.3)
+    tab.mouse("mouseReleased", x, y - 40)
+    until(lambda: live.words("beat")[-1]["u"] == [0, 0, 0])
+    assert not live.words("give")
+
+
+def test_a_mission_is_asked_for_by_its_name(tab, live):
+    live.state, live.kind = "READY", ""
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    tab.wait(f"{PAGE}.hand.mine")
+    tab.press("r", "KeyR", "r")
+    until(lambda: live.words("mission"))
+    assert live.words("mission") == [{"is": "mission", "kind": "repeat", "route": "lab", "laps": 3}]
+
+
+def test_a_real_vehicle_wants_a_hold(tab):
+    with Scripted("live", world="real") as live:
+        live.state, live.kind = "READY", ""
+        opened(tab, live)
+        tab.press("l", "KeyL", "l")
+        tab.wait(f"{PAGE}.hand.mine")
+        tab.press("t", "KeyT", "t", hold_s=0.2)
+        time.sleep(0.7)
+        assert not live.words("mission")
+        tab.press("t", "KeyT", "t", hold_s=0.9)
+        until(lambda: live.words("mission"))
+
+
+def test_a_lost_connection_is_said_and_mended(tab, live):
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    tab.wait(f"{PAGE}.hand.mine")
+    live.drop()
+    tab.wait("document.getElementById('title').textContent === 'Connection lost'")
+    assert not tab.js(f"{PAGE}.hand.mine")
+    tab.wait("document.getElementById('title').textContent === 'REPEATING'")
+
+
+def test_the_scrub_bar_by_pointer_and_by_keys(tab, replay):
+    opened(tab, replay)
+    at = "Number(document.querySelector('.scrub').getAttribute('aria-valuenow'))"
+    x, y = tab.middle(".scrub")
+    tab.mouse("mousePressed", x, y)
+    tab.mouse("mouseReleased", x, y)
+    tab.wait(f"Math.abs({at} - 20.8) < 0.3")
+    begun = tab.js(at)
+    tab.press("ArrowRight")
+    tab.wait(f"Math.abs({at} - {begun} - 0.01) < 0.006")
+    tab.press("Home")
+    tab.wait(f"{at} === 0")
+    tab.press("ArrowRight", shift=True)
+    tab.wait(f"{at} === 1")
+    tab.press("n", "KeyN", "n")
+    tab.wait(f"{at} === 12")
+    assert "gate refused" in tab.js("document.querySelector('.happened').textContent")
+    tab.press("End")
+    tab.wait(f"{at} > 41.5")
+
+
+def test_a_run_plays_at_the_pace_that_is_asked_for(tab, replay):
+    opened(tab, replay)
+    for _ in range(2):
+        tab.press("]", "BracketRight", "]")
+    tab.press("k", "KeyK", "k")
+    began = time.monotonic()
+    tab.wait(f"{PAGE}.screens.replay.now_s > 8")
+    assert 1.5 < time.monotonic() - began < 4.0  # 8 s at 4 ×
+    tab.press(" ", "Space", " ")
+    held = tab.js(f"{PAGE}.screens.replay.now_s")
+    time.sleep(0.3)
+    assert tab.js(f"{PAGE}.screens.replay.now_s") == held
+
+
+def test_the_vehicle_stands_where_the_row_says(tab, replay):
+    opened(tab, replay)
+    tab.js(f"{PAGE}.screens.replay.seek(20)")
+    time.sleep(0.3)
+    place = tab.js(
+        f"(() => {{ const m = {PAGE}.screens.replay.map; return [m.X(0), m.Y(0), m.X(1), m.Y(1)]; }})()"
+    )
+    assert place[2] - place[0] == pytest.approx(place[1] - place[3])  # x and y at the same scale, y up
+    from_route = tab.js("document.querySelector('.numbers b').textContent")
+    i = 2000
+    off = tab.js(f"{PAGE}.opened.record.value('cross', {i})")
+    assert float(from_route) == pytest.approx(abs(off) * 100, abs=0.06)
+    assert abs(off) < 0.05 * RADIUS
+
+
+def test_a_ghost_is_paired_by_distance_or_by_time(tab):
+    with Scripted("replay", ghost=True) as server:
+        opened(tab, server)
+        tab.wait(f"Boolean({PAGE}.ghost)")
+        tab.wait("document.querySelectorAll('.compare tbody tr').length === 4")
+        assert tab.js("document.querySelector('.compare tbody td.better').textContent").startswith("2.")
+        tab.wait(f"{PAGE}.screens.replay.pairs.map[2000] === 2000")
+
+
+def test_what_others_named_is_text(tab):
+    hostile = "<img src=x onerror=alert(1)>"
+    with Scripted("live", name=hostile) as server:
+        opened(tab, server)
+        server.put({"is": "event", "t": 1.0, "severity": "warning", "text": hostile})
+        tab.wait(f"document.getElementById('toast').textContent === {hostile!r}")
+        assert tab.js("document.getElementById('vehicle').textContent") == hostile
+        assert tab.js("document.querySelectorAll('img').length") == 0
+        assert not tab.errors
+
+
+def test_all_is_reached_by_tab_and_the_focus_is_seen(tab, live):
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    tab.wait(f"{PAGE}.hand.mine")
+    wanted = tab.js(
+        "[...document.querySelectorAll('button, select, input, [tabindex=\"0\"]')]"
+        ".filter((n) => n.checkVisibility() && !n.disabled).length"
+    )
+    reached, unseen = set(), []
+    for _ in range(wanted + 4):
+        tab.press("Tab", "Tab")
+        tag, outline = tab.js(
+            "(() => { const n = document.activeElement;"
+            "n.mark ??= `${n.tagName}${[...document.querySelectorAll('*')].indexOf(n)}`;"
+            "return [n.mark, getComputedStyle(n).outlineStyle]; })()"
+        )
+        reached.add(tag)
+        if outline == "none" and not tag.startswith("BODY"):
+            unseen.append(tag)
+    assert not unseen
+    assert len([one for one in reached if not one.startswith("BODY")]) >= wanted
+
+
+def test_language_and_theme_change_in_place(tab, live):
+    opened(tab, live)
+    tab.click("#language")
+    tab.wait("document.getElementById('stop-word').textContent === 'ALTO'")
+    tab.wait("document.querySelector('#tab-drive')?.textContent === 'Conducir'")
+    before = tab.js("getComputedStyle(document.body).backgroundColor")
+    tab.click("#theme")
+    tab.wait(f"getComputedStyle(document.body).backgroundColor !== {before!r}")
+    tab.js("localStorage.clear()")
+
+
+def test_the_token_leaves_the_address(tab, live):
+    tab.goto(f"{live.url}?lang=en#token=secret")
+    tab.wait(READY)
+    assert tab.js("location.href").endswith("?lang=en")
+    tab.js("sessionStorage.clear()")
+
+
+def test_with_reduced_motion_the_map_does_not_glide(tab, live):
+    tab.media(prefers_reduced_motion="reduce")
+    opened(tab, live)
+    tab.js(f"{PAGE}.screen.map.zoom(3)")
+    tab.press("0", "Digit0", "0")
+    tab.js(f"{PAGE}.screen.draw(performance.now())")
+    first = tab.js(f"{PAGE}.screen.map.view.scale")
+    time.sleep(0.4)
+    assert tab.js(f"{PAGE}.screen.map.view.scale") == pytest.approx(first, rel=0.02)
+
+
+def test_a_picture_of_eight_strips_and_the_map_costs_little(tab, live):
+    """The best of many: other work of this machine is not the page's."""
+    opened(tab, live)
+    tab.js(f"{PAGE}.screen.span = 60")
+    best = tab.js(
+        f"(() => {{ let best = 1e9; for (let k = 0; k < 40; k++) {{ const began = performance.now();"
+        f"{PAGE}.screen.draw(began); best = Math.min(best, performance.now() - began); }} return best; }})()"
+    )
+    assert tab.js(f"{PAGE}.screen.strips.length") == 8
+    assert best <= FRAME_MS

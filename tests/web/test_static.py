@@ -1,0 +1,99 @@
+"""The files of the page, without a browser: nothing from elsewhere, nothing as HTML, all texts in both languages."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
+SCRIPTS = sorted(STATIC.glob("*.js"))
+STYLES = sorted(STATIC.glob("*.css"))
+JAVASCRIPT_KB = 120
+NAMESPACES = {"http://www.w3.org/2000/svg"}  # names, not addresses: nothing is fetched from them
+LITERAL = re.compile(r'"([a-z][\w-]*(?:\.[\w-]+)*)"')
+MADE = re.compile(r"`([a-z][\w-]*\.(?:[\w]+-)?)\$\{")  # t(`state.${name}`)
+ASKED = re.compile(r'\bt\("([^"]+)"')
+AS_HTML = re.compile(
+    r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function|DOMParser"
+)
+
+
+def texts(language: str) -> dict[str, str]:
+    return json.loads((STATIC / f"{language}.json").read_text(encoding="utf-8"))
+
+
+def source() -> str:
+    return "\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS)
+
+
+@pytest.mark.parametrize("path", sorted(STATIC.iterdir()), ids=lambda path: path.name)
+def test_a_file_names_no_address_elsewhere(path):
+    found = set(re.findall(r"(?:https?|wss?)://[^\s\"'`<>)]*", path.read_text(encoding="utf-8")))
+    assert {one for one in found if not one.endswith("://") and "${" not in one} <= NAMESPACES
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_text_from_outside_never_becomes_html(path):
+    assert not AS_HTML.search(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_a_module_imports_what_stands_beside_it(path):
+    for name in re.findall(r'from "([^"]+)"', path.read_text(encoding="utf-8")):
+        assert name.startswith("./")
+        assert (STATIC / name).is_file(), name
+
+
+def test_the_scripts_are_small():
+    assert sum(path.stat().st_size for path in SCRIPTS) <= JAVASCRIPT_KB * 1000
+
+
+def test_the_document_holds_no_script_and_no_style_of_its_own():
+    document = (STATIC / "index.html").read_text(encoding="utf-8")
+    assert not re.search(r"\sstyle=|\son\w+=|<style|<script(?![^>]*\ssrc=)", document)
+    for address in re.findall(r'(?:src|href)="([^"]+)"', document):
+        assert (STATIC / address.removeprefix("/static/")).is_file(), address
+
+
+def test_both_languages_have_the_same_texts_with_the_same_places_to_fill():
+    english, spanish = texts("en"), texts("es")
+    assert list(english) == list(spanish)
+    for key, text in english.items():
+        places = re.findall(r"\{\w+\}", text)
+        assert sorted(places) == sorted(re.findall(r"\{\w+\}", spanish[key])), key
+        assert bool(text) == bool(spanish[key]), key
+
+
+def test_every_text_that_is_asked_for_exists():
+    assert set(ASKED.findall(source())) <= set(texts("en"))
+
+
+def test_every_text_is_used():
+    script = source()
+    literal, made = set(LITERAL.findall(script)), tuple(MADE.findall(script))
+    unused = [key for key in texts("en") if key not in literal and not key.startswith(made)]
+    assert not unused
+
+
+def test_spanish_differs_from_english_but_for_names():
+    english, spanish = texts("en"), texts("es")
+    same = {key for key, text in english.items() if text and text == spanish[key]}
+    assert same <= {"world.real", "state.MANUAL", "block.supervisor", "drive.pace-is"}
+
+
+@pytest.mark.parametrize("path", STYLES, ids=lambda path: path.name)
+def test_a_style_loads_nothing(path):
+    assert not re.search(r"@import|@font-face|url\(", path.read_text(encoding="utf-8"))
+
+
+def test_both_ways_to_the_dark_theme_have_the_same_colours():
+    style = (STATIC / "page.css").read_text(encoding="utf-8")
+    asked = re.search(r':root:not\(\[data-theme="light"\]\) \{(.*?)\}', style, re.DOTALL)
+    chosen = re.search(r':root\[data-theme="dark"\] \{(.*?)\}', style, re.DOTALL)
+    assert asked
+    assert chosen
+    assert asked[1].split() == chosen[1].split()
+    light = re.search(r":root \{(.*?)\}", style, re.DOTALL)
+    assert light
+    assert set(re.findall(r"--[\w-]+:", chosen[1])) <= set(re.findall(r"--[\w-]+:", light[1]))
