@@ -27,6 +27,7 @@ class Listening(Observer):
 
     def begin(self, blocks):
         self.estimator = blocks.estimator
+        return blocks
 
     def look(self, record):
         self.records.append(record)

@@ -20,6 +20,7 @@ from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.errors import SafetyStop
 
 STOP = "baqueano robot stop"
+MOST_CHANGES = 64  # of gains that wait for the next tick
 SILENCE_S = 0.4  # 0.5 s is promised: the loop and the firmware take their part
 
 
@@ -40,6 +41,7 @@ class Operator:
         self._stop: Diagnostic | None = None
         self._quit, self.clear_asked = False, False  # the last: somebody takes a stop away
         self._marks = 0
+        self._changes: deque[tuple[str, object]] = deque(maxlen=MOST_CHANGES)
         self._taken = False  # by a mission that is driven, or waits
 
     # from outside
@@ -107,6 +109,12 @@ class Operator:
         if who is self._holder:
             self._marks += 1
 
+    def change(self, who: object, path: str, value: object) -> None:
+        """The holder sets a gain from the next tick on; SafetyStop for anybody else."""
+        if who is not self._holder or not self._taken:
+            raise SafetyStop(note("door.not-holder", Severity.ERROR))
+        self._changes.append((path, value))
+
     def stop(self, why: Diagnostic) -> None:
         """Stop, by anyone, for this reason."""
         with self._lock:
@@ -142,6 +150,10 @@ class Operator:
         if attended and silent_s > self._silence_s:
             return stop(StopReason.HOLDER_SILENT, silent_ms=1e3 * min(silent_s, 99.0))
         return None
+
+    def changes(self) -> list[tuple[str, object]]:
+        """Return the gains that were set since the last call."""
+        return [self._changes.popleft() for _ in range(len(self._changes))]
 
     def marked(self) -> int:
         """Return the number of marks by the holder since the last call."""

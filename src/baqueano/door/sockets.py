@@ -1,7 +1,7 @@
 """The door of the service: connections of any number of people, one line of JSON for each word.
 
     to the vehicle     mission {mission, attended, id, door, by}, hand {u}, beat, mark, end, stop {why}, clear,
-                       runs, fetch {run}, ping {token}, watch {hz, fields}, and those of the service itself
+                       runs, fetch {run}, ping {token}, watch {hz, fields}, set {path, value}, and the service's own
     from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
                        pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
 
@@ -250,6 +250,7 @@ class Door:
             "runs": lambda: guest.say({"is": "runs", "runs": self._files.names()}),
             "fetch": lambda: self._files.fetch(guest, str(said["run"]), self._stays),
             "watch": lambda: self._watch(guest, said),
+            "set": lambda: self._set(guest, said),
         }
         if what in self._words:
             self._words[what](guest, said)
@@ -266,6 +267,10 @@ class Door:
         name, attended = str(said.get("id", ""))[:LONGEST_ID], bool(said.get("attended", True))
         mission = str(said["mission"]) if "mission" in said else json.dumps(said)
         self.operator.ask(guest, mission, attended, name, HIDDEN_S if said.get("by") == "page" else None)
+
+    def _set(self, guest: Guest, said: "JsonObject") -> None:
+        self.operator.change(guest, str(said["path"]), said["value"])
+        guest.say({"is": "heard", "do": "set"})
 
     def _stop(self, guest: Guest, why: Diagnostic) -> None:
         self.operator.stop(why)

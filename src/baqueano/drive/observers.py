@@ -24,8 +24,9 @@ class Observer:
     ...         print(f"{done_s:.2f} s")
     """
 
-    def begin(self, blocks: Blocks) -> None:
-        """Take the blocks that drive, before the first tick."""
+    def begin(self, blocks: Blocks) -> Blocks:
+        """Return the blocks that are to drive, those given or others around them, before the first tick."""
+        return blocks
 
     def why(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle must stop at `t_ns`; None if it may go on."""
@@ -34,6 +35,10 @@ class Observer:
     def marked(self) -> int:
         """Return how often a person said since the last tick that the vehicle is on its mark."""
         return 0
+
+    def events(self) -> Iterable[LastLine]:
+        """Return the events of the run since the last tick."""
+        return ()
 
     def look(self, record: Record) -> None:
         """Take the record of a tick, once it is written."""

@@ -51,6 +51,8 @@ class Recording:
             sink.event(t_ns, level, source, one)
         for _ in range(sum(one.marked() for one in self.observers)):
             sink.event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
+        for source, level, said in [line for one in self.observers for line in one.events()]:
+            sink.event(t_ns, level, source, said)
         self._show(record)
         self.ticks, self.last_ns = self.ticks + 1, t_ns
 

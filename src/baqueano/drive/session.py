@@ -156,7 +156,7 @@ def drive(
     own, unknown = texts_of_own(blocks, vehicle_file)
     blocks, sensors, notes = _prepared(blocks, vehicle_file, given, live)
     for one in observers:
-        one.begin(blocks)
+        blocks = one.begin(blocks)
     blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, observers)) if observers else blocks
     metadata = given.metadata(kind, blocks) | own
     health = Health(vehicle_file.envelope, sensors)

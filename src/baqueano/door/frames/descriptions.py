@@ -1,12 +1,12 @@
 """The vehicle, its route and its mission, in the words of the door."""
 
 import math
-from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
+from baqueano.door.adjusting import numbers_in
 from baqueano.drive.health import shown
 from baqueano.errors import BaqueanoError
 from baqueano.signals import seconds
@@ -53,12 +53,11 @@ def gains_of(file: "VehicleFile") -> dict[str, float]:
         controller = file.controller()
     except BaqueanoError:
         return {}
-    names = [one.name for one in fields(controller)] if is_dataclass(controller) else []
-    values = {name: getattr(controller, name) for name in names}
+    values = {name: np.asarray(getattr(controller, name)) for name in numbers_in(controller)}
     return {
         f"controller.{name}": float(value)
         for name, value in values.items()
-        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if value.ndim == 0 and math.isfinite(float(value))
     }
 
 

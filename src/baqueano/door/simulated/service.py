@@ -17,6 +17,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
+from baqueano.door.adjusting import Adjusting
 from baqueano.door.frames.descriptions import drive_words
 from baqueano.door.frames.rows import Frames
 from baqueano.door.operator import STOP, Operator
@@ -142,10 +143,11 @@ class SimulatedService:
         world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend)
         self.operator.marked()  # those of before this drive
         watching = _DriveObserver(self, plan, world, attended)
+        observers = (watching, Adjusting(self.operator, self.tell))
         try:
             perform(
                 plan.mission, plan.file, hand=lambda: self.operator.command(world.commands), world=world,
-                live=True, path=path, ticking=self._ticks(plan, attended), observers=(watching,), eta=start,
+                live=True, path=path, ticking=self._ticks(plan, attended), observers=observers, eta=start,
                 seed=seed, backend=self.backend,
             )  # fmt: skip
         except FileError as error:
@@ -223,9 +225,10 @@ class _DriveObserver(Observer):
         self.over = False
         self.stopped: Diagnostic | None = None
 
-    def begin(self, blocks: Blocks) -> None:
+    def begin(self, blocks: Blocks) -> Blocks:
         plan, frames = self._plan, self._service.frames
         frames.begin(plan.file, "simulated", plan.seed, blocks.estimator, plan.mission, plan.name)
+        return blocks
 
     def why(self, t_ns: int) -> Diagnostic | None:
         return self._service.operator.why(self._attended)

@@ -21,6 +21,7 @@ from typing import Any
 from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
+from baqueano.door.adjusting import Adjusting
 from baqueano.door.frames.descriptions import drive_words
 from baqueano.door.frames.rows import Frames
 from baqueano.door.operator import Operator
@@ -231,10 +232,11 @@ class Service:
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
             self._counted, watching = None, _Watching(self, world, late, attended, mission, file)
+            observers = (watching, Adjusting(self.operator, self.tell))
             try:
                 perform(
                     mission, file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
-                    ticking=self._ticks(world, file.rate_hz, late), observers=(watching,),
+                    ticking=self._ticks(world, file.rate_hz, late), observers=observers,
                 )  # fmt: skip
             except FileError as error:
                 if not watching.over:  # nothing has been driven
@@ -342,9 +344,10 @@ class _Watching(Observer):
         self.over = False
         self.stopped: Diagnostic | None = None
 
-    def begin(self, blocks: Blocks) -> None:
+    def begin(self, blocks: Blocks) -> Blocks:
         mission, frames = self._mission, self._service.frames
         frames.begin(self._file, "real", estimator=blocks.estimator, mission=mission)
+        return blocks
 
     def why(self, t_ns: int) -> Diagnostic | None:
         s, world = self._service, self._world

@@ -1,0 +1,89 @@
+"""Gains that the holder changes while the vehicle drives: taken between two ticks, and written into the run.
+
+Only numbers of the controller can be set; the limits of the supervisor clip whatever it asks for. A changed controller
+runs as it is written, in some 0.1 ms a tick: to compile it would hold up the loop.
+"""
+
+from dataclasses import fields, is_dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.drive.budget import Budgeted
+from baqueano.drive.observers import LastLine, Observer
+from baqueano.errors import Invalid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from baqueano.contracts.values import JsonObject
+    from baqueano.door.operator import Operator
+    from baqueano.loop import Blocks
+    from baqueano.signals import Command, Estimate, Reference
+
+SOURCE, ROOM = "set", "controller"
+
+
+def numbers_in(block: object) -> list[str]:
+    """Return the names of the parameters of a block that are numbers, without the rate of its vehicle."""
+    names = [one.name for one in fields(block)] if is_dataclass(block) else []
+    return [n for n in names if n != "rate_hz" and np.asarray(getattr(block, n)).dtype.kind in "fi"]
+
+
+class Adjustable:
+    """A controller whose parameters may change between two ticks."""
+
+    def __init__(self, block: Tree) -> None:
+        self.block = block
+
+    def init(self) -> Tree:
+        """The block's own start."""
+        return self.block.init()
+
+    def step(self, state: Tree, reference: "Reference", estimate: "Estimate") -> "tuple[Tree, Command]":
+        """The block's own step."""
+        return self.block.step(state, reference, estimate)
+
+    def change(self, path: str, value: object) -> Diagnostic:
+        """Return the message of a change that is in force. ValueError for what cannot be set."""
+        own = getattr(self.block, "block", self.block)
+        room, _, name = path.partition(".")
+        known = [f"{ROOM}.{name}" for name in numbers_in(own)]
+        if room != ROOM or path not in known:
+            raise Invalid(fault("door.not-settable", path=repr(path), known=known))
+        before = np.asarray(getattr(own, name))
+        try:
+            now = np.asarray(value, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            now = np.array(np.nan)
+        if now.shape != before.shape or not np.all(np.isfinite(now)):
+            raise Invalid(fault("door.not-a-number", name=path, found=repr(value)[:80]))
+        changed = replace(own, **{name: float(now) if now.ndim == 0 else now})
+        self.block = Budgeted(changed) if isinstance(self.block, Budgeted) else changed
+        return note("door.set", path=path, before=str(before.tolist()), now=str(now.tolist()))
+
+
+class Adjusting(Observer):
+    """Takes the changes of one drive from the operator; each is told, and an event of the run."""
+
+    def __init__(self, operator: "Operator", tell: "Callable[[JsonObject], None]") -> None:
+        self._operator, self._tell = operator, tell
+        self._controller = Adjustable(None)
+        operator.changes()  # of before this drive
+
+    def begin(self, blocks: "Blocks") -> "Blocks":
+        self._controller = Adjustable(blocks.controller)
+        return blocks._replace(controller=self._controller)
+
+    def events(self) -> list[LastLine]:
+        lines: list[LastLine] = []
+        for path, value in self._operator.changes():
+            try:
+                what, level = self._controller.change(path, value), Severity.INFO
+            except Invalid as error:
+                what, level = error.diagnostic, Severity.WARNING
+            self._tell({"is": "event", "level": str(level), "said": what})
+            lines.append((SOURCE, str(level), what))
+        return lines

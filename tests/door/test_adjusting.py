@@ -1,0 +1,90 @@
+"""Gains set while the vehicle drives: by the holder alone, between two ticks, with an event in the run."""
+
+import numpy as np
+import pytest
+
+from baqueano.door.adjusting import SOURCE, Adjustable, Adjusting
+from baqueano.door.operator import Operator
+from baqueano.drive import repeat
+from baqueano.drive.observers import Observer
+from baqueano.errors import SafetyStop
+from baqueano.guides import shapes
+from baqueano.vehicle_file import load
+from tests.codes import refused
+
+
+class Hand(Observer):
+    """Sets a gain at a tick, as its holder does from outside."""
+
+    def __init__(self, operator, at, *changes):
+        self.operator, self.at, self.changes, self.ticks = operator, at, changes, 0
+
+    def look(self, record):
+        self.ticks += 1
+        if self.ticks == self.at:
+            for path, value in self.changes:
+                self.operator.change("me", path, value)
+
+
+def driven(*changes, at=100):
+    file, operator, told = load("small"), Operator(), []
+    operator.ask("me", "a mission")
+    observers = (Adjusting(operator, told.append), Hand(operator, at, *changes))
+    return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers), told
+
+
+def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
+    file, run, told = driven(("controller.k_x", 0.0))
+    _, same, _ = driven()
+    before = load("small").controller().k_x
+    first = int(np.flatnonzero(np.any(run.requested != same.requested, axis=1))[0])
+    assert first in (101, 102)  # set after tick 100, seen by tick 101, in force for the next
+    (event,) = [event for event in run.events if event.source == SOURCE]
+    assert event.t_ns == run.t_ns[100]
+    assert event.diagnostic.code == "door.set"
+    assert event.diagnostic.figures == {
+        "path": "controller.k_x", "before": str(float(before)), "now": "0.0"
+    }  # fmt: skip
+    assert told[0]["said"] == event.diagnostic
+    assert file.controller().k_x == before
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "code"),
+    [
+        ("supervisor.max_speed_m_s", 100.0, "door.not-settable"),
+        ("controller.nothing", 1.0, "door.not-settable"),
+        ("controller", 1.0, "door.not-settable"),
+        ("controller.k_x", "much", "door.not-a-number"),
+        ("controller.k_x", float("nan"), "door.not-a-number"),
+        ("controller.k_x", [1.0, 2.0], "door.not-a-number"),
+        ("controller.k_x", None, "door.not-a-number"),
+        ("controller.k_x", 10**400, "door.not-a-number"),
+    ],
+)
+def test_what_cannot_be_set_changes_nothing_and_is_said(path, value, code):
+    own = load("small").controller()
+    one = Adjustable(own)
+    with refused(code):
+        one.change(path, value)
+    assert one.block is own
+
+
+def test_a_refused_change_ends_no_drive():
+    _, run, told = driven(("supervisor.imu_timeout_s", 99.0), ("controller.k_x", "x"))
+    _, same, _ = driven()
+    np.testing.assert_array_equal(run.requested, same.requested)
+    assert [message["level"] for message in told] == ["warning", "warning"]
+
+
+def test_only_the_holder_of_a_drive_sets_gains():
+    operator = Operator()
+    for who in ("me", "another"):
+        with pytest.raises(SafetyStop):
+            operator.change(who, "controller.k_x", 1.0)
+    operator.ask("me", "a mission")
+    with pytest.raises(SafetyStop):
+        operator.change("another", "controller.k_x", 1.0)
+    operator.change("me", "controller.k_x", 1.0)
+    assert operator.changes() == [("controller.k_x", 1.0)]
+    assert operator.changes() == []

@@ -1,0 +1,198 @@
+"""A door that holds: a stop is read before all else, guests, lines and memory are bounded, whatever is said."""
+
+import json
+import socket
+import threading
+from contextlib import suppress
+
+import pytest
+
+from baqueano.diagnostics import StopReason
+from baqueano.door import sockets
+from baqueano.door.guests import BACKLOG, LONG, PIECE, Guest
+from baqueano.door.operator import SILENCE_S, Operator
+from baqueano.door.sockets import FOR_STOPS, HIDDEN_S, MOST_GUESTS, SHARE, Door
+from tests.door.test_sockets import Person, until
+
+pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+
+RUNS = b'{"do": "runs"}\n'
+STOP = b'{"do": "stop", "why": "it nears the stairs"}\n'
+
+
+@pytest.fixture
+def door(tmp_path):
+    door = Door(tmp_path / "s", Operator(), tmp_path)
+    yield door
+    door.close()
+
+
+@pytest.fixture
+def come(door):
+    there = []
+
+    def come():
+        there.append(Person(door.path))
+        return there[-1]
+
+    yield come
+    for person in there:
+        person.close()
+
+
+@pytest.fixture
+def turns(door, monkeypatch):
+    """Counts the answers between the arrival of a stop in the socket and the stop."""
+    answers, answer = [], door._answer
+    monkeypatch.setattr(
+        door, "_answer", lambda guest, line: answers.append(bytes(line)) or answer(guest, line)
+    )
+    return answers
+
+
+class Flood(threading.Thread):
+    """Somebody who says a word without end, and reads what is answered."""
+
+    def __init__(self, person, word=RUNS):
+        super().__init__(daemon=True)
+        self.person, self.data, self.over = person, word * (PIECE // len(word)), threading.Event()
+        self.start()
+
+    def run(self):
+        self.person.line.settimeout(0.05)
+        while not self.over.is_set():
+            try:
+                self.person.line.sendall(self.data)
+                self.person.line.recv(1 << 20)
+            except TimeoutError:
+                continue
+            except OSError:
+                return
+
+    def end(self):
+        self.over.set()
+        self.join()
+
+
+def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, come, turns):
+    floods = [Flood(come()) for _ in range(5)]
+    until(lambda: len(turns) > 20 * SHARE)
+    for _ in range(5):
+        teacher, before = come(), len(turns)
+        teacher.line.sendall(STOP)
+        while (said := teacher.hear())["is"] == "state":
+            pass
+        assert said == {"is": "heard", "do": "stop"}
+        at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
+        assert at - before <= 8 * SHARE  # of millions that are said meanwhile
+        door.operator.forget(door.operator.why(False))
+    for flood in floods:
+        flood.end()
+
+
+def test_a_stop_is_taken_before_the_lines_that_its_own_guest_said_earlier(door, come, turns):
+    one = come()
+    one.line.sendall(RUNS * 200 + STOP + RUNS * 20)
+    until(lambda: door.operator.why(False) is not None)
+    at = next(k for k, line in enumerate(turns) if line.startswith(b'{"do": "stop"'))
+    assert at <= SHARE
+    assert door.operator.why(False).code == StopReason.STOPPED_BY
+
+
+def test_what_only_looks_like_a_stop_waits_for_its_turn(door, come):
+    one = come()
+    one.say(do="ping", token={"do": "stop"})
+    assert one.hear()["token"] == {"do": "stop"}
+    assert door.operator.why(False) is None
+
+
+def test_a_guest_whose_lines_come_too_fast_is_told_how_many_were_dropped(door, come):
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        guest = Guest(ours)
+        theirs.sendall(RUNS * (3 * BACKLOG))
+        assert list(guest.receive()) == []
+        assert len(guest.lines) == BACKLOG
+        assert guest.dropped == 2 * BACKLOG
+        theirs.sendall(STOP)
+        assert list(guest.receive()) == [STOP.rstrip()]
+    one = come()
+    one.line.sendall(RUNS * (4 * BACKLOG))
+    while (said := one.hear())["is"] == "runs":
+        pass
+    assert said["about"]["code"] == "door.too-many"
+
+
+def test_lines_are_answered_in_equal_shares(door, come, turns):
+    flood, quiet = Flood(come()), come()
+    until(lambda: len(turns) > 10 * SHARE)
+    for k in range(20):
+        before = len(turns)
+        quiet.say(do="ping", token=k)
+        assert quiet.hear()["token"] == k
+        assert len(turns) - before <= 8 * SHARE
+    flood.end()
+
+
+def test_at_most_so_many_guests_and_a_stop_is_heard_though_all_places_are_taken(door, come):
+    door.tell({"is": "state", "state": "MISSION"})
+    for _ in range(MOST_GUESTS):
+        assert come().hear()["is"] == "state"
+    late = come()
+    late.say(do="runs")
+    assert late.hear()["about"]["code"] == "door.full"
+    assert late.file.readline() == b""
+    more = [come() for _ in range(FOR_STOPS + 2)]  # who say nothing
+    teacher = come()
+    teacher.line.sendall(STOP)
+    assert teacher.hear() == {"is": "heard", "do": "stop"}
+    assert len(door._guests) <= MOST_GUESTS + FOR_STOPS
+    door.tell({"is": "state", "state": "STOPPED"})
+    assert teacher.hear()["state"] == "STOPPED"
+    assert more[0].file.readline() == b""
+
+
+def test_lines_without_an_end_are_held_by_one_guest_at_a_time(door, come):
+    people = [come() for _ in range(12)]
+    for one in people:
+        one.line.settimeout(20.0)
+
+    def pour(one):
+        try:
+            for _ in range(64):  # 4 MB each, 64 kB are kept of all but one
+                one.line.sendall(b"x" * LONG)
+        except OSError:
+            return
+
+    threads = [threading.Thread(target=pour, args=(one,), daemon=True) for one in people]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    until(lambda: sum(guest.coming > LONG for guest in door._guests) <= 1)
+    assert sum(guest.coming for guest in door._guests) <= 64 * LONG + 12 * (LONG + PIECE)
+
+
+def test_a_long_line_is_refused_while_somebody_drives(door, come):
+    driver, other = come(), come()
+    until(lambda: len(door._guests) == 2)
+    driver.say(do="mission", door=sockets.VERSION, mission="{}")
+    until(lambda: door.operator.taken)
+    with suppress(OSError):
+        for _ in range(1000):
+            other.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG)
+    assert json.loads(other.file.readline())["about"]["code"] == "door.somebody"
+
+
+def test_a_page_is_silent_sooner_than_ssh(door, come):
+    assert HIDDEN_S < SILENCE_S
+    for k, (by, silence_s) in enumerate((("page", HIDDEN_S), ("ssh", SILENCE_S))):
+        one = come()
+        one.say(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
+        until(lambda: door.operator.taken)
+        assert door.operator._silence_s == silence_s
+        door.operator.next()
+        door.operator.free()
+        one.close()
+        until(lambda one=one: not any(door.operator.holds(guest) for guest in door._guests))
+        until(lambda: door.operator._holder is None)
