@@ -11,12 +11,13 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TypeVar, cast
 
 LANGUAGES = {"en": "English", "es": "español"}
 VARIABLE = "BAQUEANO_LANG"
 DOMAIN = "baqueano"
 CATALOGUES = Path(__file__).with_name("locale")
+Shown = TypeVar("Shown")
 _COMMA = str.maketrans({".": ",", ",": " "})
 _chosen = ""
 _reader: ContextVar[str] = ContextVar("reader", default="")  # the language of whom a text is made for
@@ -76,7 +77,7 @@ def marked(words: str) -> str:
     return words
 
 
-def number(value: Any) -> Any:
+def number(value: Shown) -> Shown:
     """Return a number that formats itself as the current language writes it; anything else as it is.
 
     >>> f"{number(0.25):.1f}"
@@ -84,11 +85,14 @@ def number(value: Any) -> Any:
     """
     if current() == "en":
         return value
+    found: object = value
     if isinstance(value, list | tuple):
-        return type(value)(map(number, value))
-    if isinstance(value, float):
-        return _Float(value)
-    return _Int(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        found = type(value)(map(number, value))
+    elif isinstance(value, float):
+        found = _Float(value)
+    elif isinstance(value, int) and not isinstance(value, bool):
+        found = _Int(value)
+    return cast("Shown", found)
 
 
 class _Float(float):

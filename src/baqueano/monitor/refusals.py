@@ -37,7 +37,7 @@ def counted(counts: Sequence[Refusals]) -> Diagnostic:
     """Return the message of the event."""
     figures: dict[str, Any] = {one.name + OF_REFUSED: one.refused for one in counts}
     figures |= {one.name + OF_ARRIVED: one.arrived for one in counts}
-    each = [f"{one.name}: {one.refused} of {one.arrived}" for one in counts]
+    each = [f"{one.name}: {one.refused}/{one.arrived}" for one in counts]
     return note("estimator.refused", each=each, **figures)
 
 

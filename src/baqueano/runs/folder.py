@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import text
 from baqueano.printable import in_lines, typed
 from baqueano.runs.container.reader import read_run
@@ -172,14 +174,14 @@ def vehicle_name(vehicle_text: str) -> str:
 
 def listing_table(rows: list[ListedRun]) -> str:
     """Return the table of runs, a line each."""
-    head = ("run", "kind", "duration", "vehicle", "verdict", "notes")
+    head = tuple(map(_, ("run", "kind", "duration", "vehicle", "verdict", "notes")))
     lines = [head] + [
         (
             r.name,
-            r.kind,
-            "" if r.duration_s is None else f"{r.duration_s:.1f} s",
+            _(r.kind),
+            "" if r.duration_s is None else f"{number(r.duration_s):.1f} s",
             r.vehicle,
-            r.verdict,
+            _(r.verdict),
             r.notes,
         )
         for r in rows

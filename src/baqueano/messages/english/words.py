@@ -5,6 +5,7 @@ from baqueano.language import marked as N_
 VERDICTS = (
     N_("USABLE"), N_("WARN"), N_("REFUSED"), N_("CANNOT TELL"), N_("STOPPED"), N_("DONE"), N_("CONSISTENT"),
     N_("INCONSISTENT"), N_("NOT REPORTED"), N_("GUESS"), N_("OK"), N_("KNOWN"), N_("LOST"), N_("FOUND"),
+    N_("RECOVERED"), N_("UNREADABLE"), N_("DEFAULT"), N_("SET"), N_("CROOKED"), N_("STRAIGHT"),
     N_("consistent"), N_("too sure"), N_("too cautious"), N_("too careful"), N_("cannot tell"), N_("not reported"),
     N_("not definite"), N_("diverged"), N_("ok"), N_("warn"), N_("bad"), N_("unknown"),
 )  # fmt: skip
@@ -26,7 +27,7 @@ COLUMNS = (
     N_("number"), N_("observable"), N_("on own runs"), N_("parameter"), N_("rate [Hz]"), N_("rate hz"), N_("refused"),
     N_("room"), N_("run"), N_("size"), N_("source"), N_("speed"), N_("start"), N_("text"), N_("time [s]"), N_("times"),
     N_("to"), N_("topic"), N_("truth"), N_("unit"), N_("value"), N_("verdict"), N_("what"), N_("weak"), N_("yes"),
-    N_("no"), N_("high"),
+    N_("no"), N_("notes"), N_("duration"), N_("vehicle"),
 )  # fmt: skip
 GROUPS = N_("group dialout"), N_("group i2c"), N_("group gpio")
 TOPICS = N_("command applied"), N_("command requested"), N_("command sent")

@@ -1,0 +1,121 @@
+"""All that a command prints passes through gettext: with a catalogue of strange letters, plain English words give away
+what does not. Names, keys and lines to type stay as they are typed."""
+
+import gettext
+import html
+import re
+from copy import copy
+from pathlib import Path
+
+import pytest
+
+from baqueano import language
+from baqueano.cli import main
+
+ENGLISH = (
+    "the|of|and|with|without|from|to|is|are|was|were|not|by|its|it|than|for|at|in|on|no|error|speed|laps?|heading|run|"
+    "estimate|truth|noise|gain|value|unit|position|time|held|within|mean|limit|wheel|command|covariance|parameter|"
+    "verdict|topic|count|rate|gaps|longest|size|drift|distance|duration|expected|warning|yes|consistent|cost"
+)
+WORD = re.compile(rf"(?<![\w./\\\-'\"=\[:<])({ENGLISH})(?![\w./\\\-'\"=\]:(])", re.IGNORECASE)
+TYPED = re.compile(r"baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]")
+FIELD = re.compile(r"(\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[sd])")
+POINT = re.compile(r"(?<![\w./=-])\d+\.\d+(?![\w.]*[./]\w)(?!\w)")
+STRANGE = str.maketrans("abcdefghijklmnopqrstuvwxyz", "αвɔđєƒɢнιʝκʟмиσρφяѕτυνωχуζ")
+VERBS = [
+    "runs ls",
+    "runs show 1",
+    "compare 1",
+    "identify 1 --vehicle small --free model.friction.linear[0] --no-noise",
+    "forecast lab --vehicle small --laps 2",
+    "replay 1 --vehicle small -o again.mcap",
+    "simulate --vehicle small --seconds 0.3 -o tiny.mcap",
+    "blocks ls --vehicle small",
+    "blocks check ekf",
+    "study --help",
+    "runs show nothing",
+    "identify 1 --vehicle small --set model.mass_kg=heavy",
+]
+
+
+def strange(words: str) -> str:
+    """Return a template in letters of no language, its fields as they are.
+
+    >>> strange("{laps} laps")
+    '{laps} ʟαρѕ'
+    """
+    parts = FIELD.split(words)
+    return "".join(one if k % 2 else one.translate(STRANGE) for k, one in enumerate(parts))
+
+
+@pytest.fixture
+def in_strange_letters(monkeypatch):
+    """Lets `--lang es` speak in letters of no language."""
+    real = gettext.translation(language.DOMAIN, language.CATALOGUES, ["es"])
+    known = copy(real)
+    known._catalog = {  # pyright: ignore[reportAttributeAccessIssue]
+        key: strange(key.rpartition("\4")[2]) for key in real._catalog if isinstance(key, str) and key
+    }
+    monkeypatch.setattr(language, "_catalogue", lambda name: known)
+    yield
+    language.choose("")
+
+
+def said_by(line: str, capsys) -> str:
+    """Return both streams of a command."""
+    capsys.readouterr()
+    with pytest.raises(SystemExit):
+        main(["--lang", "es", *line.split()])
+    out, err = capsys.readouterr()
+    return out + err
+
+
+def english_in(text: str) -> list[str]:
+    """Return the lines that hold English words outside of what is typed."""
+    return [line for line in text.splitlines() if WORD.search(TYPED.sub("", line))]
+
+
+@pytest.fixture
+def in_lab(lab: Path, tmp_path: Path, monkeypatch) -> None:
+    """A folder of its own with the runs and the route of the lab."""
+    for path in lab.rglob("*"):
+        there = tmp_path / path.relative_to(lab)
+        there.mkdir(exist_ok=True) if path.is_dir() else there.write_bytes(path.read_bytes())
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("line", VERBS)
+def test_a_verb_prints_no_english_beside_its_translation(line, in_lab, in_strange_letters, capsys):
+    assert not english_in(said_by(line, capsys))
+
+
+def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_letters, capsys):
+    said_by("report 2 -o page.html", capsys)
+    page = Path("page.html").read_text(encoding="utf-8")
+    body = re.sub(
+        r"<style.*?</style>|<code>.*?</code>|<metadata>.*?</metadata>|<defs>.*?</defs>", "", page, flags=re.S
+    )
+    shown = html.unescape("\n".join(re.findall(r">([^<>]+)<", body)))
+    assert '<html lang="es">' in page
+    assert not english_in(shown)
+
+
+@pytest.mark.parametrize("line", ["compare 1", "runs ls", "forecast lab --vehicle small"])
+def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
+    try:
+        said = TYPED.sub("", said_by(line, capsys))
+    finally:
+        language.choose("")
+    assert not POINT.findall(said)
+    assert re.search(r"\d,\d", said)
+
+
+def test_files_and_json_keep_points_and_english(in_lab, capsys):
+    try:
+        reply = said_by("compare 1 --json", capsys)
+        said_by("simulate --vehicle small --seconds 0.3 -o tiny.mcap", capsys)
+    finally:
+        language.choose("")
+    assert '"verdict": "' in reply
+    assert re.search(r"\d\.\d", reply)
+    assert not re.search(r": -?\d+,\d", reply)
