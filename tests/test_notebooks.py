@@ -7,7 +7,7 @@ from nbclient import NotebookClient
 from baqueano import new
 from baqueano.runs import read_run
 
-SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, truth=truth, duration_s=0.5, path="mine.mcap")\n'
+SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path="mine.mcap")\n'
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +43,7 @@ def test_results_are_cards_and_short_texts_and_figures_are_pictures(executed):
     folder, notebook = executed
     cards = shown(notebook, "text/html")
     assert any("Fit of small" in card and "friction.linear[0]" in card for card in cards)
+    assert any("Fit of small" in card and "USABLE" in card for card in cards), "though its file began as a guess"
     assert any("Gains of small" in card for card in cards)
     assert all(text.count("\n") < 12 for text in shown(notebook, "text/plain"))
     assert len(shown(notebook, "image/png")) == 3

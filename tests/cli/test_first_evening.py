@@ -4,9 +4,12 @@ import sys
 from inspect import signature
 from pathlib import Path
 
+import numpy as np
+
 from baqueano.cli import demo, options
 from baqueano.cli.modelling.tune import command as tune
-from baqueano.vehicle_file import Provenance, load
+from baqueano.drive import experiment
+from baqueano.vehicle_file import Provenance, garage_names, load
 
 
 def test_the_demo_names_the_program_as_it_is_called_in_this_shell(tmp_path, monkeypatch):
@@ -39,7 +42,7 @@ def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baq
     advice = "Measure it first: baqueano experiment, then baqueano identify last --update"
     assert "guesses" in baqueano("new", "mylab").err
     monkeypatch.chdir(tmp_path / "mylab")
-    assert load("vehicle.toml").provenance["model"] == ("baqueano new, from small", None, None, "GUESS")
+    assert load("vehicle.toml").provenance["model"] == ("a guess", None, None, "GUESS")
     taught = baqueano("teach", "lab", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
     for end in (taught, baqueano("repeat", "lab")):
         assert end.code == 0
@@ -53,6 +56,34 @@ def test_a_new_vehicle_is_a_guess_and_is_advised_to_be_measured_until_it_was(baq
     assert 'verdict = "GUESS"' in Path("vehicle.toml").read_text(encoding="utf-8"), (
         "what was not fitted is still one"
     )
+
+
+def test_a_new_project_drives_another_vehicle_than_its_file_describes(baqueano, tmp_path, monkeypatch):
+    for name in garage_names():
+        baqueano("new", name, "--vehicle", name)
+        guess = load(tmp_path / name / "vehicle.toml")
+        assert guess.guessed
+        assert guess.truth.layers == (f"garage: {name}",)
+        key = "model.friction.linear" if name != "car" else "model.linear_drag"
+        believed, true = guess.value(key), guess.truth.value(key)
+        assert np.all(np.abs(believed - true) > 0.1 * np.abs(true)), f"{name}: a guess is off"
+        sds = [origin.sd for origin in guess.provenance.values() if origin.sd is not None]
+        assert sds, "a guess says how far off it may be"
+    guess, u = load(tmp_path / "small" / "vehicle.toml"), np.tile([0.6, 0.0, 0.1], (100, 1))
+    assert experiment(guess, u) == experiment(guess, u, truth=load("small"))
+    assert experiment(guess, u) != experiment(guess, u, truth=guess)
+    monkeypatch.chdir(tmp_path / "small")
+    assert "simulated: small, which vehicle.toml names" in baqueano("experiment", "--seconds", "1").err
+
+
+def test_a_truth_that_is_not_there_is_named(baqueano, tmp_path, monkeypatch):
+    baqueano("new", "mylab")
+    monkeypatch.chdir(tmp_path / "mylab")
+    text = Path("vehicle.toml").read_text(encoding="utf-8")
+    Path("vehicle.toml").write_text(text.replace('truth = "small"', 'truth = "body.toml"'), encoding="utf-8")
+    assert baqueano("experiment", "--seconds", "1").why.code == "vehicle.absent"
+    load("small").save("body.toml")
+    assert baqueano("experiment", "--seconds", "1").code == 0, "a file beside this one"
 
 
 def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from baqueano.project.folder import guess_of
 from baqueano.study.demo import GUESS, Demo
 from baqueano.vehicle_file import load
 
@@ -33,7 +34,9 @@ def told(names, estimate, sd) -> Demo:
 def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
     truth = load("small")
     guessed = truth.with_values(GUESS)
+    project = guess_of("small")
     for key in GUESS:
+        np.testing.assert_array_equal(project.value(key), guessed.value(key), err_msg=f"{key} of a new project")
         assert not np.array_equal(guessed.value(key), truth.value(key)), (
             f"{key}: the demo would know the answer"
         )

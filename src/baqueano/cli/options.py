@@ -153,14 +153,11 @@ def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], f
 
 
 def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
-    """The vehicle file of the robot that is driven."""
-    from baqueano.errors import UsageError
+    """The vehicle file of the simulated or emulated robot that is driven, which "simulated:FILE" or the file names."""
     from baqueano.vehicle_file import load
 
-    kind, _, truth = robot.partition(":")
-    if kind != "simulated":
-        raise UsageError(fault("cli.robot-unknown", "--robot simulated", robot=robot))
-    return load(truth) if truth else vehicle
+    _, _, named = robot.partition(":")
+    return load(named) if named else vehicle.truth
 
 
 def run_path(out: Path | None, folder: str, label: str) -> Path:

@@ -35,7 +35,7 @@ from baqueano.worlds import Simulated
 class Conditions:
     """The recorder and the options of a drive.
 
-    The world is a simulation of `truth` (a vehicle file; that of the drive if not given) with the noise of `seed`, for
+    The world is a simulation of `truth` (a vehicle file; that which the file of the drive names if not given) with the noise of `seed`, for
     `duration_s` at most, unless another `world` and its clock `ticking` are given. `eta` (3,) [m, rad] is the pose at
     the start; (6,) of a vehicle that is moving then, with its velocity. `backend`: see `symbolic.compiled`.
     """
@@ -55,7 +55,7 @@ class Conditions:
 
     def world_of(self, vehicle_file: VehicleFile) -> World:
         """Return the world; UsageError where file and world take another number of commands."""
-        real = vehicle_file if self.truth is None else self.truth
+        real = vehicle_file.truth if self.truth is None else self.truth
         world = self.world or Simulated(
             real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
         )

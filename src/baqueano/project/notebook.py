@@ -5,16 +5,18 @@ from itertools import count
 
 CELLS = (  # a text begins with #
     """# {name}: from a drive to a controller of your own
-Everything here happens in a simulation. Run the cells one by one, with Shift and Enter; then change them.""",
+Everything here happens in a simulation. Run the cells one by one, with Shift and Enter; then change them.
+
+The file `vehicle.toml` holds guesses. The simulation drives the vehicle that the file names under `[simulation]`, whose
+numbers the fit has to find.""",
     """import baqueano as bq
 
 robot = bq.load("vehicle.toml")  # what we believe of the vehicle
-truth = bq.load("{truth}")  # the vehicle that is simulated; leave truth= out below once yours drives
 robot""",
     """## 1. Drive it, and find out what it is
 Random commands excite all of its dynamics. The fit gives each parameter with its error bar, and a verdict.""",
     """u = bq.excitation("random_steps", robot.command.limit, 30.0, robot.rate_hz)
-run = bq.experiment(robot, u, truth=truth)
+run = bq.experiment(robot, u)
 fit = bq.identify(run, robot)
 fit""",
     """fit.plot("data")""",
@@ -26,8 +28,8 @@ tuned = bq.tune(robot, path, starts=2)
 robot = tuned.applied()
 tuned""",
     """## 3. Teach a path, and repeat it""",
-    """route = bq.teach(robot, path, closed=True, truth=truth).route
-ours = bq.repeat(robot, route, truth=truth)
+    """route = bq.teach(robot, path, closed=True).route
+ours = bq.repeat(robot, route)
 ours.plot()""",
     """## 4. A controller of your own
 A block is a class with `init()` and a pure `step(...)`. This one turns towards the path and back onto it. The run keeps
@@ -58,7 +60,7 @@ class Mine:
 
 
 bq.check(Mine, robot)""",
-    """mine = bq.repeat(robot, route, controller=Mine(k_y=20.0), truth=truth)
+    """mine = bq.repeat(robot, route, controller=Mine(k_y=20.0))
 both = bq.compare([ours, mine], names=["ours", "mine"])
 both""",
     """both.plot()""",
@@ -70,12 +72,12 @@ mine  # mine.to_pandas() is a data frame; it needs: pip install "baqueano[pandas
 )
 
 
-def notebook(name: str, truth: str) -> str:
-    """Return the text of the notebook of a project, whose simulated vehicle is `truth`."""
+def notebook(name: str) -> str:
+    """Return the text of the notebook of a project."""
     numbers = count(1)
     cells = []
     for text in CELLS:
-        filled = text.replace("{name}", name).replace("{truth}", truth)
+        filled = text.replace("{name}", name)
         cell = {"id": f"cell-{next(numbers)}", "metadata": {}, "source": filled.splitlines(keepends=True)}
         if text.startswith("#"):
             cells.append({"cell_type": "markdown"} | cell)

@@ -18,7 +18,7 @@ from baqueano.signals import ByName
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
 from baqueano.vehicle_file.envelope import Envelope, read_envelope
-from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geometry, Hardware, Top
+from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geometry, Hardware, Simulation, Top
 from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
 from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unknown
@@ -120,6 +120,7 @@ class VehicleFile:
     layers: tuple[str, ...]
     label: str
     robot: Hardware
+    simulation: Simulation = field(default=Simulation(), repr=False)
     on_disk: str | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
@@ -193,6 +194,20 @@ class VehicleFile:
         (True, False)
         """
         return not measured(self.provenance)
+
+    @property
+    def truth(self) -> "VehicleFile":
+        """The vehicle that a simulation drives: that of [simulation] truth, a name of the garage or a file beside this
+        one; by default this vehicle. FileError where it is not there.
+
+        >>> load("small").truth.name
+        'small'
+        """
+        named = self.simulation.truth
+        if named is None:
+            return self
+        beside = Path(self.folder or ".") / named
+        return load(named if named in garage.names() else beside)
 
     @property
     def folder(self) -> str | None:
@@ -303,7 +318,7 @@ def parse(
     sheet = Sheet(name, text)
     data = tables(text, name)
     top = _top(sheet, data)
-    channels, geometry, hardware = _head(sheet, data)
+    channels, geometry, hardware, simulation = _head(sheet, data)
     around = Surroundings(str(path.parent) if path else None, top.rate_hz, geometry)
     vehicle = build.vehicle(sheet, data["model"], around)
     sensors = build.sensors(sheet, data.get("sensors", {}), around)
@@ -317,7 +332,7 @@ def parse(
     sheet.finish()
     file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
-        parameter_cov, envelope, tuple(sheet.notices), tuple(layers) or (name,), name, hardware, on_disk,
+        parameter_cov, envelope, tuple(sheet.notices), tuple(layers) or (name,), name, hardware, simulation, on_disk,
     )  # fmt: skip
     _check_rooms(sheet, file)
     return file
@@ -349,14 +364,15 @@ def _example(name: str) -> str:
     return {"name": 'name = "my vehicle"', "rate_hz": "rate_hz = 100.0"}.get(name, name)
 
 
-def _head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardware]:
+def _head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
     values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
     if "names" not in values and "names" not in data["command"]:
         sheet.wrong(("command", "names"), "vehicle.no-command-names")
     geometry = arguments(sheet, ("geometry",), keys_of(Geometry), data.get("geometry", {}), also=())
     hardware = arguments(sheet, ("robot",), keys_of(Hardware), data.get("robot", {}), also=())
+    simulation = arguments(sheet, ("simulation",), keys_of(Simulation), data.get("simulation", {}), also=())
     sheet.finish()
-    return Channels(**values), Geometry(**geometry), Hardware(**hardware)
+    return Channels(**values), Geometry(**geometry), Hardware(**hardware), Simulation(**simulation)
 
 
 def _command(sheet: Sheet, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:

@@ -10,7 +10,7 @@ FORMAT = 1
 TOP_LEVEL = ("format", "name", "about", "rate_hz")
 TABLES = (
     "command", "geometry", "model", "sensors", "estimator", "controller", "guide", "supervisor",
-    "robot", "provenance", "parameter_cov", "envelope",
+    "robot", "simulation", "provenance", "parameter_cov", "envelope",
 )  # fmt: skip
 
 
@@ -76,6 +76,13 @@ class Hardware:
     least_disk_mb: float = parameter(
         "MB", "room on the disk below which no drive begins", low=1.0, high=1e6, default=200.0
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """The vehicle that a simulation drives in place of the one that the file describes."""
+
+    truth: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

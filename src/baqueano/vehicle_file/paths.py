@@ -10,7 +10,7 @@ import numpy as np
 from baqueano.blocks import resolve
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, UsageError
-from baqueano.vehicle_file.head import Geometry, Hardware
+from baqueano.vehicle_file.head import Geometry, Hardware, Simulation
 from baqueano.vehicle_file.tables import DERIVED, keys_of
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[st
         *(f"command.{k}" for k in data.get("command", {})),
         *(f"geometry.{k}" for k in keys_of(Geometry)),
         *(f"robot.{k}" for k in keys_of(Hardware)),
+        *(f"simulation.{k}" for k in keys_of(Simulation)),
     ]
     tables = {("model",): "vehicle"}
     tables |= {("sensors", name): "sensor" for name in data.get("sensors", {})}

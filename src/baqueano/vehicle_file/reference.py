@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.blocks import ROOMS, resolve
 from baqueano.parameter import INF
 from baqueano.vehicle_file.build import ROUTE
-from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Top
+from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Simulation, Top
 from baqueano.vehicle_file.history import Provenance
 from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, keys_of, range_words
 
@@ -38,6 +38,7 @@ PLAIN = {  # keys without a unit: what they mean
     "use": 'sensors that correct the estimate, or numbers of them: "imu[2]"; the others are only recorded',
     "speed_from": 'accelerometers that may correct the speed: "imu[1]"',
     "watch": "the sensor that must not be silent",
+    "truth": "the vehicle that a simulation drives: one of the garage, or a file beside this one; else this vehicle",
     "port": '"auto", or the serial line of the Uno: "/dev/serial/by-id/..."',
     "imu_axes": 'axes of the chip that point ahead, left and up: ["-y", "x", "z"] if it is turned to the left',
     "rate_hz": "commands a second",
@@ -66,7 +67,7 @@ GIVEN = {"vehicle", "sensors"}
 def rows() -> list["TableRow"]:
     """Return a row for each key: table, kind, key, unit, shape, range, default, meaning."""
     found = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
-    found += _rows("robot", "", Hardware)
+    found += _rows("robot", "", Hardware) + _rows("simulation", "", Simulation)
     for room, kinds in ROOMS.items():
         for kind in kinds:
             found += _rows(TABLE_OF[room], kind, resolve(room, kind))

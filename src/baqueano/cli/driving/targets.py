@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from baqueano.cli.options import load_truth
 from baqueano.cli.terminal import talk
 from baqueano.diagnostics import fault, nearest, note
 from baqueano.errors import UsageError
@@ -92,19 +93,19 @@ def placed(
 ) -> Iterator[Place]:
     """The place that --robot names: "simulated" or "emulated", each with ":FILE" for the body of another vehicle, or a
     host."""
-    from baqueano.vehicle_file import load
-
-    kind, _, truth = robot.partition(":")
+    kind = robot.partition(":")[0]
     near = nearest(kind, IN_HERE, LIKE)
     if not {"@", "."} & set(robot) and near.figures.get("meant", kind) != kind:
         raise UsageError(fault("cli.robot-mistyped", found=kind, near=near))
+    if kind in IN_HERE and ":" not in robot and file.simulation.truth is not None:
+        talk(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
     if kind == "simulated":
-        given = {"truth": load(truth) if truth else file, "seed": seed, "backend": backend}
+        given = {"truth": load_truth(robot, file), "seed": seed, "backend": backend}
         yield Here(lambda: given)
     elif kind == "emulated":
         from baqueano.robot.emulated import emulated
 
-        with emulated(file, load(truth) if truth else file, seed) as options:
+        with emulated(file, load_truth(robot, file), seed) as options:
             yield Here(lambda: options() | {"seed": seed, "backend": backend})
     else:
         from baqueano.door.remote import reached

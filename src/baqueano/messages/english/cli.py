@@ -108,10 +108,6 @@ TEMPLATES: dict[str, str] = {
         "stopped from the keyboard: the table shows the recordings judged so far; no report was written."
     ),
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
-    "cli.robot-unknown": (
-        "--robot {robot} is not supported yet: expected 'simulated', or 'simulated:FILE' for the simulation of another "
-        "vehicle file. Type: {fix}"
-    ),
     "cli.file-exists": "{out} exists already, and a run never replaces a file. Type: {fix}",
     "cli.route-absent": (
         "Route {found} does not exist: {missing} is not a file. {there}. To drive it once: {fix}"
@@ -218,6 +214,9 @@ TEMPLATES: dict[str, str] = {
     "cli.demo": ("\nreport: {page}   runs, route and vehicle file beside it\nnext:   {program} new mylab"),
     "cli.next-new": "next: cd {name}, then baqueano experiment",
     "cli.guesses": ("the numbers of its model are guesses, until a fit has measured them on your vehicle"),
+    "cli.simulated-truth": (
+        "simulated: {truth}, which {vehicle} names under [simulation], so that a fit has something to find"
+    ),
     "cli.measure-first": (
         "{vehicle}: its model is a guess, so the vehicle will not reach the wanted speed. Measure it first: "
         "{experiment}, then {identify}"
