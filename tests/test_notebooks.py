@@ -43,7 +43,9 @@ def test_results_are_cards_and_short_texts_and_figures_are_pictures(executed):
     folder, notebook = executed
     cards = shown(notebook, "text/html")
     assert any("Fit of small" in card and "friction.linear[0]" in card for card in cards)
-    assert any("Fit of small" in card and "USABLE" in card for card in cards), "though its file began as a guess"
+    assert any("Fit of small" in card and "USABLE" in card for card in cards), (
+        "though its file began as a guess"
+    )
     assert any("Gains of small" in card for card in cards)
     assert all(text.count("\n") < 12 for text in shown(notebook, "text/plain"))
     assert len(shown(notebook, "image/png")) == 3

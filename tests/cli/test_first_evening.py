@@ -5,11 +5,14 @@ from inspect import signature
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from baqueano.cli import demo, options
 from baqueano.cli.modelling.tune import command as tune
 from baqueano.drive import experiment
-from baqueano.vehicle_file import Provenance, garage_names, load
+from baqueano.runs import read_run
+from baqueano.runs.folder import find
+from baqueano.vehicle_file import Provenance, garage_names, load, parse
 
 
 def test_the_demo_names_the_program_as_it_is_called_in_this_shell(tmp_path, monkeypatch):
@@ -84,6 +87,52 @@ def test_a_truth_that_is_not_there_is_named(baqueano, tmp_path, monkeypatch):
     assert baqueano("experiment", "--seconds", "1").why.code == "vehicle.absent"
     load("small").save("body.toml")
     assert baqueano("experiment", "--seconds", "1").code == 0, "a file beside this one"
+
+
+BARE = """
+format = 1
+name = "bare"
+rate_hz = 100.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+limit = [1.0, 0.0, 1.0]
+[geometry]
+radius_m = 0.07
+track_m = 0.12
+[model]
+kind = "planar"
+mass_kg = 0.6
+actuator_matrix = [[3.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.2]]
+[model.friction]
+linear = [3.0, 30.0, 0.01]
+[model.drivetrain]
+mixing = "two_wheels"
+[sensors.imu]
+kind = "imu"
+"""
+
+
+@pytest.mark.parametrize("kind", ["augmented_ekf", "ekf", "unscented", "dead_reckoning", "complementary"])
+def test_a_file_before_any_fit_replays_a_run_with_any_estimator(baqueano, kind):
+    """It names no noise, no covariances and no gains."""
+    Path("bare.toml").write_text(BARE, encoding="utf-8")
+    baqueano("experiment", "--vehicle", "small", "--seconds", "2")
+    end = baqueano("replay", "1", "--vehicle", "bare.toml", "--estimator", kind)
+    assert end.code == 0, end.err
+    (said,) = [
+        e.diagnostic for e in read_run(find("last")).events if e.level == "warning" and e.source == "drive"
+    ]
+    assert (said.code, said.figures["sensors"]) == ("drive.usual-noise", "imu")
+    assert "noise of imu" in end.err
+
+
+def test_noise_that_the_file_names_is_believed_as_it_stands():
+    half = parse(BARE + "accel_noise_std = [0.2, 0.0]\ngyro_noise_std = 0.01\n", "half.toml")
+    assert half.noiseless == ("imu",)
+    np.testing.assert_allclose(np.diag(half.estimator().sensors.imu.cov), [0.04, 0.01, 0.0001])
+    assert not half.sensors.imu.cov[1, 1], "a simulated one is as the file says"
+    whole = parse(BARE + "accel_noise_std = [0.2, 0.1]\ngyro_noise_std = 0.01\n", "whole.toml")
+    assert (whole.noiseless, whole.estimator().sensors is whole.sensors) == ((), True)
 
 
 def test_the_advice_names_the_vehicle_and_where_it_is(capsys, tmp_path, monkeypatch):

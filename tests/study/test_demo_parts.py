@@ -36,7 +36,9 @@ def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
     guessed = truth.with_values(GUESS)
     project = guess_of("small")
     for key in GUESS:
-        np.testing.assert_array_equal(project.value(key), guessed.value(key), err_msg=f"{key} of a new project")
+        np.testing.assert_array_equal(
+            project.value(key), guessed.value(key), err_msg=f"{key} of a new project"
+        )
         assert not np.array_equal(guessed.value(key), truth.value(key)), (
             f"{key}: the demo would know the answer"
         )

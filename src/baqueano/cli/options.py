@@ -234,9 +234,9 @@ def ended(run: "Run", path: Path) -> None:
 
 
 def warned(run: "Run") -> None:
-    """Tell what a run says of its model, and the sensors that were degraded."""
+    """Tell what a run says of its model and noise, and the sensors that were degraded."""
     for event in run.events:
-        if event.source in ("model", "sensors") and event.level == "warning":
+        if event.source in ("drive", "model", "sensors") and event.level == "warning":
             talk(note("cli.warning", cause=event.diagnostic or event.text))
 
 

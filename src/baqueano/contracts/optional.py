@@ -15,6 +15,7 @@ NEUTRAL: dict[str, object] = {
     # of a sensor
     "delay_slots": 0,  # past ticks that it keeps for its delay
     "has_low_pass": False,
+    "usual_std": None,  # (m,) of the noise of such a sensor, where nobody measured it
     "cov": None,  # Q (m, m); a sensor that is only read has none
     "limit": INF,  # end of its range
     "sees": None,  # whether it has something to measure there; it always has

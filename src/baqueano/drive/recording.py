@@ -35,7 +35,8 @@ class Recording:
     def begin(self, notes: Iterable[Diagnostic | str]) -> None:
         """Write the data that are known before the first tick."""
         for one in notes:
-            self.sink.event(self.begun_ns, "info", "drive", one)
+            grave = isinstance(one, Diagnostic) and one.severity == Severity.WARNING
+            self.sink.event(self.begun_ns, "warning" if grave else "info", "drive", one)
 
     def tick(self, record: Record) -> None:
         """Write a record of the loop."""

@@ -13,7 +13,7 @@ from baqueano.block_checks.source_text import is_ours, source_text
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, StopReason, fault, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.drive.budget import PREPARE_S, Budgeted, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
@@ -195,7 +195,12 @@ def _prepared(
         blocks = Blocks._make(Budgeted(b) if _may_hang(b) else b for b in blocks)
     if sensors is not None:
         sensors.begin(*(given.start[k : k + 3] for k in range(0, len(given.start), 3)))
-    return blocks, sensors, [*notes, *unwatched]
+    unknown = (
+        [note("drive.usual-noise", Severity.WARNING, sensors=names)]
+        if (names := vehicle_file.noiseless)
+        else []
+    )
+    return blocks, sensors, [*notes, *unwatched, *unknown]
 
 
 def stop_of(run: Run) -> Diagnostic | None:

@@ -11,7 +11,9 @@ from baqueano.vehicle_file import VehicleFile, load, parse
 
 BLOCKS = ("my_estimator.py", "my_guide.py", "my_controller.py")
 NOTEBOOK = "first_evening.ipynb"
-GUESSED = Path(__file__).parent / "guesses"  # of the vehicles of the garage, what a person would write of them
+GUESSED = (
+    Path(__file__).parent / "guesses"
+)  # of the vehicles of the garage, what a person would write of them
 GUESSES = """{text}
 
 # Nobody measured your vehicle yet. `baqueano identify last --update` writes what it measures below this table.

@@ -55,6 +55,7 @@ class Imu:
     """
 
     reads: ClassVar[str] = "imu"
+    usual_std: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.005)  # of a chip for hobbyists, on wheels that turn
 
     measurement_model: str = "physical"
     delay_slots: int = 0

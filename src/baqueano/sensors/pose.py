@@ -40,6 +40,7 @@ class Pose(Sampled):
     """
 
     size: ClassVar[int] = 3
+    usual_std: ClassVar[tuple[float, ...]] = (0.005, 0.005, 0.01)  # of a camera above the floor
 
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)

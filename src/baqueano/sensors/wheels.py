@@ -76,6 +76,7 @@ class Wheels(Sampled):
     """
 
     reads: ClassVar[str] = "wheels"
+    usual_std: ClassVar[tuple[float, ...]] = (0.01, 0.01)
 
     size: ClassVar[int] = 2
 
@@ -119,6 +120,7 @@ class Odometer(Sampled):
     """
 
     reads: ClassVar[str] = "odometer"
+    usual_std: ClassVar[tuple[float, ...]] = (0.01,)
 
     size: ClassVar[int] = 1
 

@@ -2,10 +2,14 @@
 where its table is silent `rate_hz` and `limit` of the file.
 """
 
+from dataclasses import replace
 from math import ceil
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from baqueano.blocks import kinds, place_of, resolve
+from baqueano.contracts import optional
 from baqueano.diagnostics import nearest
 from baqueano.errors import FileError, from_outside, in_users_file, named
 from baqueano.signals import sensor_slots
@@ -82,6 +86,33 @@ def sensors(sheet: Sheet, tables: object, around: Surroundings) -> Any:
     if not isinstance(tables, dict):
         sheet.wrong(("sensors",), "vehicle.sensors-not-table")
     return sensor_slots(tuple(blocks))(*blocks.values())
+
+
+def noiseless(sensors: Any) -> list[str]:
+    """Return the names of the sensors for whose noise the file says nothing, or 0, in one of their numbers."""
+    return [name for name, sensor in sensors._asdict().items() if _lacks_noise(sensor)]
+
+
+def with_usual_noise(sensors: Any) -> Any:
+    """Return the sensors as a filter takes them: a number without noise has that of such a sensor. In a simulation it
+    may be exact; a filter that believes so divides by 0."""
+    lacking = {name: getattr(sensors, name) for name in noiseless(sensors)}
+    return (
+        sensors._replace(**{name: _usual(sensor) for name, sensor in lacking.items()}) if lacking else sensors
+    )
+
+
+def _lacks_noise(sensor: Any) -> bool:
+    if optional.of(sensor, "usual_std") is None:
+        return False
+    return not bool(np.all(np.diag(sensor.cov) > 0.0))
+
+
+def _usual(sensor: Any) -> Any:
+    known = np.diag(sensor.cov) > 0.0
+    Q = np.where(known[:, None] & known[None, :], sensor.cov, 0.0)
+    usual = np.where(known, 0.0, np.array(sensor.usual_std))
+    return replace(sensor, measurement_noise_cov=Q + np.diag(usual**2))
 
 
 def _sensor(sheet: Sheet, path: KeyPath, kind: type, table: Any, around: Surroundings) -> Any:

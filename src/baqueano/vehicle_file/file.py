@@ -18,7 +18,16 @@ from baqueano.signals import ByName
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
 from baqueano.vehicle_file.envelope import Envelope, read_envelope
-from baqueano.vehicle_file.head import FORMAT, TABLES, TOP_LEVEL, Channels, Geometry, Hardware, Simulation, Top
+from baqueano.vehicle_file.head import (
+    FORMAT,
+    TABLES,
+    TOP_LEVEL,
+    Channels,
+    Geometry,
+    Hardware,
+    Simulation,
+    Top,
+)
 from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
 from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unknown
@@ -210,6 +219,11 @@ class VehicleFile:
         return load(named if named in garage.names() else beside)
 
     @property
+    def noiseless(self) -> tuple[str, ...]:
+        """Return the sensors whose noise the file leaves out: its estimators take what such a sensor usually has."""
+        return tuple(build.noiseless(self.sensors))
+
+    @property
     def folder(self) -> str | None:
         """Return the folder to search first for a block of the user's own."""
         return str(self.path.parent) if self.path else None
@@ -226,7 +240,8 @@ class VehicleFile:
             if not isinstance(kind, type):
                 return kind
         sheet = Sheet(self.label, self.text)
-        given = {"vehicle": self.vehicle, "sensors": self.sensors, **(given or {})}
+        sensors = build.with_usual_noise(self.sensors) if room == "estimator" else self.sensors
+        given = {"vehicle": self.vehicle, "sensors": sensors, **(given or {})}
         fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}
         if room == "estimator" and kind and self.kind(room) is AugmentedEkf:
             fallback["process_noise_cov"] = self.estimator().process_noise_cov
@@ -395,7 +410,7 @@ def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
     for room in LOOP_ROOMS:
         if room not in file.data or (file.on_disk is None and _is_users(file.data[room])):
             continue  # out of a run: the user's file may be elsewhere today
-        given = {"vehicle": file.vehicle, "sensors": file.sensors}
+        given = {"vehicle": file.vehicle, "sensors": build.with_usual_noise(file.sensors)}
         fallback = {"rate_hz": file.rate_hz, "limit": file.command.limit}
         found = build.room(sheet, room, file.data[room], given, fallback, file._around)
         if found is not None and not found.lacking and not sheet.problems and room != "guide":

@@ -50,6 +50,10 @@ TEMPLATES: dict[str, str] = {
         "ekf"
     ),
     "smooth.not-compiled": "{who} cannot be compiled, so it cannot be smoothed: {cause}",
+    "drive.usual-noise": (
+        "the vehicle file says nothing of the noise of {sensors}, so the estimator takes what such a sensor usually "
+        "has. To measure it, type: baqueano identify RUN --update"
+    ),
     "drive.signal-shape": (
         "the signal has shape {found}: expected finite numbers (N, {commands}), one column for each of {names}."
     ),
