@@ -35,9 +35,10 @@ from baqueano.worlds import Simulated
 class Conditions:
     """The recorder and the options of a drive.
 
-    The world is a simulation of `truth` (a vehicle file; that which the file of the drive names if not given) with the noise of `seed`, for
-    `duration_s` at most, unless another `world` and its clock `ticking` are given. `eta` (3,) [m, rad] is the pose at
-    the start; (6,) of a vehicle that is moving then, with its velocity. `backend`: see `symbolic.compiled`.
+    The world is a simulation of `truth` (a vehicle file; by default that which the file of the drive names, itself if
+    none) with the noise of `seed`, for `duration_s` at most, unless another `world` and its clock `ticking` are given.
+    `eta` (3,) [m, rad] is the pose at the start; (6,) of a vehicle that is moving then, with its velocity. `backend`:
+    see `symbolic.compiled`.
     """
 
     truth: VehicleFile | None = None
