@@ -1,5 +1,8 @@
 """`kind` in the vehicle file → block: one of ours by its short name, or one of yours as "file.py:Class".
 
+Text that a vehicle file or a run names is executed where it stands beside that file, or where the user named it; from
+elsewhere only where the user allows it, as it runs with all rights of the user.
+
 What the six rooms promise each other is checked by block_checks, for the author of a block.
 """
 
@@ -7,6 +10,9 @@ import importlib
 import importlib.util
 import inspect
 import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
@@ -58,6 +64,9 @@ ROOMS: dict[str, dict[str, str]] = {
 }
 
 LOOP = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
+OWN_FILE = "vehicle.toml"  # of the project in which the user stands
+_trusted: set[Path] = set()  # files of blocks that the user named or allowed in this process
+_allowing = [False]  # whether the user allows text that files of others name
 _loaded: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
 
 
@@ -90,7 +99,7 @@ def kinds(room: str) -> tuple[str, ...]:
 
 
 def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
-    """Return the class behind the `kind` of a vehicle file.
+    """Return the class behind a `kind` that the user names.
 
     Parameters
     ----------
@@ -126,6 +135,55 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     if kind.endswith(".py") and _there(kind, folder) is not None:
         raise FileError(fault("block.without-class", found=kind, holds=classes_in(kind, folder)))
     raise FileError(fault("block.unknown", room=room, found=kind, near=nearest(kind, known)))
+
+
+@contextmanager
+def allowed(allow: bool = True) -> Iterator[None]:
+    """Execute, inside, the text of blocks that vehicle files and runs of others name, where `allow` is true."""
+    before = _allowing[0]
+    _allowing[0] = before or allow
+    try:
+        yield
+    finally:
+        _allowing[0] = before
+
+
+def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> type:
+    """The class behind `kind`, as a vehicle file in `folder` names it, or with `folder` None a run. FileError for text
+    that stands elsewhere, unless the user named it or allows it; for a path out of a run always."""
+    file = kind if kind.endswith(".py") else kind.rpartition(":")[0]
+    path = _there(file, folder) if file.endswith(".py") else None
+    if path is None:
+        far = folder is None and file.endswith(".py") and _leads_away(Path(file))
+        if far:
+            raise FileError(fault("block.in-run-elsewhere", kind=kind))
+        return resolve(room, kind, folder)
+    here = Path.cwd().resolve()
+    if folder is None:
+        if _leads_away(Path(file)) or not path.is_relative_to(here):
+            raise FileError(fault("block.in-run-elsewhere", kind=kind))
+        own, code = _named_here(kind), "block.in-run"
+    else:
+        home = Path(folder).resolve()
+        own = path.is_relative_to(home) or (home.is_relative_to(here) and path.is_relative_to(here))
+        code = "block.elsewhere"
+    if not (own or path in _trusted or _allowing[0]):
+        raise FileError(fault(code, kind=kind, path=path))
+    return resolve(room, kind, folder)
+
+
+def _leads_away(file: Path) -> bool:
+    return file.expanduser().is_absolute() or file.is_absolute() or ".." in file.parts
+
+
+def _named_here(kind: str) -> bool:
+    """Return whether the vehicle file of the folder in which we stand names this block, too."""
+    try:
+        tables = list(tomllib.loads(Path(OWN_FILE).read_text(encoding="utf-8")).values())
+    except (OSError, ValueError, RecursionError):
+        return False
+    tables += [inner for table in tables if isinstance(table, dict) for inner in table.values()]
+    return any(isinstance(table, dict) and table.get("kind") == kind for table in tables)
 
 
 def room_of(kind: type) -> str:
@@ -243,4 +301,5 @@ def _module(path: Path) -> ModuleType:
     finally:
         sys.path.remove(str(path.parent))
     _loaded[key] = module
+    _trusted.add(path)
     return module

@@ -126,9 +126,14 @@ class _Verbs(click.Group):
     expose_value=False,
     help="Language of messages and help; default: BAQUEANO_LANG, else the locale.",
 )
+@click.option(
+    "--allow-blocks",
+    is_flag=True,
+    help="Execute blocks that a run, or a vehicle file from elsewhere, names.",
+)
 @click.version_option(__version__, prog_name="baqueano")
 @click.pass_context
-def baqueano(ctx: click.Context, debug: bool) -> None:
+def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
     """Identify, estimate, control and guide a small autonomous vehicle.
 
     \b
@@ -136,6 +141,10 @@ def baqueano(ctx: click.Context, debug: bool) -> None:
     Then:        baqueano new mylab
     """
     ctx.obj = debug
+    if allow_blocks:
+        from baqueano.blocks import allowed
+
+        ctx.with_resource(allowed())
     for variable, known in (("BAQUEANO_BACKEND", BACKENDS), (language.VARIABLE, tuple(language.LANGUAGES))):
         found = os.environ.get(variable) or known[0]
         if found not in known:
@@ -153,7 +162,8 @@ def main(args: list[str] | None = None) -> None:
     plain_letters(sys.stdout, sys.stderr)
     args = sys.argv[1:] if args is None else args
     debug = "--debug" in args
-    args = [arg for arg in args if arg != "--debug"]
+    anywhere = [flag for flag in ("--debug", "--allow-blocks") if flag in args]
+    args = [arg for arg in args if arg not in anywhere]
     args, wanted = _without_language(args)
     language.choose(wanted if wanted in language.LANGUAGES else "")
     with warnings.catch_warnings():
@@ -161,7 +171,7 @@ def main(args: list[str] | None = None) -> None:
             not debug and not sys.warnoptions
         ):  # overflow on the way of a search is none of the user's business
             warnings.simplefilter("ignore", RuntimeWarning)
-        sys.exit(_answered(args, ["--debug"] * debug + ["--lang", wanted] * bool(wanted)))
+        sys.exit(_answered(args, anywhere + ["--lang", wanted] * bool(wanted)))
 
 
 def _without_language(args: list[str]) -> tuple[list[str], str]:

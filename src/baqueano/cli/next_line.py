@@ -18,6 +18,7 @@ USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
 NEAR = 0.75  # part of their letters that the names of two files have in common
 COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
+TO_ALLOW = ("block.elsewhere", "block.in-run")
 SHOWN = 5  # files of a folder that are named
 
 
@@ -29,6 +30,8 @@ def next_line(said: Diagnostic, code: int, args: list[str]) -> Diagnostic | None
     for cause in causes:
         if (again := _put_right(cause, args)) is not None:
             return fault("next.put-right", typed(*again))
+    if any(cause.code in TO_ALLOW for cause in causes):
+        return fault("next.allow-blocks", typed(*args, "--allow-blocks"))
     missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
     for path in missing:
         if (found := _nearest(path)) is not None and str(path) in args:

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from baqueano.blocks import allowed
 from baqueano.contracts.blocks import Controller, Guide, OwnBlock
 from baqueano.controllers import Hand, Schedule
 from baqueano.diagnostics import fault
@@ -214,7 +215,7 @@ def repeat(
 def replay(
     run: Run, vehicle_file: VehicleFile | None = None, blocks: Blocks | None = None, *,
     estimator: OwnBlock | None = None, guide: OwnBlock | None = None, controller: OwnBlock | None = None,
-    **options: Any,
+    allow_blocks: bool = False, **options: Any,
 ) -> Run:  # fmt: skip
     """Pass the ticks of a run through blocks again; no vehicle moves.
 
@@ -231,6 +232,8 @@ def replay(
         All blocks of the loop at once.
     estimator, guide, controller : str, type or block, optional
         In place of the file's, as in `repeat`.
+    allow_blocks : bool
+        Execute blocks of yours that the run names.
     **options : object
         Keywords of `drive`.
 
@@ -254,18 +257,21 @@ def replay(
     >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
     True
     """
-    file = vehicle_of(run) if vehicle_file is None else vehicle_file
+    file = vehicle_of(run, allow_blocks) if vehicle_file is None else vehicle_file
     world = Replayed(run, file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
-    chosen = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
+    with allowed(allow_blocks):
+        chosen = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
     return drive(chosen, file, "replay", world=world, ticking=world.times, **options)
 
 
-def vehicle_of(run: Run) -> VehicleFile:
-    """The vehicle file that a run holds. UsageError for a run without one."""
+def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
+    """The vehicle file that a run holds. UsageError for a run without one; FileError where it names a block of yours,
+    and neither the vehicle.toml of this folder names it nor `allow_blocks` is true."""
     if not run.vehicle_text:
         raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
-    return parse(run.vehicle_text, f"the vehicle file of {run.name}")
+    with allowed(allow_blocks):
+        return parse(run.vehicle_text, f"the vehicle file of {run.name}")
 
 
 def blocks_of(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import kinds, place_of, resolve
+from baqueano.blocks import kinds, place_of, resolve, resolve_named
 from baqueano.contracts import optional
 from baqueano.diagnostics import nearest
 from baqueano.errors import FileError, from_outside, in_users_file, named
@@ -149,7 +149,8 @@ def room(
     the other block has them: they were written for another block."""
     path = (name,)
     own = table.get("kind", DEFAULT_KIND[name]) if isinstance(table, dict) else DEFAULT_KIND[name]
-    found = _kind(sheet, path, name, {**table, "kind": kind} if kind else table, DEFAULT_KIND[name], around)
+    said = {**table, "kind": kind} if kind else table
+    found = _kind(sheet, path, name, said, DEFAULT_KIND[name], around, typed=kind is not None)
     if found is None:
         return None
     keys = keys_of(found, {*DERIVED, *given, *(ROUTE if name == "guide" else ())})
@@ -202,9 +203,10 @@ def _who(kind: type) -> str:
 
 
 def _kind(
-    sheet: Sheet, path: KeyPath, room: str, table: object, default: str | None, around: Surroundings
-) -> type | None:
-    """The class that a table names."""
+    sheet: Sheet, path: KeyPath, room: str, table: object, default: str | None, around: Surroundings,
+    typed: bool = False,
+) -> type | None:  # fmt: skip
+    """The class that a table names; `typed`: that the user names."""
     if not isinstance(table, dict):
         sheet.wrong(path, "vehicle.block-not-table", table=".".join(path))
         return None
@@ -219,8 +221,9 @@ def _kind(
     if not isinstance(name, str):
         sheet.wrong((*path, "kind"), "vehicle.kind-not-text", found=repr(name), known=kinds(room))
         return None
+    found = resolve if typed else resolve_named
     try:
-        return resolve(room, name, around.folder)
+        return found(room, name, around.folder)
     except FileError as error:
         sheet.wrong((*path, "kind"), "vehicle.kind", kind=name, cause=error.diagnostic)
         return None

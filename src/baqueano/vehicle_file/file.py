@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.blocks import check_room, resolve
+from baqueano.blocks import allowed, check_room, resolve_named
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault
@@ -104,6 +104,8 @@ class VehicleFile:
         Name of the file in messages.
     robot : Hardware
         The table [robot].
+    simulation : Simulation
+        The table [simulation].
     on_disk : str or None
         Text of the file at `path` when it was read.
 
@@ -147,7 +149,7 @@ class VehicleFile:
     def kind(self, room: str) -> type:
         """The class of the block of a room."""
         own = self.data.get(room, {}).get("kind", build.DEFAULT_KIND[room])
-        return resolve(room, own, self.folder)
+        return resolve_named(room, own, self.folder)
 
     def controller(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """The block of [controller]."""
@@ -207,7 +209,7 @@ class VehicleFile:
     @property
     def truth(self) -> "VehicleFile":
         """The vehicle that a simulation drives: that of [simulation] truth, a name of the garage or a file beside this
-        one; by default this vehicle. FileError where it is not there.
+        one; by default this vehicle. FileError where it is not there, or in another folder.
 
         >>> load("small").truth.name
         'small'
@@ -215,8 +217,14 @@ class VehicleFile:
         named = self.simulation.truth
         if named is None:
             return self
-        beside = Path(self.folder or ".") / named
-        return load(named if named in garage.names() else beside)
+        if named in garage.names():
+            return load(named)
+        home = Path(self.folder or ".").resolve()
+        if not (home / named).resolve().is_relative_to(home):
+            raise FileError(
+                fault("vehicle.truth-elsewhere", file=self.label, found=named, garage=garage.names())
+            )
+        return load(home / named)
 
     @property
     def noiseless(self) -> tuple[str, ...]:
@@ -225,8 +233,8 @@ class VehicleFile:
 
     @property
     def folder(self) -> str | None:
-        """Return the folder to search first for a block of the user's own."""
-        return str(self.path.parent) if self.path else None
+        """Return the folder to search first for a block of the user's own; None of a file out of a run."""
+        return _folder(self.path, self.on_disk)
 
     @property
     def _around(self) -> Surroundings:
@@ -263,13 +271,15 @@ class VehicleFile:
         return block
 
 
-def load(source: str | Path) -> VehicleFile:
+def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
     """Return the vehicle file at a path, or the one of that name in the garage.
 
     Parameters
     ----------
     source : str or path
         "small", or "my/vehicle.toml".
+    allow_blocks : bool
+        Also execute the text of blocks that stand outside its folder.
 
     Returns
     -------
@@ -292,9 +302,9 @@ def load(source: str | Path) -> VehicleFile:
     path = garage.path_of(source)
     text = read_text(path)
     own = not garage.holds(path)
-    return parse(
-        text, path.name, path if own else None, (path.name if own else f"garage: {path.stem}",), text
-    )
+    layers = (path.name if own else f"garage: {path.stem}",)
+    with allowed(allow_blocks):
+        return parse(text, path.name, path if own else None, layers, text)
 
 
 def parse(
@@ -334,7 +344,7 @@ def parse(
     data = tables(text, name)
     top = _top(sheet, data)
     channels, geometry, hardware, simulation = _head(sheet, data)
-    around = Surroundings(str(path.parent) if path else None, top.rate_hz, geometry)
+    around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry)
     vehicle = build.vehicle(sheet, data["model"], around)
     sensors = build.sensors(sheet, data.get("sensors", {}), around)
     sheet.finish()
@@ -351,6 +361,12 @@ def parse(
     )  # fmt: skip
     _check_rooms(sheet, file)
     return file
+
+
+def _folder(path: Path | None, on_disk: str | None) -> str | None:
+    if path is not None:
+        return str(path.parent)
+    return None if on_disk is None else "."  # of the garage: where the user stands
 
 
 def _top(sheet: Sheet, data: "JsonObject") -> Top:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.blocks import resolve
+from baqueano.blocks import resolve_named
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware, Simulation
@@ -96,7 +96,7 @@ def _keys(
         table = table.get(part, {}) if isinstance(table, dict) else {}
     kind = table.get("kind", DEFAULT_KIND.get(room, path[-1])) if isinstance(table, dict) else None
     try:
-        return _keys_of(resolve(room, kind, folder)) if isinstance(kind, str) else []
+        return _keys_of(resolve_named(room, kind, folder)) if isinstance(kind, str) else []
     except FileError:
         return _written(table)
 

@@ -20,6 +20,7 @@ TEMPLATES: dict[str, str] = {
     "report.table-ending": "{found}: expected a name that ends in .csv or .tex. Type: {fix}",
     "next.put-right": "Type: {fix}",
     "next.near-file": "Did you mean {meant}? Type: {fix}",
+    "next.allow-blocks": "If you trust it, type: {fix}",
     "next.options": "All options: {fix}",
     "next.decimal-comma": "Numbers are written with a decimal point here. Type: {fix}",
     "next.runs": "To see the runs: {fix}",

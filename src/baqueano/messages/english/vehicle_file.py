@@ -50,6 +50,10 @@ TEMPLATES: dict[str, str] = {
     "vehicle.absent": (
         "{missing} does not exist. Beside it: {near}. The garage has {garage}. To make one: {fix}"
     ),
+    "vehicle.truth-elsewhere": (
+        "{file} [simulation] truth = {found} leads out of the folder of the file. Expected a file beside it, or one of "
+        "the garage: {garage}."
+    ),
     "vehicle.unknown-key": "{file} does not have key {found}. {near}.",
     "vehicle.lacks": "{file} [{room}] lacks {keys}. Write it into the file.",
     "vehicle.lacks-found-by": "{file} [{room}] lacks {keys}. Write it into the file, or measure it: {fix}",
@@ -205,6 +209,17 @@ TEMPLATES: dict[str, str] = {
     "block.no-classes": "{file} does not define a class",
     "block.unknown": '{room} "{found}" is unknown. {near}. Write one of your own as "file.py:Class".',
     "block.file-absent": "{missing} does not exist, though a block of the vehicle is defined in it. {near}.",
+    "block.elsewhere": (
+        "{kind} is Python text outside the folder of its vehicle file: {path}. Text runs with all your rights, so "
+        "read it first."
+    ),
+    "block.in-run": (
+        "{kind} is named inside a run, and the text would be {path}. Text runs with all your rights, so read it first."
+    ),
+    "block.in-run-elsewhere": (
+        "{kind} is named inside a run, and leads out of this folder. Such a path is never executed. Name a vehicle "
+        "file of yours: --vehicle FILE."
+    ),
     "block.class-unknown": '{file} does not have a class "{found}". {near}.',
     "block.raised-while-read": "{place} raised {error} when it was imported.",
     "block.raised-while-read-and-ends": (

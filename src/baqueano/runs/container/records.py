@@ -306,7 +306,9 @@ class _Walk:
         name, _ = cursor.text(), cursor.text()
         data = cursor.take(cursor.number(8))
         said = cursor.number(4)
-        if said and said != zlib.crc32(body[: len(body) - 4]):
+        if said != zlib.crc32(
+            body[: len(body) - 4]
+        ):  # 0, too: MCAP lets a writer leave it out, and we do not
             raise Damage(fault("damage.attachment-checksum", name=name[:80]))
         self.found.attachments[name] = bytes(data)
         self.keep(NAMED * len(name) + 4 * len(data))

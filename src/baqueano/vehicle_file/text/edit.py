@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.blocks import read
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
@@ -66,6 +67,8 @@ def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
         except tomllib.TOMLDecodeError:
             value = said.strip()  # a word needs no quotes on the command line
         try:
+            if isinstance(value, str) and ".py:" in value:
+                read(value.rpartition(":")[0], file.folder)  # the user names it here, not the file
             text = _with(file, {key.strip(): value}, keep_comments=_has_tomlkit())
             file = parse(text, file.label, file.path, (*file.layers, f"--set {setting}"), file.on_disk)
         except FileError as error:

@@ -1,0 +1,215 @@
+"""Text that a vehicle file or a run of others names is executed only where the user allows it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano import blocks
+from baqueano.cli import main
+from baqueano.cli.errors import command_error
+from baqueano.drive import experiment, replay
+from baqueano.drive.verbs import vehicle_of
+from baqueano.errors import FileError
+from baqueano.runs import read_run, write_run
+from baqueano.vehicle_file import load, override
+
+TEXT = """
+from pathlib import Path
+
+from baqueano.controllers import PdFeedforward
+
+Path({mark!r}).touch()
+
+
+class Mine(PdFeedforward):
+    __slots__ = ()
+"""
+
+
+@pytest.fixture(autouse=True)
+def _a_process_that_trusts_nobody(monkeypatch, tmp_path):
+    monkeypatch.setattr(blocks, "_trusted", set())
+    monkeypatch.setattr(blocks, "_loaded", {})
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def mark(tmp_path) -> Path:
+    return tmp_path / "executed"
+
+
+def text_at(path: Path, mark: Path) -> Path:
+    """Write a block that leaves a mark where it is executed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(TEXT.format(mark=str(mark)), encoding="utf-8")
+    return path
+
+
+def vehicle_at(path: Path, kind: str) -> Path:
+    """Write a vehicle file whose controller is `kind`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = load("small").text.replace('kind = "pd_feedforward"', f"kind = {str(kind)!r}")
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def run_that_names(kind: str, path: Path) -> Path:
+    """Write the run of somebody whose vehicle file has the controller `kind`."""
+    small = load("small")
+    run = experiment(small, np.tile([0.5, 0.0, 0.0], (20, 1)))
+    text = small.text.replace('kind = "pd_feedforward"', f"kind = {kind!r}")
+    object.__setattr__(run, "vehicle_text", text)
+    object.__setattr__(run, "metadata", run.metadata | {"kind": "repeat"})
+    return write_run(run, path)
+
+
+def causes(error: FileError) -> list[str]:
+    found, left = [], [error.diagnostic]
+    while left:
+        one = left.pop()
+        found.append(one.code)
+        left += [figure for figure in one.figures.values() if hasattr(figure, "code")]
+    return found
+
+
+def test_own_text_beside_the_own_vehicle_file_runs_as_before(tmp_path, mark):
+    text_at(tmp_path / "lab" / "mine.py", mark)
+    load(vehicle_at(tmp_path / "lab" / "vehicle.toml", "mine.py:Mine")).controller()
+    assert mark.exists()
+
+
+def test_a_vehicle_file_below_the_folder_of_the_user_may_name_text_of_that_folder(tmp_path, mark):
+    text_at(tmp_path / "mine.py", mark)
+    load(vehicle_at(tmp_path / "vehicles" / "rover.toml", "mine.py:Mine")).controller()
+    assert mark.exists()
+
+
+@pytest.mark.parametrize("way", ["absolute", "upwards", "where the user stands", "by a link"])
+def test_a_vehicle_file_that_names_text_from_elsewhere_is_asked_for(tmp_path, mark, monkeypatch, way):
+    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    home = tmp_path / "lab"
+    kind = {"absolute": f"{theirs}:Mine", "upwards": "../elsewhere/theirs.py:Mine"}.get(way, "theirs.py:Mine")
+    file = vehicle_at(home / "vehicle.toml", kind)
+    monkeypatch.chdir(home if way != "where the user stands" else theirs.parent)
+    if way == "by a link":
+        (home / "theirs.py").symlink_to(theirs)
+    with pytest.raises(FileError) as refused:
+        load(file)
+    assert "block.elsewhere" in causes(refused.value)
+    assert not mark.exists(), "nothing of it was executed"
+    load(file, allow_blocks=True).controller()
+    assert mark.exists()
+
+
+def test_a_file_without_its_class_is_not_executed_to_list_its_classes(tmp_path, mark, monkeypatch):
+    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    file = vehicle_at(tmp_path / "lab" / "vehicle.toml", str(theirs))
+    monkeypatch.chdir(file.parent)
+    with pytest.raises(FileError) as refused:
+        load(file)
+    assert "block.elsewhere" in causes(refused.value)
+    assert not mark.exists()
+
+
+def test_a_run_that_names_text_of_this_folder_is_asked_for(tmp_path, mark):
+    text_at(tmp_path / "mine.py", mark)
+    run = read_run(run_that_names("mine.py:Mine", tmp_path / "sent.mcap"))
+    with pytest.raises(FileError) as refused:
+        replay(run)
+    assert "block.in-run" in causes(refused.value)
+    assert not mark.exists()
+    assert len(replay(run, allow_blocks=True).t_ns) == len(run.t_ns)
+    assert mark.exists()
+
+
+def test_the_own_vehicle_file_of_the_folder_answers_for_its_blocks(tmp_path, mark):
+    text_at(tmp_path / "mine.py", mark)
+    vehicle_at(tmp_path / "vehicle.toml", "mine.py:Mine")
+    replay(read_run(run_that_names("mine.py:Mine", tmp_path / "own.mcap")))
+    assert mark.exists()
+
+
+@pytest.mark.parametrize(
+    "kind", ["{theirs}:Mine", "../elsewhere/theirs.py:Mine", "~/theirs.py:Mine", "~/no.py:Mine"]
+)
+def test_a_path_that_leads_away_out_of_a_run_is_never_executed(tmp_path, mark, monkeypatch, kind):
+    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    monkeypatch.setenv("HOME", str(theirs.parent))
+    lab = tmp_path / "lab"
+    run = read_run(run_that_names(kind.format(theirs=theirs), lab / "sent.mcap"))
+    monkeypatch.chdir(lab)
+    blocks.read(str(theirs))  # even where the user has executed it
+    mark.unlink()
+    with pytest.raises(FileError) as refused:
+        replay(run, allow_blocks=True)
+    assert "block.in-run-elsewhere" in causes(refused.value)
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize("table", ["model", "sensors.imu"])
+def test_models_and_sensors_out_of_a_run_are_asked_for_too(tmp_path, mark, table):
+    text_at(tmp_path / "mine.py", mark)
+    run = read_run(run_that_names("pd_feedforward", tmp_path / "sent.mcap"))
+    ours = {"model": 'kind = "planar"', "sensors.imu": 'kind = "imu"'}[table]
+    object.__setattr__(run, "vehicle_text", run.vehicle_text.replace(ours, 'kind = "mine.py:Mine"'))
+    with pytest.raises(FileError) as refused:
+        vehicle_of(run)
+    assert "block.in-run" in causes(refused.value)
+    assert not mark.exists()
+
+
+def test_what_the_user_types_is_executed(tmp_path, mark):
+    theirs = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    load("small").controller(f"{theirs}:Mine")
+    assert mark.exists()
+    mark.unlink()
+    blocks._trusted.clear()
+    blocks._loaded.clear()
+    override(load("small"), [f"controller.kind={theirs}:Mine"]).controller()
+    assert mark.exists()
+
+
+def test_the_command_line_says_what_to_type_and_goes_on_with_it(tmp_path, mark, capsys):
+    text_at(tmp_path / "mine.py", mark)
+    run_that_names("mine.py:Mine", tmp_path / "sent.mcap")
+    line = ["replay", "sent.mcap"]
+    try:
+        replay(read_run("sent.mcap"))
+    except FileError as error:
+        end = command_error(error, line)
+    assert end.code == 3
+    assert end.next is not None
+    assert (end.next.code, end.next.fix) == (
+        "next.allow-blocks", "baqueano replay sent.mcap --allow-blocks",
+    )  # fmt: skip
+    for words, code, ran in ((line, 3, False), ([*line, "--allow-blocks"], 0, True), (line, 3, False)):
+        blocks._trusted.clear()
+        mark.unlink(missing_ok=True)
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert (int(ended.value.code or 0), mark.exists() or not ran) == (code, True), capsys.readouterr().err
+
+
+def test_the_truth_of_a_simulation_stands_beside_its_file(tmp_path):
+    load("small").save(tmp_path / "elsewhere.toml")
+    file = tmp_path / "lab" / "vehicle.toml"
+    file.parent.mkdir()
+    for truth in ("../elsewhere.toml", str(tmp_path / "elsewhere.toml")):
+        file.write_text(f"{load('small').text}\n[simulation]\ntruth = {truth!r}\n", encoding="utf-8")
+        with pytest.raises(FileError) as refused:
+            experiment(load(file), np.zeros((5, 3)))
+        assert refused.value.diagnostic.code == "vehicle.truth-elsewhere"
+
+
+@pytest.mark.parametrize("checksum", ["0", "wrong"])
+def test_a_vehicle_text_without_its_checksum_is_not_believed(tmp_path, checksum):
+    path = write_run(experiment(load("small"), np.zeros((5, 3))), tmp_path / "run.mcap")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"max_yaw_rate_rad_s = 15.0") + len("max_yaw_rate_rad_s = 15.0\nimu_timeout_s = 0.5\n")
+    data[at : at + 4] = bytes(4) if checksum == "0" else bytes([data[at] ^ 1, *data[at + 1 : at + 4]])
+    path.write_bytes(data)
+    run = read_run(path)
+    assert run.vehicle_text == ""
+    assert any("vehicle" in one for one in run.notes)
+    assert len(run.t_ns) == 6, "the rest is whole"
