@@ -17,7 +17,7 @@ DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude ard
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools chromium
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
-.PHONY: demo test test-fast docs promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean
+.PHONY: demo test test-fast fuzz docs promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
@@ -32,6 +32,10 @@ test-fast: $(VENV)/test.stamp
 # The site of docs/ in two languages, build/site/index.html: it is read from the disk, without a network.
 docs: $(VENV)/test.stamp
 	$(BIN)/python -m docs.site
+
+# 20,000 damaged inputs of each format that comes from others; `make test` takes a share of them.
+fuzz: $(VENV)/test.stamp
+	BAQUEANO_FUZZ=20000 $(BIN)/python -m pytest -s $(BOTH_CORES) tests/fuzz/test_fuzz.py
 
 # What the package promises, and which tests keep it.
 promises: $(VENV)/test.stamp debian

@@ -42,3 +42,12 @@ def test_rounds_write_the_last_fit_and_the_next_fit_begins_there(baqueano, quick
     assert again.code == 0, again.err
     (row,) = again.reply["rows"]
     assert row["estimate"] == pytest.approx(found, rel=0.02)
+
+
+@pytest.mark.parametrize(("room", "code"), [("1.5,2", "room.unreadable"), ("0.1x0.1", "room.small")])
+@pytest.mark.parametrize("signal", ["designed", "multisine"])
+def test_a_room_is_read_before_anything_moves(baqueano, tmp_path, room, code, signal):
+    load("small").save(tmp_path / "vehicle.toml")
+    end = baqueano("experiment", "--signal", signal, "--room", room)
+    assert (end.code, end.why.code) == (2, code)
+    assert not list(tmp_path.glob("runs/*.mcap"))

@@ -9,6 +9,9 @@ from baqueano.guides.shapes import circle, eight, rectangle
 from baqueano.signals import Estimate
 from baqueano.simulate import simulate_loop
 from baqueano.symbolic import function
+from baqueano.symbolic.graph.node import below
+from baqueano.symbolic.graph.trace import trace_function
+from baqueano.symbolic.graph.tree import shape_of
 from baqueano.vehicle_file import load
 
 SMALL = load("small")
@@ -20,7 +23,7 @@ def at(eta, tick=0):
 
 
 def coarse(route, every):
-    """One point of the route in `every`: all points are looked at in every tick, and stand in what is compiled."""
+    """One point of the route in `every`: all points within reach are looked at, and stand in what is compiled."""
     return route._replace(t_s=route.t_s[::every], eta=route.eta[::every], nu=route.nu[::every])
 
 
@@ -103,3 +106,38 @@ def test_compiled_and_as_written_it_gives_the_same_reference():
         other = function(guide.step, state, now, backend=backend)(state, now)[1]
         np.testing.assert_allclose(other.eta, plain.eta, rtol=1e-12)
         np.testing.assert_allclose(other.nu, plain.nu, rtol=1e-12)
+
+
+class LookAtAll(RepeatByProgress):
+    """The same guide, which looks at every point of its route."""
+
+    __slots__ = ()
+
+    def _window(self):
+        return 10**6, 10**6
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("shape", [eight(0.6, 0.2), circle(1.0, 0.2), rectangle(4.0, 3.0, 0.2, 0.2)])
+def test_points_out_of_reach_need_not_be_looked_at(shape, closed):
+    route, random = shape._replace(closed=closed), np.random.default_rng(0)
+    near, every = (kind.along(route, 2) for kind in (RepeatByProgress, LookAtAll))
+    for _ in range(100):
+        beside = route.eta[random.integers(len(route.t_s))] + random.normal(size=3) * [0.1, 0.1, 0.5]
+        state = near.init()._replace(t_ns=20_000_000, tau_s=random.uniform(0.0, (1 + closed) * route.t_s[-1]))
+        (mine, reference), (other, expected) = (guide.step(state, at(beside, 3)) for guide in (near, every))
+        assert mine.tau_s == pytest.approx(other.tau_s, abs=1e-12)
+        np.testing.assert_allclose(reference.eta, expected.eta, atol=1e-12)
+        np.testing.assert_allclose(reference.nu, expected.nu, atol=1e-12)
+
+
+def test_what_is_compiled_does_not_grow_with_the_route():
+    sizes = []
+    for length_m in (4.0, 16.0, 64.0):
+        guide, now = RepeatByProgress.along(rectangle(length_m, 3.0, 0.2, 0.2)), at([0.1, 0.2, 0.7], 3)
+        state = guide.init()._replace(t_ns=20_000_000, tau_s=3.0)
+        trace = trace_function(guide.step, [shape_of(state, "state"), shape_of(now, "estimate")])
+        sizes.append((len(guide.t_s), len(below(trace.outputs))))
+    points, nodes = zip(*sizes, strict=True)
+    assert points[2] > 4 * points[0]
+    assert max(nodes) < 1.02 * min(nodes), sizes

@@ -47,6 +47,15 @@ def test_id3_a_clock_that_is_set_by_a_day_cuts_the_run_in_two(driven, case, off)
     assert [one.figures["jumps"] for one in fit.notes if one.code == "time.jump"] == [1]
 
 
+def test_a_clock_that_jumps_all_the_time_leaves_no_segment_and_is_not_cut(driven):
+    run = driven(0, 20.0)
+    jumps = moved(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
+    pieces, several = checked(jumps, 100.0)
+    (found,) = (one for one in several if one.code.startswith("time.jump"))
+    assert (found.code, found.severity) == ("time.jump-throughout", Severity.ERROR)
+    assert len(pieces) == 1
+
+
 @pytest.mark.parametrize(
     ("factor", "guess"), [(1000.0, "milliseconds-as-seconds"), (0.001, "seconds-as-milliseconds")]
 )

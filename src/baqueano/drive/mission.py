@@ -25,6 +25,7 @@ from baqueano.vehicle_file.file import VehicleFile
 
 KINDS = ("experiment", "first drive", "drive", "teach", "repeat")
 FORMAT = 1
+MOST_LAPS = 10**9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,17 +70,18 @@ class Mission:
     def of_json(cls, text: str) -> "Mission":
         """The inverse of `json`; UsageError where it is none."""
         try:
-            said = json.loads(text)
+            said = json.loads(text, parse_constant=_finite, parse_float=_finite)
             if said.pop("format") != FORMAT:
                 raise UsageError(fault("mission.version"))
-            route = said.pop("route")
-            u = said.pop("u")
+            route, u = said.pop("route"), said.pop("u")
+            for name, value in said.items():
+                _check(name, value)
             return cls(
                 **said,
                 u=None if u is None else np.atleast_2d(np.array(u, dtype=float)),
                 route=None if route is None else _route(route),
             )
-        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError, OverflowError) as error:
             raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
 
 
@@ -156,6 +158,25 @@ def _kinds(data: JsonObject) -> list[str]:
     tables = [t for t in data.values() if isinstance(t, dict)]
     tables += [t for t in data.get("sensors", {}).values() if isinstance(t, dict)]
     return [str(table["kind"]) for table in tables if "kind" in table]
+
+
+def _finite(number: str) -> float:
+    """Return a number of JSON; ValueError for NaN and Infinity, which JSON has not, and for what has no double."""
+    value = float(number)
+    if not abs(value) < float("inf"):
+        raise ValueError(f"{number} is not finite")
+    return value
+
+
+def _check(name: str, value: object) -> None:
+    """ValueError where a field of a mission is of another type."""
+    of_texts = isinstance(value, dict) and all(isinstance(one, str) for one in value.values())
+    right = {
+        "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_LAPS,
+        "hold": isinstance(value, bool), "blocks": of_texts, "texts": of_texts,
+    }  # fmt: skip
+    if not right.get(name, isinstance(value, str)):
+        raise ValueError(f"{name} = {value!r:.80}")
 
 
 def _route(said: JsonObject) -> Route:

@@ -82,17 +82,40 @@ class RepeatByProgress(Repeat):
 
     def _pace(self, phase: Value, estimate: Estimate) -> Value:
         """Return τ̇, at the time `phase` [s] of a lap.  (1)-(3)"""
-        steps = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
-        s = np.concatenate([[0.0], np.cumsum(steps)])
-        behind = np.interp(phase, self.t_s, s) - s  # (m,) d, if the vehicle is at each of the route's points
+        s, (behind_s, front) = self._way(), self._window()
+        eta, at, there = self.eta, s, 1.0
+        if behind_s + front + 2 < len(s):
+            number = np.arange(len(s), dtype=float)
+            k = np.floor(np.interp(phase, self.t_s, number)) + np.arange(-behind_s, front + 2)
+            if self.closed:
+                k = k - (len(s) - 1) * np.floor(k / (len(s) - 1))  # the last point is the first one again
+            there = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
+            eta = np.stack([np.interp(k, number, column) for column in self.eta.T], axis=1)
+            at = np.interp(k, number, s)
+        behind = np.interp(phase, self.t_s, s) - at  # (k,) d, if the vehicle is at each of these points
         if self.closed:
             behind = behind - s[-1] * np.floor(behind / s[-1] + 0.5)
-        off = (self.eta[:, 0] - estimate.eta[0]) ** 2 + (self.eta[:, 1] - estimate.eta[1]) ** 2
-        off = off + (HEADING_M * wrap(self.eta[:, 2] - estimate.eta[2])) ** 2
-        off = np.where(np.abs(behind) <= self.reach_m, off, FAR)
+        off = (eta[:, 0] - estimate.eta[0]) ** 2 + (eta[:, 1] - estimate.eta[1]) ** 2
+        off = off + (HEADING_M * wrap(eta[:, 2] - estimate.eta[2])) ** 2
+        off = np.where((np.abs(behind) <= self.reach_m) & (there > 0.0), off, FAR)
         here = off <= np.min(off)
         d = np.sum(np.where(here, behind, 0.0)) / np.sum(np.where(here, 1.0, 0.0))
         slack = self.slack_m + self.slack_s * np.abs(np.interp(phase, self.t_s, self.nu[:, 0]))
         late = 1.0 - np.maximum(d - slack, 0.0) / self.wait_m
         early = np.maximum(-d - slack, 0.0) / self.wait_m
         return np.clip(late + early, -1.0, self.fastest)
+
+    def _way(self) -> np.ndarray:
+        """Return s (m,) of each of the route's points [m]."""
+        steps = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def _window(self) -> tuple[int, int]:
+        """Return how many points may be within reach of a point of the route, behind it and in front of it: the others
+        need not be looked at, and do not stand in what is compiled."""
+        s, reach = self._way(), self.reach_m + 1e-9
+        round_about = np.concatenate([s - s[-1], s[1:], s[1:] + s[-1]]) if self.closed else s
+        first = np.searchsorted(round_about, round_about - reach, side="left")
+        last = np.searchsorted(round_about, round_about + reach, side="right")
+        number = np.arange(len(round_about))
+        return int(np.max(number - first)), int(np.max(last - number)) - 1

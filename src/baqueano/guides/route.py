@@ -39,7 +39,8 @@ class Route(NamedTuple):
     closed: bool
 
     def __repr__(self) -> str:
-        length_m = float(np.sum(np.hypot(*np.diff(self.eta[:, :2], axis=0).T)))
+        with np.errstate(over="ignore"):  # of a file that nobody drove
+            length_m = float(np.sum(np.hypot(*np.diff(self.eta[:, :2], axis=0).T)))
         kind = "closed" if self.closed else "open"
         return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {kind})"
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from baqueano.blocks import kinds, place_of, resolve, resolve_named
 from baqueano.contracts import optional
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import nearest
 from baqueano.errors import FileError, from_outside, in_users_file, named
-from baqueano.signals import sensor_slots
+from baqueano.signals import ByName, sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
 from baqueano.vehicle_file.tables import (
     DERIVED,
@@ -88,12 +89,12 @@ def sensors(sheet: Sheet, tables: object, around: Surroundings) -> Any:
     return sensor_slots(tuple(blocks))(*blocks.values())
 
 
-def noiseless(sensors: Any) -> list[str]:
+def noiseless(sensors: ByName[Tree]) -> list[str]:
     """Return the names of the sensors for whose noise the file says nothing, or 0, in one of their numbers."""
     return [name for name, sensor in sensors._asdict().items() if _lacks_noise(sensor)]
 
 
-def with_usual_noise(sensors: Any) -> Any:
+def with_usual_noise(sensors: ByName[Tree]) -> ByName[Tree]:
     """Return the sensors as a filter takes them: a number without noise has that of such a sensor. In a simulation it
     may be exact; a filter that believes so divides by 0."""
     lacking = {name: getattr(sensors, name) for name in noiseless(sensors)}
@@ -102,13 +103,13 @@ def with_usual_noise(sensors: Any) -> Any:
     )
 
 
-def _lacks_noise(sensor: Any) -> bool:
+def _lacks_noise(sensor: Tree) -> bool:
     if optional.of(sensor, "usual_std") is None:
         return False
     return not bool(np.all(np.diag(sensor.cov) > 0.0))
 
 
-def _usual(sensor: Any) -> Any:
+def _usual(sensor: Tree) -> Tree:
     known = np.diag(sensor.cov) > 0.0
     Q = np.where(known[:, None] & known[None, :], sensor.cov, 0.0)
     usual = np.where(known, 0.0, np.array(sensor.usual_std))

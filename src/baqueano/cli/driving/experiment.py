@@ -60,6 +60,10 @@ def command(
     _meant(signal, rounds, update)
     file = options.load_vehicle(vehicle, settings)
     kind, driven = signal.replace("-", "_"), []
+    if room is not None:
+        from baqueano.identify.design import room_of
+
+        room_of(file, room)  # before anything moves
 
     def path_of(label: str) -> Path:
         beside = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out

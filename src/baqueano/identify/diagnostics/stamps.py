@@ -165,11 +165,10 @@ def _pieces(run: Run) -> tuple[list[Run], list[Diagnostic]]:
     for a, b in pairwise(edges):
         if (run.t_ns[b - 1] - run.t_ns[a]) / NANOSECONDS >= PIECE_S:
             pieces.append(_piece(run, a, b))
-    grave, count = (Severity.INFO if pieces else Severity.ERROR), len(pieces)
-    jumps, most_s = len(cuts), float(steps_s.max())
-    return (pieces or [run]), [
-        note("time.jump", grave, jumps=jumps, most_s=most_s, pieces=count, least_s=PIECE_S)
-    ]
+    seen = {"jumps": len(cuts), "most_s": float(steps_s.max()), "least_s": PIECE_S}
+    if not pieces:
+        return [run], [note("time.jump-throughout", Severity.ERROR, **seen)]
+    return pieces, [note("time.jump", Severity.INFO, pieces=len(pieces), **seen)]
 
 
 def _piece(run: Run, a: int, b: int) -> Run:

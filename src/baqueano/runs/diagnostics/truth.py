@@ -35,7 +35,8 @@ def course_and_heading(truth: TruthLog) -> Iterator[Doubt]:
 def _agreement(eta: np.ndarray) -> Iterator[Doubt]:
     """(1)"""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(eta[:, :2], axis=0).T))])
-    far = np.unique(np.searchsorted(way, np.arange(0.0, way[-1], STEP_M)))
+    steps = np.floor(way / STEP_M)
+    far = np.flatnonzero(np.diff(steps, prepend=-1.0) > 0.0)  # one pose in every STEP_M
     d = np.diff(eta[far, :2], axis=0)
     if len(d) < ENOUGH:
         return

@@ -226,6 +226,7 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
     return Imported(run, judged)
 
 
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what is not finite is not known
 def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
     """(rows, entries) in SI, by (1) of column_map."""
     columns = []

@@ -247,13 +247,28 @@ def _found(m: ColumnMap, spec: FileSpec) -> Path:
     return _matching(m, spec)[0]
 
 
+def _like(folder: Path, pattern: str) -> list[Path]:
+    try:
+        return sorted(folder.glob(pattern))
+    except (OSError, ValueError, NotImplementedError, IndexError):  # no pattern
+        return []
+
+
+def is_there(path: Path) -> bool:
+    """Return True if there is such a file; a name that no system takes is of none."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
     """The files of that path, which may have *, beside the map or in a folder of recordings."""
     path = spec.path or ""
     folders = [m.path.parent, *data_folders()]
     for folder in folders:
-        found = sorted(folder.glob(path)) if glob.has_magic(path) else [folder / path]
-        if found and found[0].exists():
+        found = _like(folder, path) if glob.has_magic(path) else [folder / path]
+        if found and is_there(found[0]):
             return found
     looked = ", ".join(str(folder) for folder in folders)
     raise FileError(

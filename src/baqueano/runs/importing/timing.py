@@ -25,6 +25,7 @@ FAST_S, SLOW_S = 4e-4, 0.5  # ticks of a loop that are rare
 GAP = 1.8  # times the median step
 _ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
 MANY = 0.1  # of the rows: so many are another run, not rows that came late
+FARTHEST_NS = 9e18  # that 64 bits hold
 JUMP_S = 600.0  # a pause that long is rather a clock that was set
 
 
@@ -39,11 +40,17 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
     else:
         si = unit(spec.time_unit).si  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
         whole = table.integers(spec.time)
-        if whole is not None and si < 1.0:
-            t_ns, known = whole * round(si * NANOSECONDS), np.ones(len(whole), dtype=bool)
+        factor = round(si * NANOSECONDS)
+        if (
+            whole is not None
+            and si < 1.0
+            and np.abs(whole.astype(float)).max(initial=0.0) * factor < FARTHEST_NS
+        ):
+            t_ns, known = whole * factor, np.ones(len(whole), dtype=bool)
         else:
-            t = table.numbers(spec.time) * si * NANOSECONDS
-            known = np.abs(t) < 9e18
+            with np.errstate(over="ignore"):  # such a time is not known
+                t = table.numbers(spec.time) * si * NANOSECONDS
+            known = np.abs(t) < FARTHEST_NS
             t_ns = np.rint(np.where(known, t, 0.0)).astype(np.int64)
     if spec.time_rest is not None:
         rest = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]

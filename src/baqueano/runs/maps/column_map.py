@@ -31,6 +31,7 @@ from baqueano.vehicle_file.text.toml_text import parsed
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
 ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
+LARGEST = 2**63  # of a whole number, which in Python has no end
 LONGEST = 1_000_000  # characters of a map; a recording may have any number
 AT_REST: dict[str, Any] = {"in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3}
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
@@ -367,7 +368,9 @@ class _Parser:
             kind = (int, float) if allowed[key] is float else allowed[key]
             if not isinstance(value, kind) or (isinstance(value, bool) and allowed[key] is not bool):
                 raise self.wrong(place, value, note("expect.type", kind=allowed[key].__name__))
-            if isinstance(value, float) and key != "constant" and not math.isfinite(value):
+            if allowed[key] is float and key != "constant" and not abs(value) < math.inf:
+                raise self.wrong(place, value, note("expect.finite"))
+            if isinstance(value, int) and abs(value) > LARGEST:
                 raise self.wrong(place, value, note("expect.finite"))
         return spec
 

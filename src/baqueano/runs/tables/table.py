@@ -35,6 +35,9 @@ _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+", re.ASCII)
 
 
+LARGEST = 1e308  # of a whole number that a double holds
+
+
 class LogTable(NamedTuple):
     """The columns of a file."""
 
@@ -113,7 +116,7 @@ class LogTable(NamedTuple):
         if isinstance(value, str):
             cells = self.text(column)
             return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
-        return np.asarray(self.numbers(column) == value)
+        return np.asarray(self.numbers(column) == (float(value) if abs(value) < LARGEST else np.inf))
 
     def only(self, keep: np.ndarray) -> "LogTable":
         """The rows where `keep` is true."""

@@ -42,6 +42,10 @@ TEMPLATES: dict[str, str] = {
         "time jumps {jumps} times, by up to {most_s:.3g} s. The run was cut there into {pieces} segments of at least "
         "{least_s:g} s, each with its own start"
     ),
+    "time.jump-throughout": (
+        "time jumps {jumps} times, by up to {most_s:.3g} s. No segment between two jumps lasts {least_s:g} s, so the "
+        "run was not cut. Check its time column"
+    ),
     "command.beyond-zero": (
         "{subject} reaches {most:.3g}, and its limit in the vehicle file is 0. Are columns swapped?"
     ),

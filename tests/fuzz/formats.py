@@ -1,0 +1,291 @@
+"""The formats that are read from others: an original of each, its damaged inputs by number, and how they are read."""
+
+import json
+import random
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from baqueano.door.operator import Operator
+from baqueano.door.sockets import Door
+from baqueano.door.wire import decoded, encoded
+from baqueano.drive import experiment
+from baqueano.drive.mission import Mission
+from baqueano.guides.repeat import Repeat
+from baqueano.guides.route import Route
+from baqueano.guides.shapes import circle
+from baqueano.runs import import_runs, read_run, write_run
+from baqueano.runs.maps.column_map import load_map
+from baqueano.runs.route_file import read_route, write_route
+from baqueano.vehicle_file import load
+from tests.fuzz.judging import LONGEST_S, Hang, Silent
+from tests.fuzz.mutators import damaged_bytes, damaged_text
+
+MAP = """
+format = 1
+name = "log"
+
+[files.log]
+path = "log.csv"
+time = "time_ms"
+time_unit = "ms"
+split_gap_s = 5.0
+where = { ok = 1 }
+
+[ticks]
+file = "log"
+
+[command]
+file = "log"
+in_force = "from"
+wheels = [
+  { column = "left_pwm", unit = "raw", scale = 0.00392157 },
+  { column = "right_pwm", unit = "raw", scale = 0.00392157 },
+]
+
+[sensors.wheels]
+file = "log"
+z = [
+  { column = "left_rpm", unit = "rpm", radius_m = 0.03 },
+  { column = "right_counts", unit = "counts", counts_per_turn = 600, derivative = true, wraps = 65536, radius_m = 0.1 },
+]
+
+[sensors.imu]
+file = "log"
+z = [{ constant = nan }, { constant = nan }, { column = "gyro_dps", unit = "deg/s" }]
+
+[truth]
+file = "log"
+eta = [{ column = "x_mm", unit = "mm" }, { column = "y_mm", unit = "mm" }, { column = "yaw_deg", unit = "deg" }]
+"""
+COLUMNS = "time_ms,left_pwm,right_pwm,left_rpm,right_counts,gyro_dps,x_mm,y_mm,yaw_deg,ok"
+SEED = "baqueano"
+
+
+def draw(name: str, number: int) -> random.Random:
+    """Return the generator of an input."""
+    return random.Random(f"{SEED} {name} {number}")
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format: `opened(folder)` yields the reader of the input of a number."""
+
+    name: str
+    opened: Callable[[Path], object]
+
+
+def log(rows: int = 40) -> str:
+    """Return a recording of a vehicle that drives on and turns."""
+    lines = [COLUMNS]
+    for k in range(rows):
+        t, turn = 20 * k, 30.0 * np.sin(k / 7.0)
+        lines.append(
+            f"{t},{100 + k},{110 - k},{60 + k / 2:.2f},{(400 + 13 * k) % 65536},{turn:.3f},{4.0 * k:.1f},{k:.1f},"
+            f"{0.02 * k * turn:.3f},1"
+        )
+    return "\n".join(lines) + "\n"
+
+
+@contextmanager
+def mcap(folder: Path) -> Iterator[Callable[[int], object]]:
+    """A run: what is damaged is said, and what is not said is as it was."""
+    small, paths = load("small"), [folder / "short.mcap", folder / "long.mcap"]
+    runs = [
+        write_run(experiment(small, np.tile([0.5, 0.0, 0.1], (n, 1))), p)
+        for n, p in zip((6, 40), paths, strict=True)
+    ]
+    originals, wholes = [path.read_bytes() for path in runs], [read_run(path) for path in runs]
+    path = folder / "input.mcap"
+
+    def read(number: int) -> object:
+        generator = draw("mcap", number)
+        k = 0 if generator.random() < 0.7 else 1
+        path.write_bytes(damaged_bytes(originals[k], generator, tuple(originals)))
+        run = read_run(path)
+        if not run.notes and run != wholes[k]:
+            raise Silent("the run differs from its original, and its notes are empty")
+        lost = any("vehicle file" in one or "damaged" in one or "was not closed" in one for one in run.notes)
+        if run.vehicle_text != wholes[k].vehicle_text and (run.vehicle_text or not lost):
+            raise Silent("another vehicle file than that of the original")
+        return run
+
+    yield read
+
+
+@contextmanager
+def csv(folder: Path) -> Iterator[Callable[[int], object]]:
+    """A recording of others, by a map that is whole."""
+    (folder / "log.toml").write_text(MAP, encoding="utf-8")
+    original, path = log().encode(), folder / "log.csv"
+
+    def read(number: int) -> object:
+        generator = draw("csv", number)
+        if generator.random() < 0.5:
+            path.write_bytes(damaged_bytes(original, generator))
+        else:
+            path.write_bytes(damaged_text(log(), generator).encode("utf-8", "surrogatepass"))
+        return import_runs(folder / "log.toml")
+
+    yield read
+
+
+@contextmanager
+def column_map(folder: Path) -> Iterator[Callable[[int], object]]:
+    """A map that somebody wrote, of a recording that is whole."""
+    (folder / "log.csv").write_text(log(), encoding="utf-8")
+    path = folder / "map.toml"
+
+    def read(number: int) -> object:
+        _write(path, MAP, draw("map", number))
+        load_map(path)
+        return import_runs(path)
+
+    yield read
+
+
+@contextmanager
+def vehicle(folder: Path) -> Iterator[Callable[[int], object]]:
+    """A vehicle file, and the blocks that it describes."""
+    originals = [load(name).text for name in ("small", "car", "case-study-1")]
+    fitted = load("small").with_values(
+        {"model.mass_kg": 0.6}, {"model.mass_kg": {"run": "a", "sd": 0.1, "verdict": "USABLE"}}
+    )
+    originals.append(
+        fitted.text
+        + '\n[parameter_cov]\nrun = "a"\nnames = ["model.mass_kg"]\nsd = [0.1]\ncorrelation = [[1.0]]\n'
+    )
+    path = folder / "input.toml"
+
+    def read(number: int) -> object:
+        generator = draw("vehicle", number)
+        _write(path, generator.choice(originals), generator)
+        file = load(path)
+        return file, repr(file), file.truth.name, file.supervisor(), file.estimator(), file.controller()
+
+    yield read
+
+
+@contextmanager
+def route(folder: Path) -> Iterator[Callable[[int], object]]:
+    """A taught route, and a lap along it."""
+    whole = circle(0.3, 0.2)
+    short = whole._replace(t_s=whole.t_s[:12], eta=whole.eta[:12], nu=whole.nu[:12])
+    path = write_route(short, folder / "input.csv")
+    original = path.read_text(encoding="utf-8")
+
+    def read(number: int) -> object:
+        generator = draw("route", number)
+        _write(path, original, generator)
+        found = read_route(path)
+        if not all(np.all(np.isfinite(column)) for column in found[:3]):
+            raise Silent("a route with numbers that are not finite")
+        return Repeat.along(found), repr(found)
+
+    yield read
+
+
+WORDS = (
+    {"do": "beat"}, {"do": "hand", "u": [0.1, 0.0, 0.2]}, {"do": "mark"}, {"do": "end"}, {"do": "clear"},
+    {"do": "runs"},
+    {"do": "stop", "why": {"code": "operator.stopped", "severity": "error", "subject": "", "figures": {}, "fix": ""}},
+    {"do": "fetch", "run": "0001-experiment.mcap"}, {"do": "ping", "token": "x"},
+    {"do": "mission", "mission": "{}", "attended": True, "id": "x", "door": 1},
+)  # fmt: skip
+SAID = (
+    {"is": "state", "state": "READY", "t_ns": 1, "battery_v": 7.4, "why": None, "code": 0},
+    {"is": "done", "id": "x", "run": "0001-experiment.mcap", "why": None},
+    {"is": "file", "run": "a", "data": "AAAA", "left": 0},
+    {"is": "no", "why": "no", "code": 5},
+    {"is": "runs", "runs": [{"name": "a", "size": 3}]},
+)
+
+
+@contextmanager
+def door(folder: Path) -> Iterator[Callable[[int], object]]:
+    """Words to a vehicle and of a vehicle, and missions. The vehicle answers the word after any of them."""
+    path = folder / "door"
+    listening = Door(path, Operator(), folder)
+    route = Route(np.arange(2.0), np.zeros((2, 3)), np.zeros((2, 3)), False)
+    missions = [
+        Mission("experiment", u=np.tile([0.5, 0.0, 0.1], (3, 1)), vehicle=load("small").text[:300]).json(),
+        Mission("repeat", route=route).json(),
+    ]
+    guest = _Guest(path)
+
+    def read(number: int) -> object:
+        generator = draw("door", number)
+        match generator.randrange(3):
+            case 0:
+                message = decoded(_line(encoded(dict(generator.choice(SAID))), generator))
+                return message and encoded(message)
+            case 1:
+                mission = Mission.of_json(damaged_text(generator.choice(missions), generator, ","))
+                numbers = [mission.u] if mission.u is not None else []
+                numbers += list(mission.route[:3]) if mission.route is not None else []
+                if not all(np.all(np.isfinite(one)) for one in numbers):
+                    raise Silent("a mission with numbers that are not finite")
+                return mission.json()
+        word = dict(generator.choice(WORDS))
+        return guest.answered(_line(json.dumps(word).encode(), generator), number)
+
+    try:
+        yield read
+    finally:
+        guest.close()
+        listening.close()
+
+
+class _Guest:
+    """A connection to a door that may be let go at any word."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.line = path, self._connected(path)
+
+    def _connected(self, path: Path) -> socket.socket:
+        line = socket.socket(socket.AF_UNIX)
+        line.settimeout(LONGEST_S)
+        line.connect(str(path))
+        return line
+
+    def answered(self, word: bytes, number: int) -> bytes:
+        """Return what the vehicle says until it answers the ping after a word; Hang where it does not."""
+        token, said = f"ping-{number}".encode(), b""
+        try:
+            self.line.sendall(word + b'\n{"do": "ping", "token": "' + token + b'"}\n')
+            while token not in said:
+                more = self.line.recv(1 << 20)
+                if not more:
+                    raise ConnectionError
+                said += more
+        except TimeoutError:
+            raise Hang from None
+        except ConnectionError:  # it may let go of who says such a word, not of who comes next
+            self.close()
+            self.line = self._connected(self.path)
+        return said
+
+    def close(self) -> None:
+        self.line.close()
+
+
+def _line(line: bytes, generator: random.Random) -> bytes:
+    if generator.random() < 0.5:
+        return damaged_bytes(line, generator).replace(b"\n", b" ")
+    return damaged_text(line.decode(), generator, ",").encode("utf-8", "surrogatepass").replace(b"\n", b" ")
+
+
+def _write(path: Path, original: str, generator: random.Random) -> None:
+    if generator.random() < 0.2:
+        path.write_bytes(damaged_bytes(original.encode(), generator))
+    else:
+        path.write_bytes(damaged_text(original, generator).encode("utf-8", "surrogatepass"))
+
+
+FORMATS = {
+    "mcap": mcap, "csv": csv, "map": column_map, "vehicle": vehicle, "route": route, "door": door,
+}  # fmt: skip

@@ -1,0 +1,82 @@
+"""The judge of an input: an error of ours with its code, or a value, within 10 s; all else is a finding."""
+
+import signal
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from baqueano.errors import BaqueanoError, FromOutside
+
+LONGEST_S = 10.0
+SHOWN = 6
+
+
+class Hang(FromOutside):
+    """An input takes longer than LONGEST_S."""
+
+
+class Silent(Exception):
+    """A file reads differently from its original, and nothing says so, though it has a checksum."""
+
+
+@dataclass
+class Judged:
+    """The results of the inputs of one format."""
+
+    values: int = 0
+    errors: Counter[str] = field(default_factory=Counter)  # by code
+    findings: dict[str, list[int]] = field(default_factory=dict)  # what, and the numbers of its inputs
+    slowest_s: float = 0.0
+
+    @property
+    def table(self) -> str:
+        """Return the counts in a line, and below them the findings."""
+        head = f"{self.values} values, {sum(self.errors.values())} errors of {len(self.errors)} codes"
+        lines = [f"{head}, slowest {self.slowest_s:.2f} s"]
+        lines += [f"{len(at)} × {what}; inputs {at[:SHOWN]}" for what, at in self.findings.items()]
+        return "\n".join(lines)
+
+
+@contextmanager
+def within(limit_s: float) -> Iterator[None]:
+    """Raise Hang where what is done takes longer; only in a main thread of a system with such a timer."""
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def ring(number: int, frame: object) -> None:
+        raise Hang
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def judge(read: Callable[[int], object], numbers: range) -> Judged:
+    """Return what becomes of the inputs of these numbers."""
+    found = Judged()
+    for number in numbers:
+        begun = time.perf_counter()
+        try:
+            with within(LONGEST_S):
+                read(number)
+            found.values += 1
+        except BaqueanoError as error:
+            found.errors[str(error.diagnostic.code)] += 1
+            if error.diagnostic.code.startswith("error."):
+                found.findings.setdefault(f"an error without a code: {error!r}", []).append(number)
+        except (Exception, Hang) as error:
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__} at {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
+            found.findings.setdefault(what if not isinstance(error, Hang) else "hang", []).append(number)
+        found.slowest_s = max(found.slowest_s, time.perf_counter() - begun)
+    return found

@@ -1,0 +1,187 @@
+"""Damage to bytes and texts, all of it from one random generator: the same number gives the same input."""
+
+import random
+from collections.abc import Callable
+
+EXTREME = (0, 1, 0x7F, 0x80, 0xFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**63, 2**64 - 1)
+NUMBERS = (
+    "nan", "inf", "-inf", "1e999", "-1e999", "1e-320", "-0.0", "0", "-1", "1", "9" * 30, "9" * 400, "0x1F", "1_000",
+    "1,5", "0.1.2", "+", "", "true", "٣", "1e", "5e-324", "1.7976931348623157e308",
+)  # fmt: skip
+VALUES = (
+    *NUMBERS, '""', '"x"', "[]", "{}", "[[]]", "[1.0]", "[1.0, 2.0, 3.0]", "[nan, nan, nan]", '["a", "b"]',
+    "[[1.0, 2.0], [3.0]]", "{a = 1}", "2026-11-21", '"~/x.py:X"', '"/x.py:X"', '"x.py"', '"\\u0000"', "'''", '"""', 
+    "null",
+    "{}}", "[" * 50, '"' + "x" * 300 + '"',
+)  # fmt: skip
+LETTERS = (
+    "\0",
+    "\ufeff",
+    "\u202e",
+    "ñ",
+    "😀",
+    "\ud7ff",
+    "\x1b",
+    "\r",
+    "\t",
+    '"',
+    "'",
+    "#",
+    "=",
+    "[",
+    "]",
+    "{",
+    "}",
+    ",",
+    ";",
+    "\\",
+)
+
+
+def damaged_bytes(original: bytes, draw: random.Random, others: tuple[bytes, ...] = ()) -> bytes:
+    """Return the bytes after one to four damages."""
+    data = bytearray(original)
+    for _ in range(draw.choice((1, 1, 1, 2, 3, 4))):
+        _BYTES[draw.randrange(len(_BYTES))](data, draw)
+    if others and draw.random() < 0.05:  # two files joined in the middle
+        other, at = draw.choice(others), draw.randrange(len(data) + 1)
+        data[at:] = other[draw.randrange(len(other)) :]
+    return bytes(data)
+
+
+def damaged_text(original: str, draw: random.Random, separators: str = "\n") -> str:
+    """Return the text after one to four damages of its lines, values and letters."""
+    text = original
+    for _ in range(draw.choice((1, 1, 2, 2, 3, 4))):
+        text = _TEXTS[draw.randrange(len(_TEXTS))](text, draw, separators)
+    return text
+
+
+def _place(data: bytearray, draw: random.Random) -> tuple[int, int]:
+    at = draw.randrange(len(data) + 1)
+    return at, min(len(data), at + draw.choice((1, 1, 2, 4, 8, 30, 300)))
+
+
+def _flip(data: bytearray, draw: random.Random) -> None:
+    if data:
+        data[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
+
+
+def _overwrite(data: bytearray, draw: random.Random) -> None:
+    at, end = _place(data, draw)
+    data[at:end] = draw.randbytes(end - at)
+
+
+def _zero(data: bytearray, draw: random.Random) -> None:
+    at, end = _place(data, draw)
+    data[at:end] = bytes(end - at)
+
+
+def _extreme(data: bytearray, draw: random.Random) -> None:
+    size, at = draw.choice((1, 2, 4, 8)), draw.randrange(len(data) + 1)
+    value = draw.choice(EXTREME) & (2 ** (8 * size) - 1)
+    data[at : at + size] = value.to_bytes(size, "little")
+
+
+def _remove(data: bytearray, draw: random.Random) -> None:
+    at, end = _place(data, draw)
+    del data[at:end]
+
+
+def _repeat(data: bytearray, draw: random.Random) -> None:
+    at, end = _place(data, draw)
+    data[at:at] = data[at:end] * draw.choice((1, 2, 5))
+
+
+def _insert(data: bytearray, draw: random.Random) -> None:
+    at, end = _place(data, draw)
+    data[at:at] = draw.randbytes(end - at)
+
+
+def _cut(data: bytearray, draw: random.Random) -> None:
+    del data[draw.randrange(len(data) + 1) :]
+
+
+_BYTES: list[Callable[[bytearray, random.Random], None]] = [
+    _flip, _flip, _overwrite, _zero, _extreme, _extreme, _remove, _repeat, _insert, _cut,
+]  # fmt: skip
+
+
+def _lines(text: str, draw: random.Random, end: str) -> str:
+    lines = text.split(end)
+    k = draw.randrange(len(lines))
+    match draw.randrange(5):
+        case 0:
+            del lines[k]
+        case 1:
+            lines.insert(k, lines[draw.randrange(len(lines))])
+        case 2:
+            m = draw.randrange(len(lines))
+            lines[k], lines[m] = lines[m], lines[k]
+        case 3:
+            lines = lines[:k]
+        case _:
+            lines[k] = lines[k][: draw.randrange(len(lines[k]) + 1)]
+    return end.join(lines)
+
+
+def _runs(text: str, wanted: Callable[[str], bool]) -> list[tuple[int, int]]:
+    """Return begin and end of the longest pieces of letters that are wanted."""
+    found, begin = [], None
+    for k, letter in enumerate(text + "\n"):
+        if k < len(text) and wanted(letter):
+            begin = k if begin is None else begin
+        elif begin is not None:
+            found.append((begin, k))
+            begin = None
+    return found
+
+
+def _number(text: str, draw: random.Random, end: str) -> str:
+    pieces = _runs(text, lambda c: c.isdigit() or c in ".-+")
+    if not pieces:
+        return text
+    begin, stop = draw.choice(pieces)
+    return text[:begin] + draw.choice(NUMBERS) + text[stop:]
+
+
+def _word(text: str, draw: random.Random, end: str) -> str:
+    pieces = _runs(text, lambda c: c.isalpha() or c == "_")
+    if not pieces:
+        return text
+    begin, stop = draw.choice(pieces)
+    other = draw.choice(pieces)
+    word = text[other[0] : other[1]] if draw.random() < 0.5 else text[begin : stop - 1]
+    return text[:begin] + word + text[stop:]
+
+
+def _value(text: str, draw: random.Random, end: str) -> str:
+    lines = [k for k, line in enumerate(text.split("\n")) if "=" in line or ":" in line]
+    if not lines:
+        return text
+    rows, k = text.split("\n"), draw.choice(lines)
+    key = rows[k].partition("=")[0] if "=" in rows[k] else rows[k].partition(":")[0]
+    rows[k] = f"{key}{'=' if '=' in rows[k] else ':'} {draw.choice(VALUES)}"
+    return "\n".join(rows)
+
+
+def _letter(text: str, draw: random.Random, end: str) -> str:
+    at = draw.randrange(len(text) + 1)
+    return text[:at] + draw.choice(LETTERS) + text[at + draw.randrange(2) :]
+
+
+def _drop(text: str, draw: random.Random, end: str) -> str:
+    at = draw.randrange(len(text) + 1)
+    return text[:at] + text[at + draw.choice((1, 1, 3, 20)) :]
+
+
+def _swap(text: str, draw: random.Random, end: str) -> str:
+    a, b = draw.choice(
+        ((",", ";"), (".", ","), ("\n", "\r\n"), ("\n", "\r"), ('"', "'"), (" ", "\t"), ("=", "=="))
+    )
+    return text.replace(a, b, draw.choice((1, -1)))
+
+
+_TEXTS: list[Callable[[str, random.Random, str], str]] = [
+    _lines, _number, _number, _word, _value, _value, _letter, _drop, _swap,
+]  # fmt: skip

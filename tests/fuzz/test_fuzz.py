@@ -1,0 +1,72 @@
+"""Damaged inputs of every format that comes from others: an error of ours with its code, or a value.
+
+`make fuzz` judges 20,000 inputs a format (BAQUEANO_FUZZ=20000), otherwise a share. The input of a number is always the
+same: `BAQUEANO_FUZZ=17:18` judges number 17 alone.
+"""
+
+import os
+import socket
+from contextlib import suppress
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from baqueano.door.wire import decoded
+from baqueano.drive.mission import Mission
+from baqueano.errors import BaqueanoError
+from baqueano.runs import read_run
+from baqueano.runs.maps.column_map import load_map
+from baqueano.runs.route_file import read_route
+from baqueano.vehicle_file import load, parse
+from tests.fuzz.formats import FORMATS
+from tests.fuzz.judging import judge
+
+SHARE = {"mcap": 400, "csv": 300, "map": 200, "vehicle": 60, "route": 300, "door": 600}
+
+
+def numbers(name: str) -> range:
+    """Return the numbers of the inputs that are judged."""
+    asked = os.environ.get("BAQUEANO_FUZZ", "")
+    first, colon, last = asked.partition(":")
+    if colon:
+        return range(int(first), int(last))
+    return range(int(asked or SHARE[name]))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_damaged_input_is_an_error_of_ours_or_a_value(name, tmp_path, monkeypatch):
+    if name == "door" and not hasattr(socket, "AF_UNIX"):
+        pytest.skip("the door of a vehicle listens at a unix socket")
+    monkeypatch.chdir(tmp_path)
+    with FORMATS[name](tmp_path) as read:
+        found = judge(read, numbers(name))
+    print(f"{name}: {found.table}")
+    assert not found.findings, f"{name}: {found.table}"
+
+
+def ours_or_a_value(read, *inputs):
+    with suppress(BaqueanoError):
+        read(*inputs)
+
+
+@settings(max_examples=40, derandomize=True)
+@given(noise=st.binary(max_size=200))
+def test_noise_is_an_error_of_ours_or_a_value(noise, tmp_path_factory):
+    folder = tmp_path_factory.getbasetemp()
+    for name, read in (("x.mcap", read_run), ("x.toml", load), ("m.toml", load_map), ("x.csv", read_route)):
+        for data in (noise, b"\x89MCAP0\r\n" + noise):
+            (folder / name).write_bytes(data)
+            ours_or_a_value(read, folder / name)
+    assert decoded(noise) is None
+
+
+@settings(max_examples=40, derandomize=True)
+@given(
+    text=st.text(max_size=100),
+    value=st.recursive(st.none() | st.floats() | st.text(), st.lists, max_leaves=5),
+)
+def test_texts_and_values_of_any_kind_are_an_error_of_ours_or_a_value(text, value):
+    ours_or_a_value(parse, text, "x.toml")
+    ours_or_a_value(parse, f"format = 1\nname = {value!r}\nrate_hz = {value!r}\n", "x.toml")
+    ours_or_a_value(Mission.of_json, text)
