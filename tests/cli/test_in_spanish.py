@@ -14,11 +14,13 @@ from baqueano.cli import main
 
 ENGLISH = (
     "the|of|and|with|without|from|to|is|are|was|were|not|by|its|it|than|for|at|in|on|no|error|speed|laps?|heading|run|"
-    "estimate|truth|noise|gain|value|unit|position|time|held|within|mean|limit|wheel|command|covariance|parameter|"
+    "estimate|truth|noise|gain|value|unit|position|velocity|time|held|within|mean|limit|wheel|command|covariance|parameter|"
     "verdict|topic|count|rate|gaps|longest|size|drift|distance|duration|expected|warning|yes|consistent|cost"
 )
 WORD = re.compile(rf"(?<![\w./\\\-'\"=\[:<])({ENGLISH})(?![\w./\\\-'\"=\]:(])", re.IGNORECASE)
-TYPED = re.compile(r"baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]")
+TYPED = re.compile(
+    r"baqueano \d[^\n]*|baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]"
+)
 FIELD = re.compile(r"(\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[sd])")
 POINT = re.compile(r"(?<![\w./=-])\d+\.\d+(?![\w.]*[./]\w)(?!\w)")
 STRANGE = str.maketrans("abcdefghijklmnopqrstuvwxyz", "αвɔđєƒɢнιʝκʟмиσρφяѕτυνωχуζ")

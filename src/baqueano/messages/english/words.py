@@ -16,7 +16,7 @@ RUNS = (
 )  # fmt: skip
 CURVES = (
     N_("measured"), N_("model"), N_("truth"), N_("estimate"), N_("reference"), N_("asked for"), N_("applied"),
-    N_("sent"), N_("residual"), N_("limit"), N_("at its limit"),
+    N_("sent"), N_("residual"), N_("pose"), N_("velocity"), N_("limit"), N_("at its limit"),
 )  # fmt: skip
 COLUMNS = (
     N_("actuator"), N_("arrived"), N_("at limit"), N_("before"), N_("bound"), N_("by"), N_("channel"), N_("code"),
