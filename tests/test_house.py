@@ -22,8 +22,8 @@ FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 MODULES, NAMES = 12, 20  # of a folder
 FRONT_DOOR = 25  # names of `import baqueano as bq`
 AROUND_BLOCKS = {  # the supervisor, and what wraps or watches the block of any room
-    "Supervisor", "Guarded", "Off", "Budgeted", "Watchdog", "Agreement", "Adjustable", "MyEstimator", "MyGuide",
-    "MyController",
+    "Supervisor", "GuardedBlock", "Off", "BudgetedBlock", "Watchdog", "Agreement", "Adjustable", "MyEstimator",
+    "MyGuide", "MyController",
 }  # fmt: skip
 DOORS = {"time", "os", "random", "datetime", "pathlib", "io", "sys", "socket", "threading"}
 

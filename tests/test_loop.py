@@ -20,7 +20,7 @@ from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Reference, Slot, sensor_slots
 from baqueano.supervisor import Supervisor
 from baqueano.symbolic import compiled
-from baqueano.worlds import Replayed, Simulated
+from baqueano.worlds import ReplayedWorld, SimulatedWorld
 from tests.light_robot import LIMIT, SENSORS, VEHICLE, R
 
 PLAIN = Blocks(
@@ -33,7 +33,7 @@ BLOCKS = Blocks(*(compiled(block) for block in PLAIN))
 
 
 def drive(blocks=BLOCKS, duration_s=3.0, world=None, **options):
-    world = Simulated(VEHICLE, SENSORS, seed=4) if world is None else world
+    world = SimulatedWorld(VEHICLE, SENSORS, seed=4) if world is None else world
     records, events = [], []
     outcome = loop.run(
         blocks,
@@ -52,7 +52,7 @@ def replayed(records):
     imu = [(t.t_ns, t.sensors.imu.z) for t in ticks if t.sensors.imu.has]
     at = np.array([t for t, _ in imu])
     channel = Channel(at, at, np.array([z for _, z in imu]))
-    return Replayed(Run("test", None, t_ns, np.array([t.u for t in ticks]), sensors={"imu": channel}))
+    return ReplayedWorld(Run("test", None, t_ns, np.array([t.u for t in ticks]), sensors={"imu": channel}))
 
 
 def leaves(tree):
@@ -128,7 +128,7 @@ class Deaf:
 def test_without_imu_for_two_seconds_under_saturation_the_estimate_goes_on_with_what_the_motors_got():
     faster_than_it_can = compiled(SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=1.2, laps=0))
     eager = BLOCKS._replace(guide=faster_than_it_can)
-    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1.0, 3.0)
+    world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1.0, 3.0)
     records, _, outcome = drive(eager, duration_s=4.0, world=world)
     assert outcome.stopped is None
     silent = records[100:300]
@@ -207,7 +207,7 @@ FAILING_LINE = next(
     ],
 )
 def test_rt3_a_controller_that_fails_stops_the_vehicle_is_named_and_logging_goes_on(how, figures):
-    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
+    world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
     records, events, outcome = drive(BLOCKS._replace(controller=Failing(how)), duration_s=9.0, world=world)
     raised = how == "raises"
     assert outcome.stopped.code == (StopReason.BLOCK_RAISED if raised else StopReason.BLOCK_RETURNED)
@@ -333,7 +333,7 @@ def test_a_guide_that_is_done_ends_the_run():
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
 def test_whatever_ends_the_loop_the_motors_get_zeros(error):
-    world = Deaf(Simulated(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
+    world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
 
     def interrupted():
         yield from clock.simulated(100.0, 0.3)
@@ -375,7 +375,7 @@ def test_back_ends_agree_over_a_loop():
 
 def test_whoever_likes_writes_the_loop_in_eight_lines():
     estimator, guide, controller, supervisor = BLOCKS
-    world, commands = Simulated(VEHICLE, SENSORS, seed=4), []
+    world, commands = SimulatedWorld(VEHICLE, SENSORS, seed=4), []
     belief, g, c, s = estimator.init(), guide.init(), controller.init(), supervisor.init()
     for t in clock.simulated(100.0, 1.0):
         for tick in world.read(t):

@@ -38,7 +38,7 @@ class Invalid(Coded, ValueError):
     """A number, name or shape that a block or a function of ours does not take."""
 
 
-class Misused(Coded, TypeError):
+class Misuse(Coded, TypeError):
     """A call, or a type of argument, that a function of ours does not take."""
 
 

@@ -254,7 +254,7 @@ def _section(doc: str) -> str:
     return ""
 
 
-def _entry(field: dataclasses.Field[Any]) -> str:
+def _entry(field: "dataclasses.Field[object]") -> str:
     """Return the entry of a field in a docstring."""
     p: Parameter = field.metadata["parameter"]
     of_shape = p.shape or ("" if re.search(r"\(\w+,[ \w]*\)", p.meaning) else "(k,)")
@@ -267,5 +267,5 @@ def _entry(field: dataclasses.Field[Any]) -> str:
     return f"{field.name} : {kind} [{p.unit}]\n    {p.meaning[:1].upper()}{p.meaning[1:]}{limits}.{shown}"
 
 
-def _shown(default: Any) -> str:
+def _shown(default: object) -> str:
     return str(default.tolist()) if isinstance(default, np.ndarray) else str(default)

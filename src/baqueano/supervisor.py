@@ -124,7 +124,7 @@ class BlockFault(Exception):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Guarded:
+class GuardedBlock:
     """A block whose `step` raises nothing but BlockFault, and returns what its room promises."""
 
     room: str  # "controller"
@@ -162,7 +162,7 @@ class Guarded:
         return BlockFault(self.room, stop(reason, block=_where(self, error), error=named(error)))
 
 
-def guarded(room: str, block: Block, commands: int) -> Guarded:
+def guarded(room: str, block: Block, commands: int) -> GuardedBlock:
     """`block` of a room of the loop, for a vehicle with `commands` channels."""
     pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
     command = {"u": np.zeros(commands)}
@@ -172,7 +172,7 @@ def guarded(room: str, block: Block, commands: int) -> Guarded:
         "controller": (Command, command),
         "supervisor": (Command, command),
     }
-    return Guarded(room, block, *promised[room])
+    return GuardedBlock(room, block, *promised[room])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,7 +225,7 @@ def _shown(value: object) -> str:
     return "nothing" if value is None else type(value).__name__
 
 
-def _where(guard: Guarded, error: BaseException | None = None) -> str:
+def _where(guard: GuardedBlock, error: BaseException | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
     kind: Tree = type(
         getattr(guard.block, "block", guard.block)

@@ -11,7 +11,7 @@ from baqueano.cli import errors, main
 from baqueano.diagnostics import Diagnostic
 
 
-class Ended(NamedTuple):
+class DriveEnded(NamedTuple):
     """How a command ended."""
 
     code: int
@@ -59,7 +59,7 @@ class Ended(NamedTuple):
 
 
 @pytest.fixture
-def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callable[..., Ended]:
+def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callable[..., DriveEnded]:
     """`baqueano("runs", "ls")` in an empty folder."""
     monkeypatch.chdir(tmp_path)
     ended: list[errors.CommandError] = []
@@ -70,13 +70,13 @@ def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callabl
 
     monkeypatch.setattr(errors, "command_error", kept)
 
-    def typed(*args: str) -> Ended:
+    def typed(*args: str) -> DriveEnded:
         capsys.readouterr()
         ended.clear()
         with pytest.raises(SystemExit) as end:
             main(list(args))
         out, err = capsys.readouterr()
-        return Ended(int(end.value.code or 0), out, err, *ended)
+        return DriveEnded(int(end.value.code or 0), out, err, *ended)
 
     return typed
 

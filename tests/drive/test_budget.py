@@ -19,7 +19,7 @@ from baqueano.guides import Idle
 from baqueano.loop import Blocks
 from baqueano.runs import read_run
 from baqueano.signals import Command
-from baqueano.worlds import Simulated
+from baqueano.worlds import SimulatedWorld
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no interval timer")
 
@@ -45,7 +45,7 @@ def blocks_of(file, controller, duration_s=1.0):
 
 
 def world_of(file):
-    return Simulated(file.vehicle, file.sensors, file.rate_hz)
+    return SimulatedWorld(file.vehicle, file.sensors, file.rate_hz)
 
 
 def test_a_block_that_hangs_is_stopped_and_its_line_is_named():

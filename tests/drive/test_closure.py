@@ -15,7 +15,7 @@ from baqueano.errors import AnswerNo
 from baqueano.geometry import map_from_body
 from baqueano.guides import shapes
 from baqueano.vehicle_file import override
-from baqueano.worlds import Simulated
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 
 SMALL = "small"
@@ -66,7 +66,7 @@ class ByTruth(Observer):
 def driven(file, turns, seed=3, ahead=0.0, scale=TRUE):
     """A run of turns to these headings [rad], with a mark standing at each; the gyro says `scale` of them."""
     truth = override(file, (f"sensors.imu.gyro_scale={scale}",))
-    world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed)
+    world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed)
     driver = ByTruth(world, file.rate_hz, list(turns), ahead)
     return teach(file, driver, world=world, ticking=simulated(file.rate_hz, 120.0), observers=[driver]).run
 

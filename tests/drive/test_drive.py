@@ -22,7 +22,7 @@ from baqueano.sensors import Mark
 from baqueano.signals import sensor_slots
 from baqueano.supervisor import Supervisor
 from baqueano.vehicles import Planar
-from baqueano.worlds import Simulated
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 from tests.light_robot import LIMIT, SENSORS, VEHICLE, R
 
@@ -249,7 +249,7 @@ def test_the_truth_may_be_another_vehicle_than_the_one_believed_in():
 
 
 def test_worlds_and_files_of_different_kinds_do_not_meet():
-    world = Simulated(VEHICLE, SENSORS)
+    world = SimulatedWorld(VEHICLE, SENSORS)
     world.commands = 2
     with refused("drive.other-vehicle", UsageError, file="small", found=3, expected=2):
         experiment(FILE, np.zeros((5, 3)), world=world)

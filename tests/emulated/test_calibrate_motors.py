@@ -17,7 +17,7 @@ REVERSED_L, REVERSED_R, SWAPPED = (
 )  # fmt: skip
 
 
-class Miswired(EmulatedRobot):
+class MiswiredLink(EmulatedRobot):
     """`plugs`: the channel that each wheel hangs on, and its sign."""
 
     plugs = ((0, 1.0), (1, 1.0))
@@ -28,7 +28,7 @@ class Miswired(EmulatedRobot):
 
 @pytest.fixture
 def robot(firmware, monkeypatch):
-    robot = Miswired(firmware, vehicle_file.load("small"), patches=monkeypatch)
+    robot = MiswiredLink(firmware, vehicle_file.load("small"), patches=monkeypatch)
     robot.wait(0.1)
     yield robot
     robot.close()

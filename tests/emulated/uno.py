@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from baqueano.robot.uno.codec import Decoder, Received, encode
+from baqueano.robot.uno.codec import Decoder, ReceivedFrame, encode
 from baqueano.robot.uno.frames import (
     BAUD,
     AskInfo,
@@ -105,7 +105,7 @@ class EmulatedUno:
         self.driver = driver
         self.seq = 0
         self.decoder = Decoder()
-        self.transcript: list[tuple[float, Received]] = []
+        self.transcript: list[tuple[float, ReceivedFrame]] = []
         self._line_free_s = 0.0
         self._read = 0
         self._gray = [0, 0]
@@ -187,7 +187,7 @@ class EmulatedUno:
 
     def frames(self) -> list[Frame]:
         """What the firmware said since the last call."""
-        new: list[tuple[float, Received]] = []
+        new: list[tuple[float, ReceivedFrame]] = []
         for t_s, byte in self.read_stamped():
             new += [(t_s, received) for received in self.decoder.feed(bytes([byte]))]
         self.transcript += new

@@ -10,7 +10,7 @@ from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
 from baqueano.simulate.closed_loop import closed, lasting, start_of
 from baqueano.supervisor import Supervisor
-from baqueano.worlds import Simulated
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 
 ROUTE = circle(0.5, 0.3)
@@ -18,7 +18,7 @@ ROUTE = circle(0.5, 0.3)
 
 def test_the_kernel_says_what_the_clocked_loop_says(vehicle):
     run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.5)
-    world = Simulated(vehicle.vehicle, vehicle.sensors, 100.0, seed=4)
+    world = SimulatedWorld(vehicle.vehicle, vehicle.sensors, 100.0, seed=4)
     blocks = closed(vehicle, ROUTE).blocks
     records = []
     loop.run(blocks, world, clock.simulated(100.0, 1.5), on_record=records.append, eta=np.zeros(3))

@@ -8,7 +8,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.signals import Command
 from baqueano.simulate import simulate
-from baqueano.worlds import Simulated
+from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 
 RNG = np.random.default_rng(3)
@@ -17,7 +17,7 @@ U = np.repeat(RNG.uniform(-1, 1, (12, 3)) * [1.0, 0.0, 1.0], 25, axis=0)
 
 def test_kernel_and_simulated_world_are_the_same_vehicle(vehicle):
     run = simulate(vehicle, U, seed=5, eta0=np.array([1.0, 2.0, 3.0]))
-    world = Simulated(vehicle.vehicle, vehicle.sensors, 100.0, seed=5, eta0=np.array([1.0, 2.0, 3.0]))
+    world = SimulatedWorld(vehicle.vehicle, vehicle.sensors, 100.0, seed=5, eta0=np.array([1.0, 2.0, 3.0]))
     ticks = []
     for k, t_ns in enumerate(run.t_ns):
         world.write(Command(0, U[k]))

@@ -25,7 +25,7 @@ from baqueano.study.estimation.errors import (
 )
 from baqueano.study.estimation.judging import JudgedEstimate
 from baqueano.study.estimation.references import integrated, open_loop
-from baqueano.study.estimation.result import Estimated
+from baqueano.study.estimation.result import EstimationStudy
 from baqueano.study.estimation.subjects import BOTH, IMU, SETUPS, with_sensors
 from baqueano.vehicle_file import load
 
@@ -126,12 +126,12 @@ def made(ratio):
 
 
 def test_an_estimator_that_is_worse_misses_its_bars_and_one_that_is_better_meets_them():
-    assert Estimated((made(0.6),)).verdict == "USABLE"
-    worse = Estimated((made(0.6), made(1.2)._replace(recording="there")))
+    assert EstimationStudy((made(0.6),)).verdict == "USABLE"
+    worse = EstimationStudy((made(0.6), made(1.2)._replace(recording="there")))
     assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
     here = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
     assert here == [True] * len(QUANTITIES)
-    assert not Estimated((made(0.8),)).pooled()[0][
+    assert not EstimationStudy((made(0.8),)).pooled()[0][
         "ok"
     ]  # with an odometer the speed is to be 0.7 of the model's
     assert joined([made(0.6).errors[SPEED], made(0.6).errors[SPEED]]).samples.sum() == 20
@@ -139,7 +139,7 @@ def test_an_estimator_that_is_worse_misses_its_bars_and_one_that_is_better_meets
 
 def test_a_fit_that_is_refused_is_shown_and_not_counted():
     bad = made(3.0)._replace(recording="there", fit="REFUSED")
-    found = Estimated((made(0.6), bad))
+    found = EstimationStudy((made(0.6), bad))
     assert found.verdict == "USABLE"
     assert {row["ok"] for row in found.rows() if row["recording"] == "there"} == {None}
     assert found.pooled()[0]["value"] == pytest.approx(0.6)
@@ -147,7 +147,7 @@ def test_a_fit_that_is_refused_is_shown_and_not_counted():
 
 
 def test_the_verb_says_the_same_to_a_machine(monkeypatch, capsys):
-    study = Estimated((made(1.2),))
+    study = EstimationStudy((made(1.2),))
     monkeypatch.setattr(room, "estimation", lambda *_: study)
     with pytest.raises(SystemExit) as end:
         main(["study", "estimation", "--json"])
@@ -166,10 +166,10 @@ def test_a_recording_is_fitted_and_judged_by_its_odometer_too(cpm_recordings):
     (one,) = room.judged(short, BOTH)
     assert one.errors[SPEED].ratio[0] < 0.9
     assert one.stopped == ""
-    rows = {row["quantity"]: row for row in Estimated((one,)).rows()}
+    rows = {row["quantity"]: row for row in EstimationStudy((one,)).rows()}
     assert rows["NIS of innovation 0"]["ok"] == (0.85 <= rows["NIS of innovation 0"]["value"] <= 1.15)
     assert rows["lag-1 correlation of innovation 3"]["reference"] == 0.0
-    assert one.consistency.sentence in Estimated((one,)).table()
+    assert one.consistency.sentence in EstimationStudy((one,)).table()
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +209,7 @@ def test_each_vehicle_has_rows_for_machines_and_none_in_the_table():
     outcomes = [simulated.SimulatedOutcome(0, "slope", (made(0.6), made(1.2)), "")]
     rows = simulated.each_vehicle(outcomes)
     assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]
-    found = Estimated((), tuple(simulated.rows(outcomes)), tuple(rows))
+    found = EstimationStudy((), tuple(simulated.rows(outcomes)), tuple(rows))
     assert [row for row in found.rows() if row["quantity"] == SPEED] == [
         r for r in rows if r["quantity"] == SPEED
     ]

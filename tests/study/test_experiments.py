@@ -9,10 +9,10 @@ from baqueano.identify import excitation
 from baqueano.identify.design import believed, contained, room_of
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
-from baqueano.study.experiments.drives import DRIVES, SPREAD, Planned, outcome, vehicles_around
+from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, outcome, vehicles_around
 from baqueano.study.experiments.result import Drawn, Experiments, rows_of
 from baqueano.study.first_drives import DEAD_ZONE, STRONGEST, WEAKEST, FirstDrives, gains, unknown
-from baqueano.study.first_drives import Row as First
+from baqueano.study.first_drives import Row as FirstDrive
 from baqueano.study.identification.bound import numbers
 from baqueano.study.truth import TruthWorld, drawn_cars
 from baqueano.study.truth import drawn as robots_drawn
@@ -58,7 +58,7 @@ def test_a_body_that_left_the_room_is_counted_under_every_signal(signal):
 
 
 def test_a_touched_wall_refuses_the_first_drive():
-    good = First("well", 10, 0, 0.5, 10, 1.2, 60.0)
+    good = FirstDrive("well", 10, 0, 0.5, 10, 1.2, 60.0)
     assert FirstDrives((good,)).verdict == "USABLE"
     assert FirstDrives((good,)).rows() == [good._asdict()]
     assert FirstDrives((good._replace(named=9),)).verdict == "WARN"
@@ -86,9 +86,9 @@ def test_of_two_signals_the_stronger_tells_more_and_a_long_way_leaves_the_room()
     ahead = np.tile([1.0, 0.0, 0.0], (len(steps), 1))
 
     def of(u):
-        return outcome(("some", Planned(np.repeat(u[:, None], 2, axis=1), 0.0)), vehicles, "small", room, 0)[
-            1
-        ]
+        return outcome(
+            ("some", PlannedDrive(np.repeat(u[:, None], 2, axis=1), 0.0)), vehicles, "small", room, 0
+        )[1]
 
     strong, weak, far = of(steps), of(0.5 * steps), of(ahead)
     assert np.all(2.0 * strong.errors < weak.errors)
@@ -110,7 +110,7 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
 
 def test_a_number_that_no_motion_shows_is_as_uncertain_as_before():
     file = load("small")
-    still = Planned(np.zeros((100, 1, 3)), 0.0)
+    still = PlannedDrive(np.zeros((100, 1, 3)), 0.0)
     _, found = outcome(("still", still), vehicles_around(file, 1, 0), "small", room_of(file, "2x2"), 0)
     assert found.errors == pytest.approx(1.0, rel=1e-3)
 

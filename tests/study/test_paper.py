@@ -9,7 +9,7 @@ import pytest
 
 from baqueano.report import Headline
 from baqueano.study.paper import two_models
-from baqueano.study.paper.case_study import PRINTED, CaseStudy, Implied, case_study, recorded
+from baqueano.study.paper.case_study import PRINTED, CaseStudy, ImpliedParameters, case_study, recorded
 from baqueano.study.paper.page import page_of_paper
 
 NAMES = [f"d_{a}{b}" for a in "lc" for b in ("x", "y", "psi")] + [
@@ -89,8 +89,8 @@ def test_the_dynamic_model_tells_accelerations_better_and_both_are_on_the_page(s
 
 
 def test_case_study_two_stands_beside_what_it_implies():
-    rows = Implied().rows()
+    rows = ImpliedParameters().rows()
     assert "33.1 m" in rows[0]["implies"]
     assert "51 ms" in rows[1]["implies"]
     assert all(set(row) == {"printed", "implies", "expected"} for row in rows)
-    assert "0.00149" in Implied().table()
+    assert "0.00149" in ImpliedParameters().table()

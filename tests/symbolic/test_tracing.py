@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import function, jacobian
-from baqueano.symbolic.arrays.array import Traced
+from baqueano.symbolic.arrays.array import TracedArray
 from baqueano.symbolic.arrays.tracing import tracing
 
 NAMES = ("array", "asarray", "zeros", "eye", "empty", "full", "zeros_like", "concatenate")
@@ -52,7 +52,7 @@ def test_other_threads_get_what_they_always_got():
     found.append(np.array([1.0]).dtype)
     leave.set()
     thread.join()
-    assert found == [np.ndarray, np.dtype(float), Traced]
+    assert found == [np.ndarray, np.dtype(float), TracedArray]
     assert type(np.zeros(2)) is np.ndarray
 
 
@@ -80,8 +80,8 @@ def test_traces_in_many_threads_give_their_own_results():
 
 def test_only_floats_make_room_for_scalars():
     with tracing():
-        assert type(np.zeros(2)) is Traced
-        assert type(np.array([1.0, 2.0])) is Traced
+        assert type(np.zeros(2)) is TracedArray
+        assert type(np.array([1.0, 2.0])) is TracedArray
         assert np.zeros(2, dtype=int).dtype == int
         assert np.array([1, 2]).dtype.kind == "i"
         assert np.array([True, False]).dtype == bool
@@ -94,7 +94,7 @@ def test_only_floats_make_room_for_scalars():
 def test_known_values_are_computed_by_numpy():
     with tracing():
         A = np.eye(2) * 2.0
-        assert type(A) is Traced
+        assert type(A) is TracedArray
         assert np.linalg.eigvalsh(A).tolist() == [2.0, 2.0]
         assert (A > 1.0).dtype == bool
         assert bool(np.all(A >= 0.0))

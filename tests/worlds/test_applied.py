@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.worlds.applied import ON_THE_WAY_NS, Applied, AppliedMotors, AppliedWay
+from baqueano.worlds.applied import ON_THE_WAY_NS, AppliedDuties, AppliedMotors, AppliedWay
 
 MS = 1_000_000
 UNEQUAL = AppliedMotors(
@@ -39,7 +39,7 @@ def driven(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
     """Told (ticks, 2) and true mean duties of each tick."""
     rng, applied, firmware = (
         np.random.default_rng(seed),
-        Applied(motors),
+        AppliedDuties(motors),
         Firmware(motors, phase_ms, on_the_way_ms),
     )
     firmware.until(20, applied)
@@ -72,7 +72,7 @@ def test_what_was_foretold_wrongly_comes_right_and_nothing_adds_up(phase_ms):
 
 
 def test_a_vehicle_that_is_stopped_is_not_foretold_to_move():
-    applied = Applied()
+    applied = AppliedDuties()
     applied.update(0, (0.0, 0.0), (0.0, 0.0), False)
     applied.begin(0)
     applied.sent(0, 0.5, 0.5)

@@ -7,7 +7,7 @@ from baqueano.runs import Channel, Run, TruthLog
 from baqueano.sensors import Imu, Odometer
 from baqueano.signals import Command, sensor_slots
 from baqueano.vehicles import Friction, Planar
-from baqueano.worlds import Replayed, Simulated, world_init, world_step
+from baqueano.worlds import ReplayedWorld, SimulatedWorld, world_init, world_step
 from baqueano.worlds.noise import PROCESS, sensor_stream, unit_normals
 from baqueano.worlds.simulated import DrawnNoise, no_noise
 from tests.codes import refused
@@ -25,7 +25,7 @@ U = np.array([0.6, 0.0, 0.2])
 
 
 def ticks_of(sensors, n=600, seed=3, bundle=1, backend="numpy"):
-    world, ticks = Simulated(VEHICLE, sensors, rate_hz=100.0, seed=seed, backend=backend), []
+    world, ticks = SimulatedWorld(VEHICLE, sensors, rate_hz=100.0, seed=seed, backend=backend), []
     world.write(Command(0, U))
     for k in range(bundle, n + 1, bundle):
         ticks += world.read(k * 10_000_000)
@@ -66,7 +66,7 @@ def test_the_seed_decides_the_noise():
 
 
 def test_a_command_is_in_force_from_the_next_tick_on():
-    world = Simulated(VEHICLE, SENSORS, backend="numpy")
+    world = SimulatedWorld(VEHICLE, SENSORS, backend="numpy")
     (first,) = world.read(10_000_000)
     world.write(Command(10_000_000, U))
     (second,) = world.read(20_000_000)
@@ -77,7 +77,7 @@ def test_a_command_is_in_force_from_the_next_tick_on():
 
 def test_the_vehicle_starts_where_it_is_put():
     start = np.array([1.0, -2.0, 0.7])
-    world = Simulated(VEHICLE, SENSORS, eta0=start, backend="numpy")
+    world = SimulatedWorld(VEHICLE, SENSORS, eta0=start, backend="numpy")
     assert np.array_equal(world.truth.eta, start)
     world.read(10_000_000)
     assert world.truth.eta == pytest.approx(start, abs=1e-2)
@@ -106,7 +106,7 @@ def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
     truth = TruthLog(
         np.array([t for t, _ in known]), *(np.array([m[i] for _, m in known]) for i in (0, 1, 2))
     )
-    world, heard, truths = Replayed(run_of(ticks, truth)), [], []
+    world, heard, truths = ReplayedWorld(run_of(ticks, truth)), [], []
     assert world.new_truths() == []
     for t_ns in world.times:
         heard += world.read(t_ns)
@@ -121,20 +121,20 @@ def test_a_replayed_world_says_again_what_it_said_whatever_is_commanded():
 
 def test_an_empty_run_is_refused_in_words():
     with refused("replay.empty", ValueError, run="test"):
-        Replayed(run_of([]))
+        ReplayedWorld(run_of([]))
 
 
 def test_a_recording_without_holes_is_replayed_untouched():
     ticks, _ = ticks_of(SENSORS, n=50)
     jittered = [t._replace(t_ns=t.t_ns + 3_000_000 * (k % 2)) for k, t in enumerate(ticks)]
-    world = Replayed(run_of(jittered))
+    world = ReplayedWorld(run_of(jittered))
     assert world.times == [t.t_ns for t in jittered]
     assert world.notes == ()
 
 
 def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
     ticks, _ = ticks_of(SENSORS, n=200)
-    world = Replayed(run_of(ticks[:50] + ticks[150:]))
+    world = ReplayedWorld(run_of(ticks[:50] + ticks[150:]))
     assert world.times == [t.t_ns for t in ticks]
     assert world.notes == ("100 silent ticks were put where the recording has holes",)
     hole = world.read(world.times[-1])[50:150]
@@ -144,4 +144,4 @@ def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
 def test_a_hole_of_a_day_is_not_filled_for_a_day():
     ticks, _ = ticks_of(SENSORS, n=20)
     late = [t._replace(t_ns=t.t_ns + 86_400 * 1_000_000_000) for t in ticks[10:]]
-    assert len(Replayed(run_of(ticks[:10] + late)).times) < 6100
+    assert len(ReplayedWorld(run_of(ticks[:10] + late)).times) < 6100

@@ -5,7 +5,7 @@ compare(runs).table()      # ATE, RPE, across the path, NEES, NIS with their Ï‡Â
 
 from typing import TYPE_CHECKING
 
-from baqueano.compare.comparison import Comparison, JudgedPath, compare
+from baqueano.compare.comparison import Comparison, RunComparison, compare
 from baqueano.compare.consistency import Band
 from baqueano.on_demand import on_demand
 

@@ -44,7 +44,7 @@ UNKNOWN = Path(float("nan"), float("nan"), float("nan"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JudgedPath:
+class RunComparison:
     """The measures of a run."""
 
     name: str
@@ -131,7 +131,7 @@ class Comparison(Result):
 
     Attributes
     ----------
-    runs : tuple of JudgedPath
+    runs : tuple of RunComparison
         The measures of each run.
     alignment : str
         Of the estimate to the truth: "none", "start" or "rigid".
@@ -147,7 +147,7 @@ class Comparison(Result):
     [0.19]
     """
 
-    runs: tuple[JudgedPath, ...]
+    runs: tuple[RunComparison, ...]
     alignment: str
     over_s: float
     of_drives: bool
@@ -255,14 +255,14 @@ def compare(
     )
 
 
-def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> JudgedPath:
+def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> RunComparison:
     lost_s, run = diverged_s(run), until_diverged(run)  # the figures are of the time before
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
          "end_error_m"), float("nan"))  # fmt: skip
     if run.estimate is not None and run.truth is not None and len(run.truth.t_ns) > 1:
         figures = _against_truth(run, alignment, over_s)
-    return JudgedPath(
+    return RunComparison(
         name, run.duration_s, **figures,
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
         across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),

@@ -13,7 +13,7 @@ from baqueano.language import number
 from baqueano.language import translated as _
 
 if TYPE_CHECKING:
-    from baqueano.compare.comparison import Comparison, JudgedPath
+    from baqueano.compare.comparison import Comparison, RunComparison
     from baqueano.compare.consistency import Band
 
 WIDTH = 80  # letters of a line
@@ -31,7 +31,7 @@ class TableLine(NamedTuple):
 
     label: str
     unit: str
-    of: "Callable[[JudgedPath], Any]"
+    of: "Callable[[RunComparison], Any]"
 
 
 def table(found: "Comparison") -> str:
@@ -171,13 +171,13 @@ def _of_the_filter(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
     yield _("covariance"), [TableLine(_("verdict"), "", lambda j: _(j.verdict))] if known else []
 
 
-def _refused(judged: "JudgedPath", name: str) -> str:
+def _refused(judged: "RunComparison", name: str) -> str:
     """ "540 of 1501" of a number; "-" where the estimator does not count, or none arrived."""
     found = [one for one in judged.refusals if one.name == name and one.arrived]
     return _("{refused} of {arrived}", **found[0]._asdict()) if found else "-"
 
 
-def _of_channel(judged: "JudgedPath", k: int) -> str:
+def _of_channel(judged: "RunComparison", k: int) -> str:
     channels = judged.consistency.channels
     return _band(channels[k]) if k < len(channels) else "-"
 

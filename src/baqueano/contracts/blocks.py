@@ -182,7 +182,7 @@ class World(Protocol):
 
     Examples
     --------
-    >>> world: World = bq.worlds.Simulated(bq.load("small").vehicle, bq.load("small").sensors, 100.0)
+    >>> world: World = bq.worlds.SimulatedWorld(bq.load("small").vehicle, bq.load("small").sensors, 100.0)
     >>> world.commands
     3
     """

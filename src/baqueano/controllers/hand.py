@@ -10,7 +10,7 @@ from baqueano.errors import FromOutside
 from baqueano.signals import Command, Estimate, Reference
 
 
-class Ended(FromOutside, KeyboardInterrupt):
+class DriveEnded(FromOutside, KeyboardInterrupt):
     """A person who drives ended the drive."""
 
 
@@ -41,8 +41,8 @@ class Hand:
         """Return no state."""
 
     def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
-        """Return the command (n,) that the person wants; `Ended` where the person ends the drive."""
+        """Return the command (n,) that the person wants; `DriveEnded` where the person ends the drive."""
         try:
             return None, Command(estimate.t_ns, np.array(self.ask(), dtype=float))
         except KeyboardInterrupt as end:
-            raise Ended from end
+            raise DriveEnded from end

@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.drive.budget import Budgeted
+from baqueano.drive.budget import BudgetedBlock
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.errors import Invalid
 
@@ -61,7 +61,7 @@ class Adjustable:
         if now.shape != before.shape or not np.all(np.isfinite(now)):
             raise Invalid(fault("door.not-a-number", name=path, found=repr(value)[:80]))
         changed = replace(own, **{name: float(now) if now.ndim == 0 else now})
-        self.block = Budgeted(changed) if isinstance(self.block, Budgeted) else changed
+        self.block = BudgetedBlock(changed) if isinstance(self.block, BudgetedBlock) else changed
         return note("door.set", path=path, before=str(before.tolist()), now=str(now.tolist()))
 
 

@@ -1,8 +1,8 @@
 """Blocks + world → run: first_drive, experiment, teach, repeat, replay."""
 
-from baqueano.drive.first_drive import First, felt, first_drive, rough
+from baqueano.drive.first_drive import FirstDrive, felt, first_drive, rough
 from baqueano.drive.session import drive, stop_of
 from baqueano.drive.smoothing import smoothed
-from baqueano.drive.verbs import Taught, experiment, repeat, replay, route_of, teach
+from baqueano.drive.verbs import TeachResult, experiment, repeat, replay, route_of, teach
 
-__all__ = ["First", "Taught", "drive", "experiment", "first_drive", "repeat", "replay", "teach"]
+__all__ = ["FirstDrive", "TeachResult", "drive", "experiment", "first_drive", "repeat", "replay", "teach"]

@@ -26,7 +26,7 @@ class TooLong(FromOutside):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Budgeted:
+class BudgetedBlock:
     """A block whose step ends within `budget_s`, by TimeoutError if need be."""
 
     block: Any

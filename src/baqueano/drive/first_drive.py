@@ -56,7 +56,7 @@ WHEELS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class First:
+class FirstDrive:
     """The result of a first drive.
 
     Attributes
@@ -78,7 +78,7 @@ class First:
 
     Examples
     --------
-    >>> nothing = First(bq.simulate(bq.load("small"), np.zeros((9, 3))), (), (), (), np.nan, np.nan, np.zeros(4))
+    >>> nothing = FirstDrive(bq.simulate(bq.load("small"), np.zeros((9, 3))), (), (), (), np.nan, np.nan, np.zeros(4))
     >>> print(nothing.table())
     0 pulses, 0 of them moved the vehicle
     """
@@ -109,7 +109,7 @@ class First:
         return "\n".join([*lines, *texts((*self.still, *self.wiring))])
 
 
-def first_drive(vehicle_file: VehicleFile, **options: Any) -> First:
+def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
     """Drive a vehicle carefully for about a minute, and measure how strongly it answers. It needs an IMU alone.
 
     Parameters
@@ -121,7 +121,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> First:
 
     Returns
     -------
-    First
+    FirstDrive
         Rough gains, dead zones, and what is wired wrong.
 
     Raises
@@ -180,7 +180,7 @@ def two_wheels(vehicle_file: VehicleFile) -> bool:
     return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
 
 
-def felt(run: Run, vehicle_file: VehicleFile) -> First:
+def felt(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     """Estimate the numbers of a first drive from commands and IMU."""
     ways = directions(vehicle_file)
     pulses = pulses_of(run)
@@ -194,7 +194,7 @@ def felt(run: Run, vehicle_file: VehicleFile) -> First:
     late = found[1][1] < found[0][1]
     along, about = found[late][0]
     wiring = _wiring(pulses, ways) if two_wheels(vehicle_file) else ()
-    return First(run, pulses, wiring, still, along, about, at, late)
+    return FirstDrive(run, pulses, wiring, still, along, about, at, late)
 
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
@@ -236,7 +236,7 @@ def between(level: np.ndarray) -> np.ndarray:
     return 0.5 * (before + level)
 
 
-def rough(first: First, vehicle_file: VehicleFile) -> VehicleFile:
+def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
     """The file with the rough gains and dead zones in it, a start for a fit; AnswerNo where the wiring is wrong
     or nothing moved."""
     if (why := joined([*first.wiring, *first.still])) is not None:

@@ -14,7 +14,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator, World
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
-from baqueano.drive.budget import PREPARE_S, Budgeted, within
+from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.observers import Observer, Watchdog
@@ -26,9 +26,9 @@ from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.in_memory import RunInMemory, RunSink
 from baqueano.signals import Command, Reference, Tick, silent
 from baqueano.symbolic import TraceError, compiled
-from baqueano.symbolic.function import Compiled
+from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicle_file import VehicleFile
-from baqueano.worlds import Simulated
+from baqueano.worlds import SimulatedWorld
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class Conditions:
     def world_of(self, vehicle_file: VehicleFile) -> World:
         """Return the world; UsageError where file and world take another number of commands."""
         real = vehicle_file.truth if self.truth is None else self.truth
-        world = self.world or Simulated(
+        world = self.world or SimulatedWorld(
             real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
         )
         _same_commands(vehicle_file, world)
@@ -72,7 +72,7 @@ class Conditions:
     def metadata(self, kind: str, blocks: Blocks) -> dict[str, str]:
         """Return what a run says of them."""
         start = " ".join(map(repr, self.start.tolist()))
-        backend = blocks.estimator.backend if isinstance(blocks.estimator, Compiled) else "numpy"
+        backend = blocks.estimator.backend if isinstance(blocks.estimator, CompiledBlock) else "numpy"
         return {"kind": kind, "seed": str(self.seed), "start": start, "backend": backend}
 
 
@@ -193,7 +193,7 @@ def _prepared(
     sensors, unwatched = within(PREPARE_S, watched, vehicle_file, blocks.estimator)
     blocks, notes = within(PREPARE_S, ready, *inputs) if live else ready(*inputs)
     if live:
-        blocks = Blocks._make(Budgeted(b) if _may_hang(b) else b for b in blocks)
+        blocks = Blocks._make(BudgetedBlock(b) if _may_hang(b) else b for b in blocks)
     if sensors is not None:
         sensors.begin(*(given.start[k : k + 3] for k in range(0, len(given.start), 3)))
     unknown = (
@@ -273,7 +273,7 @@ def fast(
 
 def _may_hang(block: object) -> bool:
     """Return True for text of the user's: neither compiled nor ours."""
-    return not (optional.of(block, "as_written") or isinstance(block, Compiled))
+    return not (optional.of(block, "as_written") or isinstance(block, CompiledBlock))
 
 
 def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
@@ -281,7 +281,7 @@ def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarra
     takes none; and a diagnostic if that matters."""
     if takes := len(inspect.signature(estimator.init).parameters):
         return start if takes > 1 else start[:3], None
-    who = type(estimator.block if isinstance(estimator, Compiled) else estimator).__name__
+    who = type(estimator.block if isinstance(estimator, CompiledBlock) else estimator).__name__
     where = str(np.round(start, 3).tolist())
     return None, note("drive.own-origin", block=who, start=where) if np.any(start != 0.0) else None
 

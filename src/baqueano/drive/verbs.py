@@ -20,7 +20,7 @@ from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import seconds
 from baqueano.vehicle_file.file import VehicleFile, parse
-from baqueano.worlds import Replayed
+from baqueano.worlds import ReplayedWorld
 
 ROUTE_RATE_HZ = 20.0  # a taught route keeps this many poses a second
 STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower than this at both ends of a drive is waiting, not driving
@@ -76,7 +76,7 @@ def experiment(
 Driver: TypeAlias = Route | Guide | Sequence[tuple[float, Sequence[float]]] | Callable[[], np.ndarray]
 
 
-class Taught(NamedTuple):
+class TeachResult(NamedTuple):
     """The result of `teach`.
 
     Attributes
@@ -100,7 +100,7 @@ class Taught(NamedTuple):
         return f"{self.route!r}\n{self.run!r}"
 
 
-def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> Taught:
+def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> TeachResult:
     """Drive as `driver` directs, and keep the estimated path as a route.
 
     Parameters
@@ -118,7 +118,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
 
     Returns
     -------
-    Taught
+    TeachResult
         The run and the route.
 
     Raises
@@ -136,7 +136,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     (2.0, (41, 3), False)
     """
     run = lesson(vehicle_file, driver, **options)
-    return Taught(run, route_of(run, closed))
+    return TeachResult(run, route_of(run, closed))
 
 
 def lesson(
@@ -258,7 +258,7 @@ def replay(
     True
     """
     file = vehicle_of(run, allow_blocks) if vehicle_file is None else vehicle_file
-    world = Replayed(run, file.sensors)
+    world = ReplayedWorld(run, file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     with allowed(allow_blocks):
         chosen = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks

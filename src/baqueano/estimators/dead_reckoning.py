@@ -25,7 +25,7 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import moved
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
-from baqueano.estimators.readings.sensor_numbers import Uncertain, age_s, arrived, scale_std, uncertain
+from baqueano.estimators.readings.sensor_numbers import UncertainNumber, age_s, arrived, scale_std, uncertain
 from baqueano.estimators.readings.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
 from baqueano.geometry import map_from_body
 from baqueano.parameter import documented, parameter
@@ -64,7 +64,7 @@ class DeadReckoning:
         Sensors that are read; empty: all that show a velocity.
     readings : tuple of Reading
         Computed from the sensors; not an argument.
-    gyro_bias : tuple of Uncertain
+    gyro_bias : tuple of UncertainNumber
         Computed from the gyro that is read first; not an argument.
 
     References
@@ -94,7 +94,7 @@ class DeadReckoning:
         default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2), shape=(6,),
     )  # fmt: skip
     readings: tuple[Reading, ...] = field(init=False)
-    gyro_bias: tuple[Uncertain, ...] = field(init=False)
+    gyro_bias: tuple[UncertainNumber, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         check_bounds(self)

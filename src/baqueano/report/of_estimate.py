@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from baqueano.compare import Comparison, JudgedPath
+from baqueano.compare import Comparison, RunComparison
 from baqueano.compare.corridor import Corridor, corridor_of
 from baqueano.compare.divergence import until_diverged
 from baqueano.compare.errors import aligned
@@ -35,7 +35,7 @@ def beside_each_other(both: Comparison) -> list[Section]:
     return [Section(_("Two estimators, one drive"), said, [Table(lines, "", headings)])]
 
 
-def said_of_path(one: JudgedPath, alignment: str) -> str:
+def said_of_path(one: RunComparison, alignment: str) -> str:
     """Return the words above the drawing of a path: when it diverged, or its corridor, and its alignment."""
     said = f"{one.sentences[0]} " if np.isfinite(one.diverged_s) else ""
     found = one.corridor

@@ -19,7 +19,7 @@ from baqueano.runs.show import show
 if TYPE_CHECKING:
     from baqueano.runs.export import export_csv, export_tum
     from baqueano.runs.folder import find, listing
-    from baqueano.runs.importing import Imported, import_run, import_runs
+    from baqueano.runs.importing import ImportedRun, import_run, import_runs
     from baqueano.runs.route_file import read_route, write_route
 
 __all__ = [
@@ -44,7 +44,7 @@ __getattr__ = on_demand(
     {
         "export": ("export_csv", "export_tum"),
         "folder": ("find", "listing"),
-        "importing": ("Imported", "import_run", "import_runs"),
+        "importing": ("ImportedRun", "import_run", "import_runs"),
         "route_file": ("read_route", "write_route"),
     },
 )

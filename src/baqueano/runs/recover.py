@@ -9,7 +9,7 @@ from baqueano.runs.folder import RECOVERED
 from baqueano.runs.run import Run
 
 
-class Recovered(NamedTuple):
+class RecoveredRun(NamedTuple):
     """The new file and what was saved in it."""
 
     path: Path
@@ -17,7 +17,7 @@ class Recovered(NamedTuple):
     notes: tuple[str, ...]  # empty: the original was whole already
 
 
-def recover(path: Path | str, to: Path | str | None = None) -> Recovered:
+def recover(path: Path | str, to: Path | str | None = None) -> RecoveredRun:
     """Save what is whole of a cut or damaged run in a new file; the original stays as it is.
 
     Parameters
@@ -29,7 +29,7 @@ def recover(path: Path | str, to: Path | str | None = None) -> Recovered:
 
     Returns
     -------
-    Recovered
+    RecoveredRun
         The new file, its run, and notes on what was lost.
 
     Raises
@@ -49,4 +49,4 @@ def recover(path: Path | str, to: Path | str | None = None) -> Recovered:
     target = Path(to) if to is not None else path.with_name(f"{path.stem}{RECOVERED}.mcap")
     if run.notes:
         run.metadata["note"] = "recovered from " + path.name
-    return Recovered(write_run(run, target), run, run.notes)
+    return RecoveredRun(write_run(run, target), run, run.notes)

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.parameter import INF, documented, parameter
-from baqueano.sensors.sampling import Sampled, place_of
+from baqueano.sensors.sampling import SampledSensor, place_of
 from baqueano.signals import Motion
 
 SMALL_M = 1e-3  # keeps (1) smooth under the beacon
@@ -22,7 +22,7 @@ SMALL_M = 1e-3  # keeps (1) smooth under the beacon
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
-class Beacon(Sampled):
+class Beacon(SampledSensor):
     """z = (r,) [m], the distance to one beacon: ultra-wideband, ultrasound. Three of them show the place.
 
     Parameters

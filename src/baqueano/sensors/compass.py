@@ -16,13 +16,13 @@ import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.parameter import documented, parameter
-from baqueano.sensors.sampling import Sampled
+from baqueano.sensors.sampling import SampledSensor
 from baqueano.signals import Motion
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
-class Compass(Sampled):
+class Compass(SampledSensor):
     """z = (ψ,) [rad], the heading in the map, wrapped.
 
     Parameters

@@ -14,13 +14,13 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
 from baqueano.parameter import documented, parameter
-from baqueano.sensors.sampling import Sampled
+from baqueano.sensors.sampling import SampledSensor
 from baqueano.signals import Motion
 
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose(Sampled):
+class Pose(SampledSensor):
     """z = (x, y, ψ) [m, m, rad], the pose in the map.
 
     Parameters

@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
 from baqueano.parameter import INF, documented, parameter
-from baqueano.sensors.sampling import Sampled, place_of
+from baqueano.sensors.sampling import SampledSensor, place_of
 from baqueano.signals import Motion
 
 LEAST_COS = 0.1  # keeps (1) finite for a belief that is turned away
@@ -24,7 +24,7 @@ LEAST_COS = 0.1  # keeps (1) finite for a belief that is turned away
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
-class Rangefinder(Sampled):
+class Rangefinder(SampledSensor):
     """z = (r,) [m], the distance along a beam to one wall: ultrasound, infrared, laser.
 
     Parameters

@@ -61,7 +61,7 @@ def check(sensor: Tree) -> None:
     check_delay(type(sensor).__name__, sensor.delay_s, sensor.delay_slots)
 
 
-class Sampled:
+class SampledSensor:
     """A sensor with white noise but for its h: a block of this room adds its parameters, `size` and h(motion) → (m,).
 
     It has rate_hz, delay_s, delay_slots, noise_std and measurement_noise_cov; and, where it is silent at times,

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.parameter import documented, parameter
-from baqueano.sensors.sampling import Sampled
+from baqueano.sensors.sampling import SampledSensor
 from baqueano.signals import Motion
 
 SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel on a hard floor that pulls gently
@@ -56,7 +56,7 @@ def fade() -> Any:
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
-class Wheels(Sampled):
+class Wheels(SampledSensor):
     """z = (v_l, v_r) [m/s], the speed at which the left and the right wheel roll.
 
     Parameters
@@ -100,7 +100,7 @@ class Wheels(Sampled):
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
-class Odometer(Sampled):
+class Odometer(SampledSensor):
     """z = (v,) [m/s], the forward speed.
 
     Parameters

@@ -33,7 +33,7 @@ WIRINGS = ("well", "left inverted", "right inverted", "swapped")
 WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
 
 
-class Miswired(World):
+class MiswiredLink(World):
     """A simulated vehicle with two wheels whose motors are not connected as one thinks; its ticks tell the
     commands that were sent."""
 
@@ -154,7 +154,7 @@ def drive_one(seed: int, backend: str = "auto") -> One:
     """Return what came of the first drive of the unknown vehicle of that seed."""
     file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
     robot = unknown(seed)
-    world = Miswired(LoopWorld(robot, seed, file.rate_hz), wiring)
+    world = MiswiredLink(LoopWorld(robot, seed, file.rate_hz), wiring)
     found = first_drive(file, world=world, seed=seed, backend=backend)
     where, room = found.run.truth, room_of(file, ROOM)
     assert where is not None

@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
-from baqueano.errors import Misused
+from baqueano.errors import Misuse
 from baqueano.symbolic.backends import Runner, chosen
 from baqueano.symbolic.graph.assemble import assemble, lasting_zeros
 from baqueano.symbolic.graph.program import Program
@@ -60,7 +60,7 @@ def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> 
     return Function(f, examples, backend)
 
 
-def compiled(block: Tree, backend: str = "auto") -> "Compiled":
+def compiled(block: Tree, backend: str = "auto") -> "CompiledBlock":
     """Return the block with a compiled `step`; its fields are constants, all else is its own.
 
     A step with a loop over time has `row`, the step of one input, which is compiled, and `pause(state, input)`, which
@@ -75,7 +75,7 @@ def compiled(block: Tree, backend: str = "auto") -> "Compiled":
 
     Returns
     -------
-    Compiled
+    CompiledBlock
         To be used like the block.
 
     Examples
@@ -84,7 +84,7 @@ def compiled(block: Tree, backend: str = "auto") -> "Compiled":
     >>> law.alpha, law.init()
     (4.0, PdState(t_ns=-1, e_psi=0.0))
     """
-    return Compiled(block, backend)
+    return CompiledBlock(block, backend)
 
 
 class Function:
@@ -109,7 +109,7 @@ class Function:
         if kwargs:
             args = inspect.signature(self.f).bind(*args, **kwargs).args
         if len(args) != len(self._shapes):
-            raise Misused(
+            raise Misuse(
                 fault("engine.arguments", found=len(args), expected=len(self._shapes), names=self._names)
             )
         return self.call(*args)
@@ -211,7 +211,7 @@ def _with_zeros(program: Program, shapes: list[Shape], shape: Shape, examples: t
     return program._replace(outputs=tuple(outputs), zeros=tuple(inputs[k] for k in sorted(zero)))
 
 
-class Compiled:
+class CompiledBlock:
     """A block whose step is compiled, when first called, for each shape of its arguments."""
 
     def __init__(self, block: Tree, backend: str = "auto") -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.symbolic.arrays.array import Traced, as_array
+from baqueano.symbolic.arrays.array import TracedArray, as_array
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.derivatives.dual import Dual, rows_of, seeded
 from baqueano.symbolic.derivatives.residuals import normal_equations
@@ -100,7 +100,7 @@ class PlainScan(Scan):
         stacked = [np.stack(found) for found in zip(*(values(shape, said) for said in every), strict=True)]
         return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacked))
 
-    def _loop(self, inputs: Tree, theta: np.ndarray | Traced, carry: Tree) -> tuple[Tree, list[Tree]]:
+    def _loop(self, inputs: Tree, theta: np.ndarray | TracedArray, carry: Tree) -> tuple[Tree, list[Tree]]:
         given = () if self.parameters is None else (theta,)
         if carry is None:
             carry = self.carry_function(*given) if self.carry_function else self.example

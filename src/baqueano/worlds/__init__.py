@@ -6,11 +6,11 @@ from baqueano.on_demand import on_demand
 from baqueano.worlds.robot import Robot
 
 if TYPE_CHECKING:
-    from baqueano.worlds.replayed import Replayed
-    from baqueano.worlds.simulated import Simulated, world_init, world_step
+    from baqueano.worlds.replayed import ReplayedWorld
+    from baqueano.worlds.simulated import SimulatedWorld, world_init, world_step
 
-__all__ = ["Replayed", "Robot", "Simulated"]
+__all__ = ["ReplayedWorld", "Robot", "SimulatedWorld"]
 
 __getattr__ = on_demand(
-    __name__, {"replayed": ("Replayed",), "simulated": ("Simulated", "world_init", "world_step")}
+    __name__, {"replayed": ("ReplayedWorld",), "simulated": ("SimulatedWorld", "world_init", "world_step")}
 )

@@ -61,7 +61,7 @@ class AppliedMotors(NamedTuple):
 AS_SENT = AppliedMotors()
 
 
-class Applied:
+class AppliedDuties:
     """Of two wheels. All times are those of the host [ns]."""
 
     def __init__(self, motors: AppliedMotors = AS_SENT) -> None:

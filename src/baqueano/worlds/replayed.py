@@ -17,7 +17,7 @@ from baqueano.signals import Command, Motion, Tick
 from baqueano.worlds.gaps import filled, period_ns
 
 
-class Replayed(World):
+class ReplayedWorld(World):
     """A recorded run as a world of the loop: commands move nothing.
 
     Parameters
@@ -30,7 +30,7 @@ class Replayed(World):
     Examples
     --------
     >>> run = bq.simulate(bq.load("small"), np.zeros((10, 3)))
-    >>> len(Replayed(run).read(t_ns=50_000_000))
+    >>> len(ReplayedWorld(run).read(t_ns=50_000_000))
     5
     """
 

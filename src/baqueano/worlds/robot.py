@@ -24,7 +24,7 @@ from baqueano.diagnostics import Diagnostic, StopReason, fault, stop
 from baqueano.errors import UsageError
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
-from baqueano.worlds.applied import AS_SENT, Applied, AppliedMotors
+from baqueano.worlds.applied import AS_SENT, AppliedDuties, AppliedMotors
 from baqueano.worlds.silent_encoders import SilentEncoders
 
 TILT_TICKS = 50  # over which a tilt is the mean: half a second
@@ -154,7 +154,7 @@ class Robot(World):
         self._force: np.ndarray | None = None
         self._sensors, self._wheels, self._imu, self._body = sensors, wheels, imu, body
         self._start_ns = 0
-        self._applied = Applied(body.motors)
+        self._applied = AppliedDuties(body.motors)
         self._last: Telemetry | None = None
         self._extras: list[tuple[str, int, np.ndarray]] = []
         self._events: list[tuple[int, Diagnostic | str]] = []

@@ -73,7 +73,7 @@ class _Stepped(NamedTuple):
         return world_step(self.vehicle, self.sensors, state, u, dt_s, noise)
 
 
-class Simulated(World):
+class SimulatedWorld(World):
     """A simulated vehicle as a world of the loop.
 
     Parameters
@@ -98,7 +98,7 @@ class Simulated(World):
     Examples
     --------
     >>> robot = bq.load("small")
-    >>> world = Simulated(robot.vehicle, robot.sensors, robot.rate_hz)
+    >>> world = SimulatedWorld(robot.vehicle, robot.sensors, robot.rate_hz)
     >>> world.write(Command(0, np.array([0.5, 0.0, 0.0])))
     >>> [tick.t_ns for tick in world.read(t_ns=30_000_000)]
     [10000000, 20000000, 30000000]

@@ -11,7 +11,7 @@ from baqueano.robot.uno.codec import (
     CRC_START,
     LONGEST,
     Decoder,
-    Received,
+    ReceivedFrame,
     encode,
     framed,
     seal,
@@ -53,13 +53,13 @@ def test_frames_cut_anywhere_arrive_in_order(sequences, chance):
         n = chance.randint(1, 9)
         found += decoder.feed(wire[:n])
         wire = wire[n:]
-    assert found == [Received(seq, Ping(seq * 7919)) for seq in sequences]
+    assert found == [ReceivedFrame(seq, Ping(seq * 7919)) for seq in sequences]
     assert (decoder.bad_crc, decoder.bad_shape) == (0, 0)
 
 
 @given(st.binary(min_size=1, max_size=300))
 def test_fw6_noise_before_a_frame_costs_the_frame_nothing(noise):
-    assert Decoder().feed(noise + encode(DRIVE, 3))[-1] == Received(3, DRIVE)
+    assert Decoder().feed(noise + encode(DRIVE, 3))[-1] == ReceivedFrame(3, DRIVE)
 
 
 def test_noise_without_an_end_is_not_kept():
@@ -115,7 +115,7 @@ def test_a_whole_frame_of_an_unknown_kind_or_length_is_counted_and_ignored():
 
 
 def test_a_kind_shared_by_two_directions_is_told_apart_on_the_wire():
-    assert Decoder().feed(encode(Settings(), 1, kind=0x86)) == [Received(1, Settings())]
+    assert Decoder().feed(encode(Settings(), 1, kind=0x86)) == [ReceivedFrame(1, Settings())]
     assert encode(Settings(), 1, kind=0x86) != encode(Settings(), 1)
 
 

@@ -7,7 +7,7 @@ in 65 536. A command has two, and there none passes (tests/emulated/test_damage.
 import numpy as np
 import pytest
 
-from baqueano.robot.uno.codec import Decoder, Received, encode
+from baqueano.robot.uno.codec import Decoder, ReceivedFrame, encode
 from baqueano.robot.uno.frames import State
 from baqueano.robot.uno.link import Uno
 from tests.robot.uno.test_link import Line, info, state
@@ -28,7 +28,7 @@ def telemetry(k, rng):
 def said():
     """4096 frames that are whole, no two alike."""
     rng = np.random.default_rng(1)
-    return [Received(k & 0xFF, telemetry(k, rng)) for k in range(4096)]
+    return [ReceivedFrame(k & 0xFF, telemetry(k, rng)) for k in range(4096)]
 
 
 @pytest.fixture(scope="module")

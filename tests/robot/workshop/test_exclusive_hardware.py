@@ -23,11 +23,11 @@ from baqueano.errors import (
 )
 from baqueano.robot.uno.frames import Settings, Way
 from baqueano.robot.workshop import exclusive_hardware
-from baqueano.robot.workshop.calibrate_imu import Mounted
+from baqueano.robot.workshop.calibrate_imu import MountedImu
 from baqueano.robot.workshop.calibrate_motors import Motors, Sweep
 from tests.codes import refused
 
-MOUNTED = Mounted(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
+MOUNTED = MountedImu(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3.1, 0.02)
 
 
 @pytest.fixture

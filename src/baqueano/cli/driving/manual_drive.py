@@ -76,10 +76,10 @@ def by_hand(
 def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit") -> "JsonObject":
     """Options of a drive in a simulation, in real time."""
     from baqueano.clock import wall
-    from baqueano.worlds import Simulated
+    from baqueano.worlds import SimulatedWorld
 
     truth = options.load_truth(robot, file)
-    world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)
+    world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)
     hand.status.state = "simulated"
     return {
         "world": world, "ticking": from_zero(wall(file.rate_hz)), "live": True,

@@ -14,7 +14,7 @@ from baqueano.printable import typed
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.runs.importing import Imported
+    from baqueano.runs.importing import ImportedRun
 
 
 @click.group(cls=Verbs, help="List, show, cut, recover, import and export runs.")
@@ -191,7 +191,7 @@ class Written(NamedTuple):
     """An imported run, where it is, and what was doubted."""
 
     path: Path
-    imported: "Imported"
+    imported: "ImportedRun"
 
     @property
     def verdict(self) -> str:

@@ -28,7 +28,7 @@ def command() -> None: ...
 @options.as_json
 def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool) -> None:
     from baqueano.study.paper import two_models
-    from baqueano.study.paper.case_study import Implied, case_study, recorded
+    from baqueano.study.paper.case_study import ImpliedParameters, case_study, recorded
     from baqueano.study.paper.page import page_of_paper
 
     with progress(note("cli.study-paper", seeds=seeds), seeds) as each:
@@ -38,7 +38,7 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
         run, unseen = recorded(seed, backend)[1], recorded(seed + 1_000, backend)[1]
         models = two_models.two_models(found.fits[0], run, unseen, backend)
     if not as_json:
-        tell(f"\n{two_models.table(models)}\n\n{Implied().table()}")
+        tell(f"\n{two_models.table(models)}\n\n{ImpliedParameters().table()}")
     with busy(note("cli.drawing")):
         written = page_of_paper(found, models, backend).save(page or Path("study-paper.html"))
     talk(note("cli.report", page=written))

@@ -84,7 +84,7 @@ def calibrate() -> None:
 @options.as_json
 def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
     from baqueano.robot import VEHICLE
-    from baqueano.robot.workshop.calibrate_imu import Mounted, Watched
+    from baqueano.robot.workshop.calibrate_imu import MountedImu, Watched
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import opened, there
 
@@ -94,7 +94,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
             mounted = find(Watched(bench.imu), talk)
     else:  # its service opens the IMU by its own file, so that one is written there
         more = ["--update"] if update else []
-        mounted = Mounted.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
+        mounted = MountedImu.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
     answer(mounted, as_json)
     values = mounted.values(file)
     options.kept(file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update)

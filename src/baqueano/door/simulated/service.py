@@ -35,7 +35,7 @@ from baqueano.messages import templates
 from baqueano.runs import read_run
 from baqueano.runs.folder import claim, release
 from baqueano.runs.route_file import write_route
-from baqueano.worlds import Simulated
+from baqueano.worlds import SimulatedWorld
 
 if TYPE_CHECKING:
     from baqueano.door.guests import Guest
@@ -140,7 +140,7 @@ class SimulatedService:
         """Return why the vehicle was stopped, None if nothing stopped it."""
         truth, start = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
-        world = Simulated(truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend)
+        world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend)
         self.operator.marked()  # those of before this drive
         watching = _DriveObserver(self, plan, world, attended)
         observers = (watching, Adjusting(self.operator, self.tell))
@@ -219,7 +219,7 @@ class _DriveObserver(Observer):
     """The observer of a drive for the service."""
 
     def __init__(
-        self, service: SimulatedService, plan: MissionPlan, world: Simulated, attended: bool
+        self, service: SimulatedService, plan: MissionPlan, world: SimulatedWorld, attended: bool
     ) -> None:
         self._service, self._plan, self._world, self._attended = service, plan, world, attended
         self.over = False

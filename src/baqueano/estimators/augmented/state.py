@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.contracts.blocks import Sensor
 from baqueano.estimators.readings.doubt import AXES
 from baqueano.estimators.readings.sensor_numbers import (
-    Uncertain,
+    UncertainNumber,
     rows_of,
     scale_std,
     slopes,
@@ -45,7 +45,7 @@ class Layout(NamedTuple):
 
     names: tuple[str, ...]  # the sensors
     at: tuple[tuple[int, ...], ...]  # of each sensor the numbers that correct
-    biases: tuple[Uncertain, ...]
+    biases: tuple[UncertainNumber, ...]
     moving: np.ndarray  # (m, n) E of kalman.py for each number, while the vehicle drives  (2)
     resting: np.ndarray  # (m, n) at rest
     patience: np.ndarray  # (m,) of the gate, for each number

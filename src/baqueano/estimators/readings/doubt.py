@@ -23,7 +23,7 @@ AXES = (3, 5)  # of a state (η, ν, …)
 HELD_S, FADING = 1.0, 2.0  # when readings agree again a doubt falls to this time, and fades so much faster
 
 
-class Doubted(NamedTuple):
+class DoubtUpdate(NamedTuple):
     """The doubt after a row, and what it adds to a covariance."""
 
     doubt: (
@@ -35,7 +35,7 @@ class Doubted(NamedTuple):
 
 def doubted(
     doubt: np.ndarray, slope: np.ndarray, seen: Value, against: np.ndarray, psi: Value, dt_s: Value
-) -> Doubted:
+) -> DoubtUpdate:
     """Return the doubt a row of `dt_s` on.
 
     `slope` (m, 2) of each number by speed and yaw rate, 0 where it corrects neither; `seen` has the innovations y (m,),
@@ -49,7 +49,7 @@ def doubted(
         )
         came.append(_largest([np.where(np.isfinite(seen.y[c]), 1.0, 0.0) for c in mine]))
     now = lasting(doubt, np.array(refused), against, np.array(came) > 0.0, dt_s)
-    return Doubted(now, *wider(np.maximum(now[0], against), doubt[1], now[1], psi, dt_s))
+    return DoubtUpdate(now, *wider(np.maximum(now[0], against), doubt[1], now[1], psi, dt_s))
 
 
 def lasting(

@@ -31,7 +31,7 @@ STEP = 0.1  # of a parameter
 ACCEL_SCALE_STD = 0.02 / np.sqrt(3.0)  # within ± 2 % by its data sheet: without a wheel, speed is a_y / ν_ψ
 
 
-class Uncertain(NamedTuple):
+class UncertainNumber(NamedTuple):
     """A parameter of a sensor that is not known exactly."""
 
     sensor: str
@@ -82,11 +82,11 @@ def slopes(sensor: Sensor, at: np.ndarray = CURVE) -> np.ndarray:
 
 def uncertain(
     sensors: SensorBlocks, name: str, rows: tuple[int, ...], nu: np.ndarray
-) -> tuple[Uncertain, ...]:
+) -> tuple[UncertainNumber, ...]:
     """Return the uncertain parameters that change these numbers of a sensor at the velocity `nu` (3,).  (2)"""
     sensor = getattr(sensors, name)
     return tuple(
-        Uncertain(
+        UncertainNumber(
             name,
             path,
             *(_entry(sensor, of, path[len(path.partition("[")[0]) :]) for of in (known.std, known.walk)),

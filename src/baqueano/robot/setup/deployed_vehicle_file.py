@@ -26,7 +26,7 @@ CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote
 SHOWN = 60  # letters of a value
 
 
-class Renewed(NamedTuple):
+class RenewedFile(NamedTuple):
     """A vehicle file for a robot."""
 
     text: str
@@ -34,7 +34,7 @@ class Renewed(NamedTuple):
     lines: list[str]  # what changes there, key by key
 
 
-def renewed(host: str, file: "VehicleFile", root: str = "/") -> Renewed:
+def renewed(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
     """Return the new file at HOST, made of the laptop's `file`. RobotUnreachable where the old one cannot be read,
     UsageError where it holds a calibration for which `file` lacks the place."""
     path = f"{root.rstrip('/')}{VEHICLE}"
@@ -42,14 +42,14 @@ def renewed(host: str, file: "VehicleFile", root: str = "/") -> Renewed:
     if code:
         raise RobotUnreachable(fault("setup.file-not-read", f"ssh {host}", host=host, path=path))
     if not seen:
-        return Renewed(file.text, b"", [])
+        return RenewedFile(file.text, b"", [])
     try:
         theirs = parsed(seen.decode("utf-8"), f"{host}:{path}")
     except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
         said = f"the vehicle file there is no TOML ({error}): yours takes its place"
-        return Renewed(file.text, seen, [said])
+        return RenewedFile(file.text, seen, [said])
     file, kept = _with_calibration(host, file, theirs)
-    return Renewed(file.text, seen, [*differences(theirs, parsed(file.text, file.label)), *kept])
+    return RenewedFile(file.text, seen, [*differences(theirs, parsed(file.text, file.label)), *kept])
 
 
 def differences(before: "JsonObject", after: "JsonObject") -> list[str]:

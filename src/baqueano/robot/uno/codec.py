@@ -41,7 +41,7 @@ def remainder(byte: int) -> int:
 SEAL_TABLE = [remainder(byte) for byte in range(256)]
 
 
-class Received(NamedTuple):
+class ReceivedFrame(NamedTuple):
     """A frame that arrived whole."""
 
     seq: int
@@ -121,7 +121,7 @@ class Decoder:
         self.bad_crc = self.bad_shape = 0
         self._open = b""
 
-    def feed(self, data: bytes) -> list[Received]:
+    def feed(self, data: bytes) -> list[ReceivedFrame]:
         """The frames ended by these bytes, in order."""
         if b"\0" not in data:
             self._open = (self._open + data)[: LONGEST + 1]
@@ -130,16 +130,16 @@ class Decoder:
         self._open = rest[: LONGEST + 1]
         return [received for piece in pieces if piece and (received := self._read(piece))]
 
-    def _read(self, piece: bytes) -> Received | None:
+    def _read(self, piece: bytes) -> ReceivedFrame | None:
         body = unstuff(piece) if len(piece) <= LONGEST else None
         if body is None or len(body) < 4 or crc_hqx(body, CRC_START):
             self.bad_crc += 1
         elif LENGTHS.get(kind := body[0]) != len(body) - 4:
             self.bad_shape += 1
         elif kind not in SEALED:
-            return Received(body[1], unpack(KINDS[kind], body[2:-2]))
+            return ReceivedFrame(body[1], unpack(KINDS[kind], body[2:-2]))
         elif seal(body[:-2]) == 0:
-            return Received(body[1], unpack(KINDS[kind], body[2:-4]))
+            return ReceivedFrame(body[1], unpack(KINDS[kind], body[2:-4]))
         else:
             self.bad_crc += 1
         return None

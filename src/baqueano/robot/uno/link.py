@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from baqueano.diagnostics import Diagnostic, StopReason, fault, stop
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.uno.clock import WRAP_US, UnoClock
-from baqueano.robot.uno.codec import Decoder, Received, encode
+from baqueano.robot.uno.codec import Decoder, ReceivedFrame, encode
 from baqueano.robot.uno.frames import (
     AskInfo,
     AskSettings,
@@ -269,7 +269,7 @@ class Uno:
             self.statistics.written += 1
             return True
 
-    def _take(self, received: Received, now_ns: int) -> None:
+    def _take(self, received: ReceivedFrame, now_ns: int) -> None:
         self.statistics.heard += 1
         if isinstance(received.frame, State | Info):
             self._of_boot(received.frame)
@@ -289,7 +289,7 @@ class Uno:
             case frame:
                 self._replies[type(frame)] = frame
 
-    def _in_turn(self, received: Received) -> bool:
+    def _in_turn(self, received: ReceivedFrame) -> bool:
         """Return True if neither this frame nor a newer one came before; count those missing before it. After
         a long silence its sequence says nothing, and the time of telemetry counts."""
         ahead = (received.seq - self._seq_heard) & 0xFF

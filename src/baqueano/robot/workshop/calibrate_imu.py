@@ -102,7 +102,7 @@ def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:
 
 
 @dataclass(frozen=True)
-class Mounted:
+class MountedImu:
     """The result. Biases (a_x, a_y) [m/s²] and ω [rad/s] as means of the sensor at rest; `slope` of the floor."""
 
     axes: tuple[str, str, str]  # the chip's that point ahead, left, up
@@ -120,7 +120,7 @@ class Mounted:
         return [asdict(self)]
 
     @classmethod
-    def of(cls, row: "TableRow") -> "Mounted":
+    def of(cls, row: "TableRow") -> "MountedImu":
         """The inverse of `rows`, from JSON."""
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
@@ -152,7 +152,7 @@ class Mounted:
         return found
 
 
-def calibrate(watched: Watched, say: Say) -> Mounted:
+def calibrate(watched: Watched, say: Say) -> MountedImu:
     """Asks a person for three things and finds the rest; the IMU gives its chip's own axes."""
     say(
         _(
@@ -177,7 +177,7 @@ def calibrate(watched: Watched, say: Say) -> Mounted:
     turn = float(up @ (watched.turned - before))
     bias, slope = biases((axes @ first)[:2], (axes @ second)[:2], turn)
     oblique = float(np.arccos(np.clip(axes[2] @ first / np.linalg.norm(first), -1.0, 1.0)))
-    return Mounted(
+    return MountedImu(
         names(axes), bias, gyro, float(np.linalg.norm(slope) / STANDARD_GRAVITY), lift, turn, oblique
     )
 

@@ -33,7 +33,7 @@ from baqueano.vehicles.drivetrain import mix
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.robot.workshop.floor_tests import Bench, Felt
+    from baqueano.robot.workshop.floor_tests import Bench, ImuSamples
     from baqueano.worlds.robot import Sample
 
 TURNS_RAD_S = 0.7  # more than a vibration: ten times what an engine of such a vehicle shakes, 0.07
@@ -348,7 +348,7 @@ def _differ(bench: "Bench", sign: float, reach: float) -> tuple[float, float]:
     """ε of (5), + where the right wheel does more, and the turn [rad/s]."""
     bias = bench.rest(0.3).gyro[:, 2].mean()
     request = sign * STRAIGHT_REQUEST
-    felt: Felt = bench.hold(request, request, STRAIGHT_S)
+    felt: ImuSamples = bench.hold(request, request, STRAIGHT_S)
     turn = float(np.mean(felt.after(SETTLE_S).gyro[:, 2] - bias))
     bench.hold(0.0, 0.0, PAUSE_S)
     return turn / (request * reach), turn

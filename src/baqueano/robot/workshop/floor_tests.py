@@ -21,17 +21,17 @@ TILT_COS = 0.9  # of the angle between gravity and the axis that is said to poin
 STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of the chip behind 44 Hz
 
 
-class Felt(NamedTuple):
+class ImuSamples(NamedTuple):
     """Samples of the IMU, axes ahead, left, up."""
 
     t_s: np.ndarray  # (n,) from the first command on
     accel: np.ndarray  # (n, 3) specific force [m/s²]
     gyro: np.ndarray  # (n, 3) [rad/s]
 
-    def after(self, t_s: float) -> "Felt":
+    def after(self, t_s: float) -> "ImuSamples":
         """Return the samples from `t_s` on."""
         keep = self.t_s >= t_s
-        return Felt(self.t_s[keep], self.accel[keep], self.gyro[keep])
+        return ImuSamples(self.t_s[keep], self.accel[keep], self.gyro[keep])
 
     @property
     def still(self) -> bool:
@@ -50,14 +50,14 @@ class Bench:
     wait: Callable[[float], object] = time.sleep
     now_ns: Callable[[], int] = time.monotonic_ns
 
-    def hold(self, left: float, right: float, seconds: float) -> Felt:
+    def hold(self, left: float, right: float, seconds: float) -> ImuSamples:
         """Send duties for this time, computed anew every 10 ms. SafetyStop where the link or the IMU fails."""
         return self.follow(lambda t_s: (left, right), seconds)
 
     def follow(
         self, duties: Callable[[float], tuple[float, float]], seconds: float,
         until: Callable[["Sample"], bool] = lambda sample: False,
-    ) -> Felt:  # fmt: skip
+    ) -> ImuSamples:  # fmt: skip
         """Send duties by the time [s] for this time, or until a sample meets the condition."""
         start = felt_ns = heard_ns = self.now_ns()
         samples, done = [], False
@@ -71,13 +71,13 @@ class Bench:
             done = any(until(sample) for sample in new)
             felt_ns = self.now_ns() if new else felt_ns
             self._check(heard_ns, felt_ns)
-        return Felt(
+        return ImuSamples(
             np.array([(s.t_ns - start) * 1e-9 for s in samples]),
             np.array([s.accel for s in samples]).reshape(-1, 3),
             np.array([s.gyro for s in samples]).reshape(-1, 3),
         )
 
-    def rest(self, seconds: float) -> Felt:
+    def rest(self, seconds: float) -> ImuSamples:
         """Return the IMU's samples with the motors at zero, at rest. AnswerNo if the vehicle moves for 3 s."""
         scatter = 0.0
         for _ in range(10):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 ALIKE = 3  # lines of a kind of doubt
 
 
-class Imported(NamedTuple):
+class ImportedRun(NamedTuple):
     """A run from elsewhere and what was seen on the way."""
 
     run: Run
@@ -47,7 +47,7 @@ class Imported(NamedTuple):
         return "WARN" if any(d.level == "warning" for d in self.doubts) else "USABLE"
 
     @property
-    def noticed(self) -> "Imported":
+    def noticed(self) -> "ImportedRun":
         """Return the diagnostics without those of every such import."""
         return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
 
@@ -84,7 +84,7 @@ class Imported(NamedTuple):
 class ImportedRuns(NamedTuple):
     """Several runs and what was seen on the way to each."""
 
-    each: tuple[Imported, ...]
+    each: tuple[ImportedRun, ...]
 
     @property
     def verdict(self) -> str:
@@ -120,7 +120,7 @@ def import_run(
     column_map: ColumnMap | Path | str,
     files: list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
-) -> Imported:
+) -> ImportedRun:
     r"""Return the run that a map makes of the files of a recording, in SI.
 
     Parameters
@@ -134,7 +134,7 @@ def import_run(
 
     Returns
     -------
-    Imported
+    ImportedRun
         The run and the doubts about it, which also stand as events in the run.
 
     Raises
@@ -167,7 +167,7 @@ def import_runs(
     column_map: ColumnMap | Path | str,
     files: list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
-) -> list[Imported]:
+) -> list[ImportedRun]:
     """All runs that a map makes of its files: one per file that is given, one per part of a file that is
     split, in their order. Parts with fewer ticks than a run needs are left out, which stands in the doubts of
     the first. FileError as of `import_run`, and where no part is long enough."""
@@ -196,7 +196,7 @@ def import_runs(
     return made
 
 
-def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
+def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
     """The run of one part."""
     sources, found = part.sources, list(part.doubts)
     first, t_ns, applied = _applied(m, sources, sources[m.ticks].t_ns, found)
@@ -223,7 +223,7 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> Imported:
     judged = cross_checks.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
     events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.advice}") for d in judged)
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
-    return Imported(run, judged)
+    return ImportedRun(run, judged)
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what is not finite is not known

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from baqueano.study.estimation import simulated as independent
 from baqueano.study.estimation.judging import judged
-from baqueano.study.estimation.result import Estimated
+from baqueano.study.estimation.result import EstimationStudy
 from baqueano.study.estimation.subjects import SETUPS, SUBJECTS, missing
 from baqueano.study.recordings import check_present
 
@@ -19,7 +19,7 @@ def estimation(
     cases: Sequence[str] = CASES,
     kinds: Sequence[str] = (),
     processes: int = 1,
-) -> Estimated:
+) -> EstimationStudy:
     """Judge estimators on the recordings among `cases`, and on `seeds` simulated vehicles; `kinds` are those of the
     estimators, else the file's. FileError, with the names of the files, where there is nothing to judge by."""
     out, left_out = [], []
@@ -34,8 +34,8 @@ def estimation(
     if not (seeds and SIMULATED in cases):
         if not out:
             check_present()
-        return Estimated(tuple(out), notes=tuple(left_out))
+        return EstimationStudy(tuple(out), notes=tuple(left_out))
     say(f"simulating, fitting and judging {seeds} vehicles")
     found = independent.simulated(seeds, kinds, backend, processes)
     rows, each = independent.rows(found), independent.each_vehicle(found)
-    return Estimated(tuple(out), tuple(rows), tuple(each), (*left_out, independent.sentence(found)))
+    return EstimationStudy(tuple(out), tuple(rows), tuple(each), (*left_out, independent.sentence(found)))

@@ -34,7 +34,7 @@ AGAINST = {
 
 
 @dataclass(frozen=True, slots=True)
-class Estimated:
+class EstimationStudy:
     """Recordings, then robots and cars of the independent truth."""
 
     judged: tuple["JudgedEstimate", ...]

@@ -21,7 +21,7 @@ DRIVES = 10
 LAG_S = 0.01  # of the motor of a car whose file has none; its delay is shorter by as much
 
 
-class Planned(NamedTuple):
+class PlannedDrive(NamedTuple):
     """Commands of each vehicle."""
 
     u: np.ndarray  # (N, V, m)
@@ -30,11 +30,11 @@ class Planned(NamedTuple):
 
 def plans(
     file: VehicleFile, room: Room, count: int, seed: int, duration_s: float, backend: str
-) -> dict[str, Planned]:
+) -> dict[str, PlannedDrive]:
     """Return signal → commands: the designed one is the same for all vehicles."""
     begun = time.perf_counter()
     u = designed(file, room, duration_s, seed=seed, backend=backend).u
-    out = {DESIGNED: Planned(np.repeat(u[:, None], count, axis=1), time.perf_counter() - begun)}
+    out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - begun)}
     cloud = Cloud(file, believed(file, vehicles=VEHICLES), seed, backend)
     for kind in KINDS:
         us, slowest = [], 0.0
@@ -43,7 +43,7 @@ def plans(
             asked = excitation(kind, file.command.limit, duration_s, file.rate_hz, seed + k, rest_s=1.0)
             us.append(contained(asked, file, room, cloud=cloud).u)
             slowest = max(slowest, time.perf_counter() - begun)
-        out[kind] = Planned(np.stack(us, axis=1), slowest)
+        out[kind] = PlannedDrive(np.stack(us, axis=1), slowest)
     return out
 
 
@@ -64,7 +64,7 @@ def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
 
 
 def outcome(
-    job: tuple[str, Planned], vehicles: Robots | Cars, name: str, room: Room, seed: int
+    job: tuple[str, PlannedDrive], vehicles: Robots | Cars, name: str, room: Room, seed: int
 ) -> tuple[str, Drawn]:
     """Return what a signal did to the vehicles."""
     (signal, planned), file = job, load(name)

@@ -169,7 +169,7 @@ def case_study(
 
 
 @dataclass(frozen=True)
-class Implied:
+class ImpliedParameters:
     """Case study II: what is printed, and what it would mean."""
 
     mass_kg: float = 0.61

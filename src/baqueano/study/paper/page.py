@@ -9,7 +9,7 @@ from baqueano.language import translated as _
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.of_fit import label
 from baqueano.simulate import simulate_loop
-from baqueano.study.paper.case_study import CaseStudy, Implied
+from baqueano.study.paper.case_study import CaseStudy, ImpliedParameters
 from baqueano.study.paper.two_models import JudgedModel, rows
 from baqueano.vehicle_file import load
 
@@ -64,7 +64,9 @@ def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: st
             Section(_("Sensors and model"), "", [draw(sensors, _(SENSORS))]),
             Section(_("Dynamic and kinematic model"), _(MODELS), [Table(rows(models))]),
             Section(_("Closed loop"), "", [draw(figures.paths(lines), _(CLOSED))]),
-            Section(_("Case study II: what the printed values imply"), "", [Table(Implied().rows())]),
+            Section(
+                _("Case study II: what the printed values imply"), "", [Table(ImpliedParameters().rows())]
+            ),
         ],
         reproduce="baqueano study paper",
     )

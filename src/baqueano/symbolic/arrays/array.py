@@ -16,7 +16,7 @@ from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.errors import TraceError, untraceable
 
 
-class Traced(np.ndarray):
+class TracedArray(np.ndarray):
     """An array of objects: scalars and numbers."""
 
     origin: linalg.Origin | None = None  # what it was made of, if that is of use later
@@ -35,12 +35,12 @@ class Traced(np.ndarray):
     def __setitem__(self, key: Value, value: Value) -> None:
         if not self.flags.writeable:
             raise untraceable("trace.argument-changed")
-        if isinstance(key, Traced) and has_scalars(key):  # x[x < 0] = 0
+        if isinstance(key, TracedArray) and has_scalars(key):  # x[x < 0] = 0
             key, value = ..., np.where(key, value, self)
         super().__setitem__(_key(key), value)
 
     @property
-    def T(self) -> "Traced":
+    def T(self) -> "TracedArray":
         """Return the transpose, and note its origin, transposed as well."""
         flipped = self.transpose()
         flipped.origin = self.origin and self.origin.transposed()
@@ -71,7 +71,7 @@ def _key(key: Value) -> Value:
     """An index that is known, as NumPy wants it; NumPy refuses the others."""
     if isinstance(key, tuple):
         return tuple([_key(k) for k in key])
-    return plain(key) if isinstance(key, Traced) and not has_scalars(key) else key
+    return plain(key) if isinstance(key, TracedArray) and not has_scalars(key) else key
 
 
 def has_scalars(x: Value) -> bool:
@@ -97,13 +97,13 @@ def as_array(x: Value) -> np.ndarray:
 def traced(x: Value) -> Value:
     """Return an object array of NumPy as one of ours; an array without axes becomes its only element."""
     if isinstance(x, np.ndarray) and x.dtype == object:
-        return x.view(Traced) if x.ndim else x.item()
+        return x.view(TracedArray) if x.ndim else x.item()
     return type(x)([traced(e) for e in x]) if type(x) in (list, tuple) else x
 
 
 def plain(x: Value) -> Value:
     """Without scalars: as NumPy would have it."""
-    if isinstance(x, Traced):
+    if isinstance(x, TracedArray):
         return np.array(x.tolist()) if x.size else np.zeros(x.shape)
     return type(x)([plain(e) for e in x]) if type(x) in (list, tuple) else x
 
@@ -111,7 +111,9 @@ def plain(x: Value) -> Value:
 def filled_later(x: Value) -> Value:
     """An array of floats, ready to receive scalars."""
     return (
-        x.astype(object).view(Traced) if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim else x
+        x.astype(object).view(TracedArray)
+        if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim
+        else x
     )
 
 
@@ -270,8 +272,8 @@ def _diag(v: Value, k: int = 0) -> Value:
     return traced(matrix)
 
 
-def _full_like(x: Value, value: Value, *_: Value, **__: Value) -> Traced:
-    return np.broadcast_to(as_array(value), np.shape(x)).copy().view(Traced)
+def _full_like(x: Value, value: Value, *_: Value, **__: Value) -> TracedArray:
+    return np.broadcast_to(as_array(value), np.shape(x)).copy().view(TracedArray)
 
 
 def _like(value: float) -> Callable[..., Value]:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.symbolic.arrays.array import Traced, filled_later
+from baqueano.symbolic.arrays.array import TracedArray, filled_later
 from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
 
 _JOINED = ("concatenate", "stack", "vstack", "hstack", "column_stack",
@@ -83,7 +83,7 @@ def _joined(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Va
     result = original(*args, **kwargs)
     if isinstance(result, np.ndarray) and result.dtype == object:
         numbers = all(isinstance(e, (Scalar, *NUMBERS)) for e in result.ravel().tolist())
-        return result.view(Traced) if numbers else result
+        return result.view(TracedArray) if numbers else result
     return result if dtype is None else original(*args, dtype=dtype, **kwargs)
 
 

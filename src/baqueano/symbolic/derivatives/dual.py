@@ -11,7 +11,7 @@ from functools import update_wrapper
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.symbolic.arrays.array import Traced, as_array, filled_later, has_scalars
+from baqueano.symbolic.arrays.array import TracedArray, as_array, filled_later, has_scalars
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.derivatives.derive import Row, combine, slopes
@@ -42,12 +42,12 @@ class Dual(Scalar):
         return Dual(result, row, level) if row else result
 
 
-def seeded(values: np.ndarray, level: int) -> Traced:
+def seeded(values: np.ndarray, level: int) -> TracedArray:
     """An array whose entries are the seeds 0, 1, …, in order."""
     seeds = np.empty(values.shape, dtype=object)
     flat = values.ravel().tolist()
     seeds.ravel()[:] = [Dual(x, {k: 1.0}, level) for k, x in enumerate(flat)]
-    return seeds.view(Traced)
+    return seeds.view(TracedArray)
 
 
 def rows_of(values: np.ndarray, count: int, level: int) -> np.ndarray:
@@ -86,12 +86,12 @@ def jacobian(f: Callable[..., Value], argument: int = 0) -> Callable[..., Value]
         with tracing() as level, located():
             x = as_array(args[argument])
             seeds = seeded(x, level) if x.ndim else Dual(x.item(), {0: 1.0}, level)
-            if isinstance(seeds, Traced):
+            if isinstance(seeds, TracedArray):
                 seeds.flags.writeable = False
             y = as_array(f(*args[:argument], seeds, *args[argument + 1 :]))
             result = rows_of(y, x.size, level).reshape(y.shape + x.shape)
         if has_scalars(result):
-            return result.view(Traced) if result.ndim else result.item()
+            return result.view(TracedArray) if result.ndim else result.item()
         result = result.astype(float)
         return (filled_later(result) if level > 1 else result) if result.ndim else float(result)
 

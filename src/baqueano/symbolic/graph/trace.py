@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.symbolic.arrays.array import Traced, as_array
+from baqueano.symbolic.arrays.array import TracedArray, as_array
 from baqueano.symbolic.arrays.linalg import is_symmetric
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.errors import TraceError, located
@@ -77,7 +77,7 @@ def _traced_step(
     initial = None
     with tracing(), located():
         theta = [graph.symbol(f"theta[{k}]") for k in range(parameters or 0)]
-        given = () if parameters is None else (_frozen(np.array(theta, dtype=object).view(Traced)),)
+        given = () if parameters is None else (_frozen(np.array(theta, dtype=object).view(TracedArray)),)
         if carry is not None:
             initial = _matching(graph, carry(*given), carry_shape, "carry(theta)")
         state, symbols = _symbols(graph, carry_shape, kinds, symmetric)
@@ -136,10 +136,10 @@ def _argument(leaf: Leaf, nodes: list[Node]) -> Tree:
         return nodes[0]
     array = np.empty(leaf.size, dtype=object)
     array[:] = nodes
-    return _frozen(array.reshape(leaf.shape).view(Traced))
+    return _frozen(array.reshape(leaf.shape).view(TracedArray))
 
 
-def _frozen(array: Traced) -> Traced:
+def _frozen(array: TracedArray) -> TracedArray:
     array.flags.writeable = False
     return array
 

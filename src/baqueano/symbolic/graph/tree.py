@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
-from baqueano.errors import Invalid, Misused
+from baqueano.errors import Invalid, Misuse
 from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
 from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.ieee import LOGICAL
@@ -199,7 +199,7 @@ def _array_leaf(array: np.ndarray, path: str, kind_of: Callable[[Tree], str]) ->
         }
         return Leaf(path, array.shape, kinds.pop() if len(kinds) == 1 else "f", True)
     if array.dtype.kind not in "fiub":
-        raise Misused(fault("tree.dtype", path=path, dtype=str(array.dtype)))
+        raise Misuse(fault("tree.dtype", path=path, dtype=str(array.dtype)))
     return Leaf(path, array.shape, array.dtype.kind.replace("u", "i"), True)
 
 
