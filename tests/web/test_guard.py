@@ -4,19 +4,16 @@ import asyncio
 import json
 import re
 import socket
-import time
-from contextlib import AsyncExitStack
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from baqueano.web import guard as guarding
 from baqueano.web import server as serving
-from baqueano.web.guard import FAILURES, HOLDS_S, Guard, Rate, Role
+from baqueano.web.guard import FAILURES, HOLDS_S, Guard, Role
 from baqueano.web.http import REPORT_POLICY, Refused, head_of, static
 from baqueano.web.share import own_names, qr_code, url
 from tests.web.page_client import (
-    WAIT_S,
     address,
     browser,
     drive,
@@ -196,92 +193,6 @@ def test_ne4_addresses_that_guess_take_no_memory():
     assert len(guard._failures) <= guarding.ADDRESSES + 1
 
 
-def test_ne5_words_are_bounded_in_size_and_rate(folder):
-    async def job():
-        async with recorded_page(folder, "circle") as server:
-            for what, code in (
-                (" " * 17000, 1009),
-                (b"binary", 1003),
-                ("[1]", 1008),
-                ('{"is": 3}', 1008),
-                ("{", 1008),
-            ):
-                async with browser(server) as one:
-                    await one.line.send(what)
-                    with pytest.raises(ConnectionClosed):
-                        await one.next("never")
-                    assert one.line.close_code == code, what
-            async with browser(server) as one:
-                for _ in range(300):
-                    try:
-                        await one.say("ask", id=1, what="ping")
-                    except ConnectionClosed:
-                        break
-                with pytest.raises(ConnectionClosed):
-                    await one.next("never")
-                assert one.line.close_code == 1008
-
-    run_page(job)
-
-
-def test_ne5_fifty_words_a_second_are_taken():
-    now = 0.0
-    rate = Rate(50.0, lambda: now)
-    assert sum(rate.one_more() for _ in range(200)) == 100
-    now = 1.0
-    assert sum(rate.one_more() for _ in range(200)) == 50
-
-
-def test_ne5_thirty_two_browsers_are_let_in_and_the_next_is_not(folder):
-    async def job():
-        async with recorded_page(folder, "circle") as server, AsyncExitStack() as several:
-            lines = [await several.enter_async_context(line_to(server)) for _ in range(serving.VISITORS)]
-            with pytest.raises(InvalidStatus, match="503"):
-                async with line_to(server):
-                    pass
-            await lines[0].close()
-            while len(server.visitors) == serving.VISITORS:
-                await asyncio.sleep(0.01)
-            async with browser(server) as one:
-                assert one.hello["role"] == "drive"
-
-    run_page(job)
-
-
-def test_ne5_nothing_is_compressed(folder):
-    async def job():
-        async with recorded_page(folder, "circle") as server, line_to(server, compression="deflate") as line:
-            assert "Sec-WebSocket-Extensions" not in line.response.headers
-
-    run_page(job)
-
-
-def test_ne5_who_says_nothing_is_let_go(folder, monkeypatch):
-    monkeypatch.setattr(serving, "HANDSHAKE_S", 0.3)
-
-    async def job():
-        async with recorded_page(folder, "circle") as server:
-            reader, writer = await asyncio.open_connection("127.0.0.1", server.port)
-            writer.write(b"GET / HTTP/1.1\r\nHost:")
-            assert await asyncio.wait_for(reader.read(), WAIT_S) == b""
-            writer.close()
-            async with line_to(server) as line:
-                with pytest.raises(ConnectionClosed):
-                    await asyncio.wait_for(line.recv(), WAIT_S)
-
-    run_page(job)
-
-
-def test_ne5_a_long_head_is_refused(folder):
-    async def job():
-        async with recorded_page(folder, "circle") as server:
-            assert (await request(server, "GET / HTTP/1.1\r\nX: " + "a" * 40000))[0] in (431, 0)
-            many = "\r\n".join(f"X{k}: 1" for k in range(100))
-            assert (await request(server, f"GET / HTTP/1.1\r\n{many}"))[0] == 400
-
-    run_page(job)
-
-
 @pytest.mark.usefixtures("_static")
 @pytest.mark.parametrize(
     "path",
@@ -408,23 +319,3 @@ def test_no_port_is_taken_twice(folder):
             assert error.value.diagnostic.code == "web.port-taken"
 
         run_page(job)
-
-
-def test_a_browser_that_does_not_read_is_given_one_picture_and_let_go_when_words_pile_up(folder):
-    async def job():
-        async with recorded_page(folder, "circle") as server, browser(server) as one:
-            (visitor,) = server.visitors
-            one.line.transport.pause_reading()
-            picture, begun = bytes(200_000), time.monotonic()
-            for _ in range(400):
-                visitor.show(picture)
-                await asyncio.sleep(0)
-            assert time.monotonic() - begun < WAIT_S
-            assert visitor._writer.transport.get_write_buffer_size() <= len(picture) + 100
-            for _ in range(70):
-                visitor.say({"is": "event", "text": "x" * 1000})
-            while server.visitors:
-                await asyncio.sleep(0.01)
-            one.line.transport.abort()
-
-    run_page(job)

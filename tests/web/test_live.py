@@ -3,88 +3,16 @@
 import asyncio
 import math
 import struct
-from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
-from baqueano.errors import RobotUnreachable
 from baqueano.web.feed import HEAD, KEPT_S, Feed
 from baqueano.web.guard import Role
 from baqueano.web.lab.handle import Lab
-from baqueano.web.lab.shelf import Shelf
-from baqueano.web.live import Live
-from baqueano.web.page import BrowserPage
-from baqueano.web.server import Server
+from tests.web.fake_vehicle import COLUMNS, VEHICLE, live_page, until
 from tests.web.page_client import WAIT_S, browser, run_page
-
-COLUMNS = ["t", "eta.x", "u.0", "z.imu[2]", "nis", "progress", "cross"]
-VEHICLE = {
-    "is": "vehicle",
-    "name": "small",
-    "world": "simulated",
-    "command": [{"name": "u_x", "low": -1, "high": 1}],
-}
-
-
-class FakeLink:
-    """A service that writes down what it is told, and says what the test wants."""
-
-    def __init__(self):
-        self.heard, self.gone = [], False
-        self.on_word = lambda word: None
-
-    def say(self, do, **words):
-        if self.gone:
-            raise RobotUnreachable(note("web.service-gone", Severity.ERROR))
-        self.heard.append({"do": do} | words)
-
-    async def hear(self, on_word):
-        self.on_word = on_word
-        await asyncio.Event().wait()
-
-    def told(self, *kinds):
-        return [word for word in self.heard if word["do"] in kinds]
-
-    def frame(self, t, rows=1, **values):
-        row = {"t": t} | values
-        x = [[row.get(name) if name != "t" else t + 0.01 * k for name in COLUMNS] for k in range(rows)]
-        self.on_word({"is": "frame", "t_ns": 0, "n": 1, "x": x})
-
-    def state(self, state="READY", **more):
-        self.on_word({"is": "state", "state": state} | more)
-
-
-@asynccontextmanager
-async def live_page(tmp_path, **how):
-    """Serve a fake vehicle."""
-    link, lab, shelf = FakeLink(), Lab(), Shelf(tmp_path)
-    live = Live(link, lambda: server.visitors)
-    page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
-    server = Server(page.heard, page.left, shelf.body, **how)
-    live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
-    live.begin()
-    hearing = asyncio.create_task(live.run())
-    await asyncio.sleep(0)
-    link.on_word(VEHICLE)
-    link.on_word({"is": "fields", "names": COLUMNS, "units": ["s", "m", "duty", "rad/s", "1", "m", "m"]})
-    link.state()
-    try:
-        async with server:
-            yield server, link, live
-    finally:
-        hearing.cancel()
-        await asyncio.gather(hearing, return_exceptions=True)
-        await shelf.close()
-        await lab.close()
-
-
-async def until(true):
-    """Wait until something is true."""
-    async with asyncio.timeout(WAIT_S):
-        while not true():
-            await asyncio.sleep(0.005)
 
 
 def test_hello_says_what_there_is_to_see(tmp_path):

@@ -32,16 +32,29 @@ def free_folder() -> Path:
     type=click.Path(path_type=Path),
     help="A folder; default: demo, or the next that is free, demo-2.",
 )
+@click.option(
+    "--page/--no-page", "shown", default=None,
+    help="Show the drives in a browser, in motion. Default: where there is a display.",
+)  # fmt: skip
+@click.option(
+    "--pace", type=click.FloatRange(0.05, 50.0), default=4.0, show_default=True,
+    help="Simulated seconds that the page shows in a second.",
+)  # fmt: skip
 @options.seed
 @options.backend
 @options.as_json
-def command(out: Path | None, seed: int, backend: str, as_json: bool) -> None:
+def command(
+    out: Path | None, shown: bool | None, pace: float, seed: int, backend: str, as_json: bool
+) -> None:
+    from baqueano.cli.page.motion import in_motion
     from baqueano.study.demo import demo
 
     out = out or free_folder()
-    with steps() as begin:
-        found = demo(out, seed, backend, begin)
-    answer(found, as_json)
-    with busy(note("cli.drawing")):
-        page = found.page().save(out / "report.html")
+    with in_motion(out, shown, pace) as motion:
+        with steps() as begin:
+            found = demo(out, seed, backend, begin, motion.show)
+        answer(found, as_json)
+        with busy(note("cli.drawing")):
+            page = found.page().save(out / "report.html")
+        motion.say(note("web.demo-done", verdict=str(found.verdict)))
     talk(note("cli.demo", page=page, program=typed_here()))

@@ -185,9 +185,14 @@ class Demo:
 
 
 def demo(
-    folder: Path, seed: int = 0, backend: str = "auto", say: Callable[[str], object] = lambda text: None
+    folder: Path,
+    seed: int = 0,
+    backend: str = "auto",
+    say: Callable[[str], object] = lambda text: None,
+    show: Callable[[Path], object] = lambda run: None,
 ) -> Demo:
-    """Run the demo into `folder`: runs, route, vehicle.toml, report.html. Raises AnswerNo if the fit is refused."""
+    """Run the demo into `folder`: runs, route, vehicle.toml, report.html. Raises AnswerNo if the fit is refused. `show`
+    gets the file of each run."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, believed = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
@@ -197,6 +202,7 @@ def demo(
     u = excitation("random_steps", believed.command.limit, 60.0, believed.rate_hz, seed, rest_s=2.0)
     once = "python" if chosen(backend) == "c" else backend  # this model is used for one run: no C pays
     run = experiment(believed, u, seed=seed, path=folder / "1-experiment.mcap", truth=truth, backend=once)
+    show(folder / "1-experiment.mcap")
     say(_("2/6 identify    the model from commands and IMU"))
     fit = identify(run, believed, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
@@ -216,7 +222,9 @@ def demo(
     taught = teach(
         believed, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
     )
+    show(folder / "2-teach.mcap")
     write_route(taught.route, folder / "route.csv")
     say(_("6/6 repeat      {laps} laps", laps=LAPS))
     repeated = repeat(believed, taught.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
+    show(folder / "3-repeat.mcap")
     return Demo(truth, fit, noise, tuned, repeated, compare(repeated), folder)

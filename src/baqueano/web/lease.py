@@ -1,4 +1,4 @@
-"""Who drives: one browser at a time, by explicit hand-over, as long as its beats count.
+"""The lease: one browser drives at a time, by explicit hand-over, as long as its beats count.
 
     a beat counts if its number grows and the picture that it names is not older than HOLDS_S + the way there and
     back, or is the newest there is                                                                             (1)

@@ -21,7 +21,7 @@ from baqueano.web.feed import Feed
 from baqueano.web.guard import Role
 from baqueano.web.lease import Lease
 from baqueano.web.sentence import described
-from baqueano.web.service import Link
+from baqueano.web.service import Spoken
 from baqueano.web.visitor import Visitor
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ MISSIONS: "dict[str, dict[str, type]]" = {  # what a mission of a kind may say b
 class Live:
     """A vehicle that is watched by many and driven by one."""
 
-    def __init__(self, link: Link, visitors: Callable[[], Iterable[Visitor]]) -> None:
+    def __init__(self, link: Spoken, visitors: Callable[[], Iterable[Visitor]]) -> None:
         self._link, self._visitors = link, visitors
         self.feed, self.lease = Feed(), Lease()
         self.known = asyncio.Event()  # vehicle and columns have come

@@ -127,8 +127,6 @@ class BrowserPage:
         self.say_hello(visitor, about)
         if self.live is not None:
             self.live.joined(visitor)
-        if self._opened:
-            visitor.send_all(self._pieces(visitor, self._opened))
         self._later(self._list(visitor))
 
     def say_hello(self, visitor: Visitor, about: "JsonObject") -> None:

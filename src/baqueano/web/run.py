@@ -16,7 +16,7 @@ from baqueano.web.lab.shelf import Shelf
 from baqueano.web.live import Live
 from baqueano.web.page import BrowserPage
 from baqueano.web.server import LOOPBACK, Server
-from baqueano.web.service import Link
+from baqueano.web.service import Spoken
 from baqueano.web.share import open_tab, own_address, own_names, qr_code, url
 
 if TYPE_CHECKING:
@@ -57,13 +57,16 @@ async def show_runs(names: tuple[str, ...], how: Served, say: Callable[[Diagnost
 
 
 async def show_vehicle(
-    start: Callable[[], Awaitable[Link]],
+    start: Callable[[], Awaitable[Spoken]],
     how: Served,
     say: Callable[[Diagnostic | str], object],
     robot: "tuple[str, Path] | None" = None,
+    lasting: bool = True,
+    meet: Callable[[Callable[[], int]], object] = lambda viewers: None,
 ) -> None:
-    """Serve a vehicle until the process is told to end, or its service ends. Of a `robot` its file here, and the folder
-    of routes."""
+    """Serve a vehicle until the process is told to end, or its service ends; the latter is an error of one that should
+    be `lasting`. Of a `robot` its file here, and the folder of routes.
+    `meet` gets what counts the browsers."""
     lab, shelf = Lab(), Shelf(how.folder)
     link = await start()
     live = Live(link, lambda: server.visitors)
@@ -73,23 +76,25 @@ async def show_vehicle(
     server = _server(page, shelf, how)
     if robot is not None:
         await _presumed(live, lab, *robot)
+    meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
     known = asyncio.create_task(live.known.wait())
+    ending: asyncio.Task[None] | None = None
     try:
         greeting_s = GREETING_S if robot is None else QUIET_S  # a robot says what it is with its first drive
         await asyncio.wait({hearing, known}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
-        if hearing.done():
+        if hearing.done() and not known.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
             announce(server, how, say)
             ending = asyncio.create_task(ended())
             await asyncio.wait({ending, hearing}, return_when=asyncio.FIRST_COMPLETED)
-            if not ending.done():
+            if lasting and hearing.done():
                 raise RobotUnreachable(fault("web.service-gone"))
     finally:
         await link.close()
-        for task in (hearing, known):
+        for task in (hearing, known, *([ending] if ending else [])):
             task.cancel()
         await shelf.close()
         await lab.close()

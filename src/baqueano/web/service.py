@@ -11,12 +11,11 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from baqueano.diagnostics import fault
-from baqueano.door import SOCKET
+from baqueano.door import SOCKET, wire
 from baqueano.door.ssh import attaching
-from baqueano.door.wire import decoded, encoded
 from baqueano.errors import RobotUnreachable
 
 if TYPE_CHECKING:
@@ -28,8 +27,24 @@ FRAME = b'{"is":"frame"'
 UNSENT = 256 << 10  # bytes that wait for a service that does not read
 
 
+class Spoken(Protocol):
+    """A partner that is spoken to in the words of the door."""
+
+    def say(self, do: str, **words: object) -> None:
+        """Send a word; never waits. RobotUnreachable where nobody takes it."""
+        ...
+
+    async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
+        """Hand on each word until it ends."""
+        ...
+
+    async def close(self) -> None:
+        """End it."""
+        ...
+
+
 class Link:
-    """A service that is spoken to. `on_word` gets each of its words."""
+    """A service at the other end of a line."""
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter,
@@ -42,13 +57,13 @@ class Link:
         transport = self._writer.transport
         if transport.is_closing() or transport.get_write_buffer_size() > UNSENT:
             raise RobotUnreachable(fault("web.service-gone"))
-        self._writer.write(encoded({"do": do, **words}))
+        self._writer.write(wire.encoded({"do": do, **words}))
 
     async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
         """Hand on each word until the service ends."""
         with suppress(OSError, ValueError):
             while line := await self._reader.readline():
-                word = json.loads(line) if line.startswith(FRAME) else decoded(line)
+                word = json.loads(line) if line.startswith(FRAME) else wire.decoded(line)
                 if word is not None:
                     on_word(word)
 

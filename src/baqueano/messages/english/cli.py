@@ -212,6 +212,7 @@ TEMPLATES: dict[str, str] = {
     "cli.study-corridor": "identifying and driving {vehicles} vehicles",
     "cli.tuning": "tuning: the closed loop is compiled, then searched from several starts",
     "cli.tuned": "these gains suit a {route} at {speed_m_s:g} m/s. For a path of yours: {fix}",
+    "cli.motion": "the page shows the rest of the drives; Ctrl-C ends it",
     "cli.demo": ("\nreport: {page}   runs, route and vehicle file beside it\nnext:   {program} new mylab"),
     "cli.next-new": "next: cd {name}, then baqueano experiment",
     "cli.guesses": ("the numbers of its model are guesses, until a fit has measured them on your vehicle"),

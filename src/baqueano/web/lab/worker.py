@@ -96,7 +96,7 @@ class Worker:
 
 def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return what the page says of a real vehicle before its first drive, by its file here; and the routes here."""
-    from baqueano.door.descriptions import vehicle_words
+    from baqueano.door.frames.descriptions import vehicle_words
     from baqueano.vehicle_file import load
 
     routes = [{"name": path.stem} for path in sorted(Path(word["routes"]).glob("*.csv"))]

@@ -1,0 +1,70 @@
+"""The page of drives that were just simulated, in motion beside the work that goes on."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+from baqueano.cli.terminal import talk
+from baqueano.diagnostics import Diagnostic, note
+
+
+class Motion:
+    """A page process that is told what to show; one that has gone is told nothing."""
+
+    def __init__(self, program: "subprocess.Popen[bytes] | None") -> None:
+        self._program = program
+
+    def show(self, run: Path) -> None:
+        """Show a run after those before it."""
+        self._send({"play": str(run.resolve())})
+
+    def say(self, said: Diagnostic) -> None:
+        """Show an event."""
+        self._send({"say": said.to_json()})
+
+    def _send(self, word: dict[str, object]) -> None:
+        if self._program is not None and self._program.stdin is not None:
+            with suppress(OSError, ValueError):
+                self._program.stdin.write(json.dumps(word).encode() + b"\n")
+                self._program.stdin.flush()
+
+
+@contextmanager
+def in_motion(folder: Path, wanted: bool | None, pace: float) -> Iterator[Motion]:
+    """Open a page for the runs of `folder`, at a pace; wait at the end until whoever watches has seen them. `wanted`
+    None: where there is a display."""
+    if wanted is None:
+        wanted = _display()
+    if not wanted:
+        yield Motion(None)
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "baqueano.web.lab.playback", str(folder), "--pace", str(pace)]
+    program = subprocess.Popen(command, stdin=subprocess.PIPE)
+    try:
+        yield Motion(program)
+        assert program.stdin is not None
+        program.stdin.close()
+        if program.poll() is None:
+            talk(note("cli.motion"))
+        with suppress(KeyboardInterrupt):
+            program.wait()
+    finally:
+        with suppress(OSError):
+            program.terminate()
+        program.wait()
+        if program.stdin is not None:
+            with suppress(OSError):
+                program.stdin.close()
+
+
+def _display() -> bool:
+    if find_spec("websockets") is None:
+        return False
+    from baqueano.web.share import display
+
+    return display()

@@ -1,0 +1,200 @@
+"""Runs that were just made, in motion: the words of a service, at a pace, of drives that are over.
+
+    python -m baqueano.web.lab.playback FOLDER [--pace F] [--no-browser]
+
+Lines of JSON on stdin: {"play": path} and {"say": diagnostic}. At the end of stdin it plays what is left to whoever
+watches, and ends. The simulation is not slowed down by that, nor by a browser.
+"""
+
+import argparse
+import asyncio
+import json
+import sys
+import time
+from array import array
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from baqueano.diagnostics import Diagnostic, fault
+from baqueano.errors import UsageError
+from baqueano.messages import text
+from baqueano.web.feed import HEAD
+from baqueano.web.lab.handle import Lab
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+PACE = 4.0
+SLOWEST, FASTEST = 0.05, 50.0
+STEP_S = 0.05  # between frames
+TELL_S = 0.2
+ROWS = 4096  # that are asked for at once
+COMES_S = 10.0  # in which a browser that was opened may come
+
+
+class Playback:
+    """A service whose drives are recorded."""
+
+    def __init__(self, lab: Lab, pace: float = PACE) -> None:
+        self._lab, self._pace = lab, pace
+        self._waiting: asyncio.Queue[Path | Diagnostic | None] = asyncio.Queue()
+        self._on_word: Callable[[JsonObject], None] = lambda word: None
+        self._paused, self._why = False, None
+        self.viewers: Callable[[], int] = lambda: 1
+        self._mission: JsonObject = {}
+        self._patience_s = 0.0  # until when a browser is waited for; 0 before the first run
+
+    def put(self, what: Path | Diagnostic | None) -> None:
+        """Play this run, or tell this, after what waits; None: the end."""
+        self._waiting.put_nowait(what)
+
+    def say(self, do: str, **words: object) -> None:
+        """Take a word as a service does; what cannot be done with a recorded drive is refused."""
+        if do == "pace":
+            factor = words["factor"]
+            if not isinstance(factor, int | float) or not SLOWEST <= factor <= FASTEST:
+                raise UsageError(fault("door.pace", found=str(factor), slowest=SLOWEST, fastest=FASTEST))
+            self._pace = float(factor)
+        elif do in ("pause", "go"):
+            self._paused = do == "pause"
+        elif do in ("stop", "clear"):
+            self._why = words.get("why") if do == "stop" else None
+        elif do in ("mission", "set", "shake"):
+            raise UsageError(fault("web.playback"))
+        self._tell()
+
+    async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
+        """Play what is put here, one after the other, until the end."""
+        self._on_word = on_word
+        self._tell()
+        while (what := await self._waiting.get()) is not None:
+            if isinstance(what, Path):
+                await self._play(what)
+            else:
+                on_word({"is": "event", "level": str(what.severity), "said": what})
+
+    async def close(self) -> None:
+        """Nothing is to be ended."""
+
+    async def _play(self, path: Path) -> None:
+        about, _ = await self._lab.ask("open", path=str(path))
+        names = [field["name"] for field in about["fields"]]
+        self._on_word({"is": "vehicle", **about["vehicle"], "world": "simulated", "blocks": about["blocks"]})
+        self._on_word({"is": "fields", "names": names, "units": [field["unit"] for field in about["fields"]]})
+        self._on_word({"is": "route", "x": [], "y": []} | (about["route"] or {}))
+        if not await self._somebody():
+            return
+        events, shown, done_s, told_s = about["events"], 0, 0.0, float("-inf")
+        before_s = time.monotonic()
+        while shown < about["rows"]:
+            frame = (await self._lab.ask("frame", path=str(path), number=0, first=shown, count=ROWS))[1]
+            rows = list(rows_of(frame, len(names)))
+            at = 0
+            while at < len(rows):
+                await asyncio.sleep(STEP_S)
+                if not self.viewers():
+                    return
+                now_s = time.monotonic()
+                held = self._paused or self._why is not None
+                done_s += 0.0 if held else (now_s - before_s) * self._pace
+                before_s = now_s
+                due = at
+                while due < len(rows) and rows[due][0] <= done_s:
+                    due += 1
+                if due > at:
+                    self._on_word({"is": "frame", "x": rows[at:due]})
+                at = due
+                while events and events[0]["t"] <= done_s:
+                    self._event(events.pop(0))
+                if now_s - told_s >= TELL_S:
+                    told_s = now_s
+                    self._mission = {
+                        "mission": about["kind"], "laps": None, "t_s": done_s, "left_s": about["seconds"] - done_s,
+                    }  # fmt: skip
+                    self._tell()
+            shown += len(rows)
+        self._mission = {}
+        self._tell()
+
+    async def _somebody(self) -> bool:
+        """Return True once somebody watches; False where nobody has come in time."""
+        self._patience_s = self._patience_s or time.monotonic() + COMES_S
+        while not self.viewers() and time.monotonic() < self._patience_s:
+            await asyncio.sleep(STEP_S)
+        return bool(self.viewers())
+
+    def _event(self, event: "JsonObject") -> None:
+        if isinstance(event["text"], dict):
+            self._on_word(
+                {"is": "event", "level": event["severity"], "said": Diagnostic.of_json(event["text"])}
+            )
+
+    def _tell(self) -> None:
+        state = "STOPPED" if self._why is not None else "MISSION" if self._mission else "READY"
+        self._on_word(
+            {"is": "state", "state": state, "why": self._why, "pace": self._pace, "paused": self._paused}
+            | ({} if self._why is not None else self._mission)
+        )
+
+
+def rows_of(frame: bytes, columns: int) -> Iterator[list[float]]:
+    """Yield the rows of a frame."""
+    numbers = array("f", frame[HEAD.size :])
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    for k in range(0, len(numbers), columns):
+        yield numbers[k : k + columns].tolist()
+
+
+async def play(folder: Path, pace: float, browser: bool) -> None:
+    """Serve a page of what comes on stdin until all of it was shown."""
+    from baqueano.web.run import Served, show_vehicle
+
+    lab = Lab()
+    playback = Playback(lab, pace)
+    loop = asyncio.get_running_loop()
+    reading = loop.run_in_executor(
+        None, read, sys.stdin.buffer, partial(loop.call_soon_threadsafe, playback.put)
+    )
+    say = partial(print, file=sys.stderr, flush=True)
+
+    async def start() -> Playback:
+        return playback
+
+    def meet(viewers: Callable[[], int]) -> None:
+        playback.viewers = viewers
+
+    try:
+        await show_vehicle(
+            start, Served(folder, browser=browser), lambda said: say(text(said)), lasting=False, meet=meet
+        )
+    finally:
+        await lab.close()
+    await reading
+
+
+def read(coming: BinaryIO, put: Callable[[Path | Diagnostic | None], object]) -> None:
+    """Hand on each line of stdin; None at its end."""
+    for line in coming:
+        try:
+            word = json.loads(line)
+            put(Path(word["play"]) if "play" in word else Diagnostic.of_json(word["say"]))
+        except (ValueError, KeyError, TypeError):
+            continue
+    put(None)
+
+
+def main() -> None:
+    """Run the page of a demo."""
+    parser = argparse.ArgumentParser(prog="python -m baqueano.web.lab.playback", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--pace", type=float, default=PACE)
+    parser.add_argument("--no-browser", dest="browser", action="store_false")
+    given = parser.parse_args()
+    asyncio.run(play(given.folder, given.pace, given.browser))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""Runs that were just made, in motion: at a pace, to whoever watches."""
+
+import asyncio
+import io
+import json
+
+import numpy as np
+import pytest
+
+from baqueano.cli.page.motion import Motion, in_motion
+from baqueano.diagnostics import StopReason, note, stop
+from baqueano.errors import UsageError
+from baqueano.web import share
+from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.playback import Playback, read
+from baqueano.web.lab.recorded import recorded
+from tests.web.page_client import drive, folder_of, run_page
+
+
+async def played(playback, paths):
+    """Return the words of a playback."""
+    words = []
+    for path in [*paths, None]:
+        playback.put(path)
+    await playback.hear(words.append)
+    return words
+
+
+def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
+    folder = folder_of(tmp_path / "runs", circle=drive())
+
+    async def job():
+        lab = Lab()
+        words = await played(
+            Playback(lab, 20.0), [folder / "circle.mcap", note("web.demo-done", verdict="USABLE")]
+        )
+        await lab.close()
+        kinds = [word["is"] for word in words]
+        assert kinds[1:4] == ["vehicle", "fields", "route"]
+        rows = [row for word in words if word["is"] == "frame" for row in word["x"]]
+        np.testing.assert_array_equal(np.array(rows, "f4"), recorded(drive()).x)
+        assert {"MISSION", "READY"} == {word["state"] for word in words if word["is"] == "state"}
+        assert words[-1]["said"].code == "web.demo-done"
+
+    run_page(job)
+
+
+def test_a_stop_and_a_pause_hold_it_and_the_pace_changes(tmp_path):
+    folder = folder_of(tmp_path / "runs", circle=drive())
+
+    async def job():
+        lab = Lab()
+        playback, words = Playback(lab, 0.5), []
+        playback.put(folder / "circle.mcap")
+        playback.put(None)
+        playing = asyncio.create_task(playback.hear(words.append))
+        while not any(word["is"] == "frame" for word in words):
+            await asyncio.sleep(0.01)
+        playback.say("stop", why=stop(StopReason.STOPPED_BY, words="eva"))
+        await asyncio.sleep(0.2)
+        held = sum(word["is"] == "frame" for word in words)
+        await asyncio.sleep(0.3)
+        assert sum(word["is"] == "frame" for word in words) == held
+        assert [word["state"] for word in words if word["is"] == "state"][-1] == "STOPPED"
+        playback.say("clear")
+        playback.say("pace", factor=50.0)
+        with pytest.raises(UsageError):
+            playback.say("pace", factor=0.0)
+        with pytest.raises(UsageError):
+            playback.say("mission", kind="drive")
+        await playing
+        assert sum(len(word["x"]) for word in words if word["is"] == "frame") == 300
+        await lab.close()
+
+    run_page(job)
+
+
+def test_nobody_is_waited_for_twice(tmp_path, monkeypatch):
+    from baqueano.web.lab import playback as module
+
+    folder = folder_of(tmp_path / "runs", circle=drive())
+    monkeypatch.setattr(module, "COMES_S", 0.2)
+
+    async def job():
+        lab = Lab()
+        playback = Playback(lab, 1.0)
+        playback.viewers = lambda: 0
+        words = await played(playback, 2 * [folder / "circle.mcap"])
+        assert not any(word["is"] == "frame" for word in words)
+        assert sum(word["is"] == "vehicle" for word in words) == 2
+        await lab.close()
+
+    run_page(job)
+
+
+def test_lines_that_are_none_are_left_out():
+    said = note("web.demo-done", verdict="USABLE")
+    lines = [
+        b"no\n",
+        b"[]\n",
+        b"{}\n",
+        json.dumps({"play": "a.mcap"}).encode() + b"\n",
+        json.dumps({"say": said.to_json()}).encode() + b"\n",
+    ]
+    put = []
+    read(io.BytesIO(b"".join(lines)), put.append)
+    assert [str(put[0]), *put[1:]] == ["a.mcap", said, None]
+
+
+def test_without_a_display_no_page_is_opened(tmp_path, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(share.sys, "platform", "linux")
+    with in_motion(tmp_path / "none", None, 4.0) as motion:
+        assert motion._program is None
+        motion.show(tmp_path / "a.mcap")
+    assert not (tmp_path / "none").exists()
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.delenv("CI", raising=False)
+    assert share.display()
+    monkeypatch.setenv("CI", "1")
+    assert not share.display()
+
+
+def test_a_page_that_has_gone_does_not_end_the_work():
+    class Gone:
+        stdin = io.BytesIO()
+
+    Gone.stdin.close()
+    Motion(Gone()).say(note("web.demo-done", verdict="USABLE"))
