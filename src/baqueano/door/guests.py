@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 LONG = 64 << 10  # bytes of a line that can only be a mission
 LONGEST = 64 << 20  # bytes of a line: an hour of commands
 PENDING = 1 << 20  # bytes that wait for one who does not read
-PIECE = 64 << 10  # bytes that are read at a time
+PIECE = 16 << 10  # bytes that are read at a time
 BACKLOG = 256  # lines
 STOP = re.compile(rb'"do"\s*:\s*"stop"')  # what is a stop holds this; what holds this is read at once
 
@@ -83,13 +83,16 @@ class Guest:
             return
         if not data:
             raise ConnectionResetError
-        first, *others = data.split(b"\n")
-        self._coming += first
-        if not others:
+        head, newline, rest = data.partition(b"\n")
+        self._coming += head
+        if not newline:
             return
-        whole, rest = [bytes(self._coming), *others[:-1]], others[-1]
-        self._coming = bytearray(rest)
-        for line in whole:
+        first, (middle, more, tail) = bytes(self._coming), rest.rpartition(b"\n")
+        self._coming = bytearray(tail)
+        if len(self.lines) >= BACKLOG and not STOP.search(first) and not STOP.search(middle):
+            self.dropped += 1 + (middle.count(b"\n") + 1 if more else 0)
+            return
+        for line in [first, *(middle.split(b"\n") if more else [])]:
             if STOP.search(line):
                 yield line
             elif len(self.lines) < BACKLOG and (self._backlog < LONG or not self.lines):
