@@ -1,0 +1,84 @@
+"""The unit of the onboard service: real-time, and nothing that a block of a stranger could use to harm the computer."""
+
+import configparser
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import baqueano.robot
+
+UNIT = Path(baqueano.robot.__file__).parent / "files/baqueano.service"
+EXPOSURE = 3.0  # of 10, by systemd-analyze
+
+
+class Repeated(dict):
+    """Keys that come twice keep all their values."""
+
+    def __setitem__(self, key, value):
+        if isinstance(value, list) and key in self:
+            self[key].extend(value)
+        else:
+            super().__setitem__(key, value)
+
+
+@pytest.fixture
+def service():
+    parser = configparser.RawConfigParser(dict_type=Repeated, strict=False, empty_lines_in_values=False)
+    parser.optionxform = str
+    parser.read_string(UNIT.read_text())
+    return parser["Service"]
+
+
+def test_it_keeps_its_real_time_and_its_watchdog(service):
+    assert service["CPUSchedulingPolicy"] == "fifo"
+    assert int(service["LimitRTPRIO"]) >= int(service["CPUSchedulingPriority"])
+    assert service["LimitMEMLOCK"] == "infinity"
+    assert "RestrictRealtime" not in service
+    assert service["Type"] == "notify"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("NoNewPrivileges", "yes"),
+        ("CapabilityBoundingSet", ""),
+        ("ProtectSystem", "strict"),
+        ("ProtectHome", "yes"),
+        ("PrivateNetwork", "yes"),
+        ("RestrictAddressFamilies", "AF_UNIX"),
+        ("DevicePolicy", "closed"),
+    ],
+)
+def test_a_block_reaches_nothing_but_its_own_vehicle(service, key, value):
+    assert service[key] == value
+
+
+def test_it_writes_where_systemd_makes_folders_for_it(service):
+    assert service["StateDirectory"] == service["RuntimeDirectory"] == service["CacheDirectory"] == "baqueano"
+    start = service["ExecStart"]
+    written = re.findall(r"--(?:vehicle|runs|door) (\S+)", start)
+    assert all(path.startswith(("/var/lib/baqueano/", "/run/baqueano/")) for path in written)
+    assert len(written) == 3
+    assert "XDG_CACHE_HOME=/var/cache/baqueano" in service["Environment"]
+
+
+def test_it_opens_the_devices_that_the_drivers_open(service):
+    allowed = service["DeviceAllow"]
+    assert all(name in allowed for name in ("char-ttyACM", "char-ttyUSB", "char-i2c", "/dev/gpiomem"))
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="this system has no systemd-analyze")
+def test_systemd_finds_it_hardened(tmp_path):
+    unit = tmp_path / "baqueano.service"
+    unit.write_text(UNIT.read_text().replace("@user@", "pilot").replace("@groups@", "dialout i2c"))
+    shown = subprocess.run(
+        ["systemd-analyze", "security", "--offline=true", "--no-pager", str(unit)],
+        capture_output=True, text=True, env={"LC_ALL": "C.UTF-8", "PATH": "/usr/bin:/bin"},
+    )  # fmt: skip
+    found = re.search(r"Overall exposure level for \S+: ([\d.]+)", shown.stdout)
+    if found is None:
+        pytest.skip("this systemd-analyze judges no file")
+    assert float(found[1]) <= EXPOSURE
