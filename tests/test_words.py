@@ -52,3 +52,22 @@ def test_no_name_is_a_verb_of_saying():
         in ("told", "foretold")
     }
     assert not names, f"name what it holds: {names}"
+
+
+PARTICIPLE = re.compile(r"_?[A-Z][a-z]+(ed|aught|old|eld|een|own|awn)")  # a word alone, which lacks its noun
+NO_NOUN_YET = {
+    "Begun", "Coded", "Differentiated", "Doubted", "Drawn", "Fitted", "Fixed", "Flashed", "Grouped", "Interrupted",
+    "Listed", "Predicted", "Recorded", "Refused", "Served", "Shown", "Stepped", "Stored", "Watched",
+}  # fmt: skip
+TERMS = {"Unscented", "Field", "Feed", "Screen"}  # of the field, and nouns that look like one
+
+
+def test_a_class_is_called_by_a_noun():
+    alone = {
+        f"{file}: {node.name}"
+        for file, node in nodes()
+        if isinstance(node, ast.ClassDef)
+        and PARTICIPLE.fullmatch(node.name)
+        and node.name.lstrip("_") not in NO_NOUN_YET | TERMS
+    }
+    assert not alone, f"a participle is not a noun: {alone}"

@@ -16,7 +16,7 @@ from baqueano.messages import text, texts
 from baqueano.report.of_fit import row_of
 from baqueano.report.page import TONES, cell
 from baqueano.runs import Run
-from baqueano.tune import Tuned
+from baqueano.tune import TuneResult
 from baqueano.vehicle_file.checked import CheckedBlock
 
 if TYPE_CHECKING:
@@ -122,8 +122,8 @@ def _of_comparison(result: Comparison) -> Card:
     return Card(text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, said[:SENTENCES])
 
 
-@card_of.register(Tuned)
-def _of_tuned(result: Tuned) -> Card:
+@card_of.register(TuneResult)
+def _of_tuned(result: TuneResult) -> Card:
     rows = [
         {"gain": one.name, "value": one.value, "unit": one.unit, "in the file": one.before,
          "cost at × 0.8 [%]": 100.0 * (one.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (one.cost_more - 1.0)}

@@ -21,8 +21,8 @@ from baqueano.report.of_fit import label, short, where_most_moves
 from baqueano.report.of_run import commands, errors, paths, sensors_of, speed
 from baqueano.report.page import Drawing, Table
 from baqueano.runs import Run
-from baqueano.simulate import Many
-from baqueano.tune import Tuned
+from baqueano.simulate import Ensemble
+from baqueano.tune import TuneResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,8 +95,8 @@ def _of_comparison(result: Comparison) -> dict[str, Draw]:
     return {"runs": lambda: comparison(result)}
 
 
-@drawings_of.register(Tuned)
-def _of_tuned(result: Tuned) -> dict[str, Draw]:
+@drawings_of.register(TuneResult)
+def _of_tuned(result: TuneResult) -> dict[str, Draw]:
     return {"search": lambda: search(result)}
 
 
@@ -110,8 +110,8 @@ def _of_forecast(result: Forecast) -> dict[str, Draw]:
     return {"drives": lambda: drives(result)}
 
 
-@drawings_of.register(Many)
-def _of_many(result: Many) -> dict[str, Draw]:
+@drawings_of.register(Ensemble)
+def _of_many(result: Ensemble) -> dict[str, Draw]:
     return {"path": lambda: cloud(result)}
 
 
@@ -149,7 +149,7 @@ def comparison(result: Comparison) -> "Figure":
 
 
 @styled
-def search(result: Tuned) -> "Figure":
+def search(result: TuneResult) -> "Figure":
     """Draw the least cost so far along each descent."""
     figure, axes = panel((7.2, 3.6))
     for k, descent in enumerate(result.descents):
@@ -193,7 +193,7 @@ def drives(result: Forecast) -> "Figure":
 
 
 @styled
-def cloud(result: Many) -> "Figure":
+def cloud(result: Ensemble) -> "Figure":
     """Draw the ways of all vehicles."""
     figure, axes = panel((7.2, 6.2))
     shown = result.eta[:: max(1, len(result.eta) // MOST)]

@@ -6,7 +6,7 @@ simulate_many(vehicle, u, 10_000)  # other parameters in each
 """
 
 from baqueano.simulate.closed_loop import simulate_loop, simulate_loops
-from baqueano.simulate.many import Many, simulate_many
+from baqueano.simulate.many import Ensemble, simulate_many
 from baqueano.simulate.open_loop import simulate
 
-__all__ = ["Many", "simulate", "simulate_loop", "simulate_loops", "simulate_many"]
+__all__ = ["Ensemble", "simulate", "simulate_loop", "simulate_loops", "simulate_many"]

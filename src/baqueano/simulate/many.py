@@ -39,7 +39,7 @@ NOISE_BYTES = 2**26  # of unit normals held at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Many(Result):
+class Ensemble(Result):
     """L vehicles at K times.
 
     Attributes
@@ -148,7 +148,7 @@ def simulate_many(
     every_s: float | None = None,
     eta0: np.ndarray | None = None,
     backend: str = "auto",
-) -> Many:
+) -> Ensemble:
     """Simulate many vehicles under the same commands, each with other parameters.
 
     Parameters
@@ -174,7 +174,7 @@ def simulate_many(
 
     Returns
     -------
-    Many
+    Ensemble
         Poses and velocities.
 
     Raises
@@ -214,7 +214,7 @@ def simulate_many(
     watch = Watch(vehicle_file.envelope)
     watch.look(u, {})
     outside = watch.flags(note("envelope.this-signal"))
-    return Many(
+    return Ensemble(
         tuple(labels(system, paths)),
         theta,
         t_s,

@@ -29,7 +29,7 @@ from baqueano.report.of_fit import sections_of_fit
 from baqueano.report.of_run import driving, headlines
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import chosen
-from baqueano.tune import Tuned, tune
+from baqueano.tune import TuneResult, tune
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Demo:
     truth: VehicleFile
     fit: Fit
     noise: Noise
-    tuned: Tuned
+    tuned: TuneResult
     repeated: "Run"
     judged: Comparison
     folder: Path

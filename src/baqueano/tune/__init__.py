@@ -6,6 +6,6 @@ tuned.save()                     # writes the gains into the vehicle file
 """
 
 from baqueano.tune.gains import tune
-from baqueano.tune.tuned import Tuned
+from baqueano.tune.tuned import TuneResult
 
-__all__ = ["Tuned", "tune"]
+__all__ = ["TuneResult", "tune"]

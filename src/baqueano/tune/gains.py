@@ -32,7 +32,7 @@ from baqueano.simulate.system import Input, System, begin
 from baqueano.symbolic import put
 from baqueano.tune.cost import Weights, shown, tick_cost
 from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, search
-from baqueano.tune.tuned import Gain, Tuned, TunedDrive
+from baqueano.tune.tuned import Gain, TunedDrive, TuneResult
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -70,7 +70,7 @@ def tune(
     starts: int = STARTS,
     polish: bool = True,
     **options: Any,
-) -> Tuned:
+) -> TuneResult:
     """Find the gains of the file's controller with which its vehicle follows a route best.
 
     Parameters
@@ -88,7 +88,7 @@ def tune(
 
     Returns
     -------
-    Tuned
+    TuneResult
         The gains; `.applied()` is the vehicle file with them.
 
     Raises
@@ -224,14 +224,16 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def _tuned(vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list, own: list[np.ndarray]) -> Tuned:
+def _tuned(
+    vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list, own: list[np.ndarray]
+) -> TuneResult:
     asked, best = rehearsal.asked, descents[0]
     if best.cost >= UNUSABLE:
         raise UsageError(fault("tune.all-run-away", vehicle=vehicle_file.name))
     limits = at_limit(best.gains, asked.low, asked.high)
     found = tuple(_gain(rehearsal, k, best, int(limits[k])) for k in range(len(asked.names)))
     rows = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
-    return Tuned(
+    return TuneResult(
         vehicle_file,
         found,
         best.cost,

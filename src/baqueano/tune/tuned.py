@@ -47,7 +47,7 @@ class TunedDrive(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Tuned(Result):
+class TuneResult(Result):
     """Gains, their cost, and the descents that led to them.
 
     Attributes
