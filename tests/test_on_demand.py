@@ -72,7 +72,10 @@ def test_a_verb_of_the_front_door_stays_one_after_its_room_was_imported():
     rooms = "; ".join(f"import baqueano.{verb}" for verb in VERBS)
     said = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
     assert said == str(VERBS)
-    assert fresh("from baqueano.tune import TuneResult; import baqueano as bq; print(callable(bq.tune))") == "True"
+    assert (
+        fresh("from baqueano.tune import TuneResult; import baqueano as bq; print(callable(bq.tune))")
+        == "True"
+    )
 
 
 def test_the_front_door_imports_nothing_before_it_is_used():
