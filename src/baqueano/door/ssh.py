@@ -17,7 +17,6 @@ from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.printable import one_line, printable
 
-ATTACH = "exec baqueano robot attach"
 LONGEST = 16 << 20  # bytes of an answer
 LAST_S = 1.0  # for the last words of a program that has ended
 
@@ -47,12 +46,6 @@ def ssh(host: str, command: str, *options: str) -> list[str]:
     return [
         "ssh", "-T", "-o", "ConnectTimeout=8", "-o", "ServerAliveInterval=5", *options, *there(host), command
     ]  # fmt: skip
-
-
-def attaching(host: str) -> list[str]:
-    """Return what joins its pipes to the service at HOST; it gives up by itself when the network is gone."""
-    options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
-    return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *there(host), ATTACH]
 
 
 def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[bytes, int]:

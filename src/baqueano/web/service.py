@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Protocol
 
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET, wire
-from baqueano.door.ssh import attaching
+from baqueano.door.ssh import ssh
 from baqueano.errors import RobotUnreachable
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 LONGEST = 4 << 20  # bytes of a line
+ATTACH = "exec baqueano robot attach"
 ENDS_S = 3.0  # for its last run
 FRAME = b'{"is":"frame"'
 UNSENT = 256 << 10  # bytes that wait for a service that does not read
@@ -98,7 +99,7 @@ async def reached(host: str) -> Link:
             raise RobotUnreachable(
                 fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
             ) from error
-    return await _started(attaching(host))
+    return await _started(ssh(host, ATTACH, "-o", "BatchMode=yes"))  # nobody types a password into a page
 
 
 async def _started(command: list[str]) -> Link:
