@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.without_encoders import without_encoders
+from baqueano.identify.imu_only import fit_imu_only
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import (
@@ -112,10 +112,10 @@ def _driven(
 def fitted(case: str, run: Run, file: Any) -> Any:
     """The fit of a run."""
     if "robot" not in case:
-        return without_encoders(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT)
+        return fit_imu_only(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT)
     if "plain" in case:
         return identify(run, file, FREE_ROBOT, use=("imu",), options=FitOptions(gyro_leads=False))
-    return without_encoders(run, file, tolerance=EXACT)
+    return fit_imu_only(run, file, tolerance=EXACT)
 
 
 def covered(case: str, seeds: range, duration_s: float) -> str:

@@ -5,8 +5,8 @@ import pytest
 
 from baqueano.drive import experiment
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise import accepted as accepted_noise
-from baqueano.identify.noise.accepted import NormalisedSquare
+from baqueano.identify.noise import acceptance as accepted_noise
+from baqueano.identify.noise.acceptance import NormalisedSquare
 from baqueano.identify.noise.simulated_nees import simulated_errors
 from baqueano.messages import text
 from baqueano.vehicle_file import load

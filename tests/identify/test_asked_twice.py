@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify import fit as module
-from baqueano.identify.diagnostics.probes import left_over
+from baqueano.identify.diagnostics.score_test import fit_residuals
 
 
 @pytest.fixture
@@ -24,9 +24,9 @@ def asked(run, case):
 
 def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
     problem, theta = end.task.problem, end.found.solution.theta
-    for ask in (problem.residuals, problem.predictions):
-        assert ask(theta)[0] is ask(theta.copy())[0]
-        assert not np.array_equal(ask(theta)[0], ask(1.01 * theta)[0])
+    for score_test in (problem.residuals, problem.predictions):
+        assert score_test(theta)[0] is score_test(theta.copy())[0]
+        assert not np.array_equal(score_test(theta)[0], score_test(1.01 * theta)[0])
     r, h = problem.residuals(theta)[0], problem.predictions(theta)[0]
     problem = problem.weighed(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.residuals(theta)[0], 0.5 * r, rtol=1e-12)
@@ -58,7 +58,7 @@ def test_slopes_that_were_taken_away_and_written_to_are_worked_out_anew(end):
     problem, theta = end.task.problem, end.found.solution.theta
     (_, d, _), before = problem.sensitivities(theta)[0], problem.sensitivities(theta)[0][1].copy()
     assert problem.sensitivities(theta)[0][1] is d
-    left_over(problem, theta, np.ones(problem.size, bool))  # writes to them
+    fit_residuals(problem, theta, np.ones(problem.size, bool))  # writes to them
     np.testing.assert_array_equal(problem.sensitivities(theta)[0][1], before)
     problem = problem.weighed(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.sensitivities(theta)[0][1], 0.5 * before, rtol=1e-12)

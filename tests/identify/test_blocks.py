@@ -39,7 +39,11 @@ def seen_by_a_camera(run: Run, seed: int) -> Run:
 
 def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
     found, info = end
-    problem, theta, kept = found.task.problem, found.found.solution.theta, np.flatnonzero(found.sight.kept)
+    problem, theta, identifiable = (
+        found.task.problem,
+        found.found.solution.theta,
+        np.flatnonzero(found.identifiability.mask),
+    )
     moves = []
     for (r, d, index), record in zip(problem.sensitivities(theta), problem.records, strict=True):
         block = (np.cumsum(record.dt_s) // BLOCK_S).astype(int)
@@ -50,12 +54,12 @@ def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
             g[index] = np.clip(here, -HUBER, HUBER) @ x
             x = x[np.abs(here) < HUBER]
             without[np.ix_(index, index)] -= x.T @ x
-            moves.append(np.linalg.solve(without[np.ix_(kept, kept)], g[kept]))
+            moves.append(np.linalg.solve(without[np.ix_(identifiable, identifiable)], g[identifiable]))
     off = np.array(moves) - np.mean(moves, axis=0)
     expected = (len(moves) - 1) / len(moves) * off.T @ off
-    told = jackknife(problem, theta, kept, info.bread)
+    told = jackknife(problem, theta, identifiable, info.bread)
     assert told is not None
-    assert jackknife(problem, theta, kept, info.bread, by_piece=True) is None  # the runs are whole
+    assert jackknife(problem, theta, identifiable, info.bread, by_piece=True) is None  # the runs are whole
     root = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(told / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
@@ -85,8 +89,10 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
             patch.setattr(module, "fit_by_simulation", lambda finished: finished)
             found = identify(run, car)
         info = information(found.task.problem, found.found.solution.theta)
-        kept = np.flatnonzero(found.sight.kept)
-        white = np.sqrt(np.diagonal(covariance_of(info, kept)))[kept < found.task.problem.layout.shared]
+        identifiable = np.flatnonzero(found.identifiability.mask)
+        white = np.sqrt(np.diagonal(covariance_of(info, identifiable)))[
+            identifiable < found.task.problem.layout.shared
+        ]
         fit = fit_of(found)
         known = np.isfinite(fit.estimate)
         off = np.abs(fit.estimate - [car.value(name) for name in fit.names])[known]
@@ -132,10 +138,14 @@ def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
         found = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
-    problem, theta, kept = found.task.problem, found.found.solution.theta, np.flatnonzero(found.sight.kept)
+    problem, theta, identifiable = (
+        found.task.problem,
+        found.found.solution.theta,
+        np.flatnonzero(found.identifiability.mask),
+    )
     ways = {"by_piece": False}, {"by_piece": True}
-    assert all(jackknife(problem, theta, kept, found.info.bread, **way) is not None for way in ways)
+    assert all(jackknife(problem, theta, identifiable, found.info.bread, **way) is not None for way in ways)
     slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]
     slopes[2][1][-1] = np.inf
     monkeypatch.setattr(problem, "sensitivities", lambda theta: slopes)
-    assert all(jackknife(problem, theta, kept, found.info.bread, **way) is None for way in ways)
+    assert all(jackknife(problem, theta, identifiable, found.info.bread, **way) is None for way in ways)

@@ -8,17 +8,17 @@ from baqueano.identify import excitation
 from baqueano.identify.design import (
     Informant,
     Room,
-    believed,
     body_radius,
     contained,
     designed,
     mean_error,
+    possible_vehicles,
     room_of,
 )
 from baqueano.identify.design import plan as planning
-from baqueano.identify.design.belief import Cloud
-from baqueano.identify.design.pieces import GENTLE, MotionPiece, PieceShape, gentler, moved
+from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, moved
 from baqueano.identify.design.room import SIDEWAYS_M_S2, alternatives
+from baqueano.identify.design.vehicle_cloud import Cloud
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
 from tests.codes import of_code
@@ -33,7 +33,7 @@ def plan(small):
 
 def test_a_designed_experiment_tells_more_than_every_other_signal_in_the_same_room(small, plan):
     room, informant = room_of(small, "2x2"), Informant(small)
-    cloud = Cloud(small, believed(small))
+    cloud = Cloud(small, possible_vehicles(small))
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
         asked = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
         u = contained(asked, small, room, cloud=cloud).u
@@ -74,7 +74,7 @@ def test_a_search_that_is_stopped_plans_with_what_it_has(small, monkeypatch):
 
 
 def test_vehicles_that_were_not_in_the_plan_stay_inside(small, plan):
-    truth = believed(small, 0.17, vehicles=100, seed=77)
+    truth = possible_vehicles(small, 0.17, vehicles=100, seed=77)
     cloud = Cloud(small, truth, seed=5)
     _, eta = cloud.drive(cloud.at(plan.room.start), plan.u)
     assert np.all(np.abs(eta[..., :2]) <= plan.room.free)
@@ -85,7 +85,7 @@ def test_a_signal_that_would_leave_is_kept_inside_without_being_stilled(name, si
     file = load(name)
     room = room_of(file, size)
     asked = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
-    cloud = Cloud(file, believed(file))
+    cloud = Cloud(file, possible_vehicles(file))
     _, free = cloud.drive(cloud.at(room.start), asked)
     kept = contained(asked, file, room, cloud=cloud)
     assert room.margin(free) < 0.0 <= kept.margin_m
@@ -139,7 +139,7 @@ def test_the_way_back_of_a_piece_leads_to_where_it_began(small):
     u = MotionPiece(out, 0).u(400, small.command.limit)
     even = small.with_values({f"model.drivetrain.dead_zone_{d}": [0.3, 0.3] for d in ("forward", "backward")})
     even = even.with_values({"model.drivetrain.gain": [1.0, 1.0], "model.process_noise_std": [0.0, 0.0, 0.0]})
-    cloud = Cloud(even, believed(even, vehicles=2))
+    cloud = Cloud(even, possible_vehicles(even, vehicles=2))
     _, eta = cloud.drive(cloud.at(np.zeros(3)), u)
     assert np.hypot(*eta[0, 149, :2]) > 0.2
     assert np.hypot(*eta[0, -1, :2]) < 0.03
@@ -151,7 +151,7 @@ def test_poses_are_told_from_where_the_vehicle_is():
 
 
 def test_a_vehicle_that_was_fitted_is_believed_as_its_covariance_says(small):
-    fitted = believed(small, 0.2)
+    fitted = possible_vehicles(small, 0.2)
     assert np.std(np.log(fitted.theta[1:] / fitted.theta[0])) == pytest.approx(0.2, rel=0.1)
     np.testing.assert_allclose(np.mean(np.log(fitted.theta[1:] / fitted.theta[0]), axis=0), 0.0, atol=1e-12)
 
@@ -166,7 +166,7 @@ def test_a_vehicle_believed_possible_has_as_much_friction_as_was_seen_however_it
     seen = force @ wide @ force + 0.01**2  # the sum is known to 0.01 N
     cov = wide - np.outer(wide @ force, force @ wide) / seen
     known = small.with_values(values, parameter_cov=ParameterCov(names, cov))
-    theta = believed(known, vehicles=200).theta[:, :3]
+    theta = possible_vehicles(known, vehicles=200).theta[:, :3]
     assert np.all(theta >= 0.0)
     assert np.any(theta == 0.0)  # drawn beyond a bound
     assert np.all(np.std(theta, axis=0) > 0.1 * theta[0])

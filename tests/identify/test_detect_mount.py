@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.identify import identify
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import against_file
+from baqueano.identify.diagnostics import gain_changes
 from baqueano.simulate import simulate
 
 
@@ -60,8 +60,8 @@ def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
     blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
-    found = against_file.gains(blocks, names, np.array([sideways, turning]), sd)
+    found = gain_changes.gains(blocks, names, np.array([sideways, turning]), sd)
     assert [one.code for one in found] == ["file.lever-arm"]
     assert found[0].fix == "--free +sensors.imu.lever_arm_m"
-    found = against_file.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
+    found = gain_changes.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
     assert [one.code for one in found] == ["file.swapped"]

@@ -5,9 +5,9 @@ import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify import fit as module
-from baqueano.identify.diagnostics.features import believed, probes
-from baqueano.identify.diagnostics.probes import ask, ask_parts, left_over
-from baqueano.identify.parameters.free import with_numbers
+from baqueano.identify.diagnostics.score_test import fit_residuals, score_test, score_test_parts
+from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, probes
+from baqueano.identify.parameters.free import substitute
 from baqueano.simulate import simulate
 
 
@@ -44,7 +44,7 @@ def pushed(blocks, record, push):
 )
 def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code, axis, phi):
     problem, theta = end.task.problem, end.found.solution.theta
-    now = believed(end.blocks, problem, theta)
+    now = fitted_motion(end.blocks, problem, theta)
     columns = [
         D[k] for said, D in probes(end.blocks, problem, now)() for k, (c, _) in enumerate(said) if c == code
     ]
@@ -52,7 +52,7 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
     for record, weight, index, motion in zip(
         problem.records, problem.weights, problem.layout.indices, now.motions, strict=True
     ):
-        blocks = with_numbers(end.blocks, (*problem.shape.shared, *problem.shape.own), theta[index])
+        blocks = substitute(end.blocks, (*problem.shape.shared, *problem.shape.own), theta[index])
         push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
         slope = weight * (pushed(blocks, record, push) - pushed(blocks, record, -push)) / 2e-6
         said = columns[0][at : at + slope.size].reshape(slope.shape)
@@ -62,14 +62,19 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
 
 def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
     problem, theta = end.task.problem, end.found.solution.theta
-    kept = np.concatenate([end.sight.kept, np.ones(problem.size - len(end.sight.kept), bool)])
-    left = left_over(problem, theta, kept)
+    identifiable = np.concatenate(
+        [
+            end.identifiability.mask,
+            np.ones(problem.size - len(end.identifiability.mask), bool),
+        ]
+    )
+    left = fit_residuals(problem, theta, identifiable)
     rng, n = np.random.default_rng(0), len(left.run)
     masks = [np.arange(n) < 0.3 * n, left.run == 1, rng.random(n) < 0.5]
     assert left.own  # biases
-    for mask, answers in zip(masks, ask_parts(left, masks), strict=True):
+    for mask, answers in zip(masks, score_test_parts(left, masks), strict=True):
         there = np.repeat(mask, len(left.psi) // n)
-        for one, other in zip(answers, ask(left, left.d * there), strict=True):
+        for one, other in zip(answers, score_test(left, left.d * there), strict=True):
             np.testing.assert_allclose(one.size, other.size, rtol=1e-6)
             np.testing.assert_allclose([one.z, one.freedom], [other.z, other.freedom], rtol=1e-6)
             np.testing.assert_allclose(
@@ -79,10 +84,10 @@ def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
 
 def test_a_probe_that_ran_away_asks_nothing(end):
     problem, theta = end.task.problem, end.found.solution.theta
-    left = left_over(problem, theta, np.ones(problem.size, bool))
+    left = fit_residuals(problem, theta, np.ones(problem.size, bool))
     D = np.stack([left.d[0] ** 2, np.full(len(left.psi), 1.0)])
     D[1, 50:] = np.inf
-    sound, away = ask(left, D)
+    sound, away = score_test(left, D)
     assert sound.size != 0.0
     assert (away.size, away.z) == (0.0, 0.0)
     assert not away.shift.any()

@@ -107,8 +107,8 @@ def test_id6_clipping_is_left_out_without_a_pull_to_one_side():
     truth = 1.5 * np.sin(t)
     z = truth + 0.1 * np.random.default_rng(3).standard_normal(len(t))
     after, _ = checked("imu", IMU, channel(np.stack([np.clip(z, -1.2, 1.2), z, z], axis=1)))
-    kept = np.isfinite(after.z[:, 0])
-    error = np.mean(np.sign(truth[kept]) * (after.z[kept, 0] - truth[kept]))
+    identifiable = np.isfinite(after.z[:, 0])
+    error = np.mean(np.sign(truth[identifiable]) * (after.z[identifiable, 0] - truth[identifiable]))
     plain = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
     pulled = np.mean(np.sign(truth[plain]) * (z[plain] - truth[plain]))
     assert abs(error) < 0.5 * abs(pulled)

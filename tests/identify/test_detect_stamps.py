@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
-from baqueano.identify.diagnostics.stamps import checked, spread
+from baqueano.identify.diagnostics.timestamps import checked, spread
 from baqueano.runs.run import Channel
 
 

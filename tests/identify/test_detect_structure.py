@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify, random_steps
-from baqueano.identify.diagnostics.probes import ask, left_over
+from baqueano.identify.diagnostics.score_test import fit_residuals, score_test
 from baqueano.simulate import simulate
 
 
@@ -78,16 +78,16 @@ def test_of_two_runs_of_two_vehicles_the_difference_is_told(case, u):
 
 def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, u):
     """The answer of a probe is the fit with that term, to first order."""
-    from baqueano.identify.diagnostics.features import believed, probes
+    from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, probes
 
     rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
     run, seen = simulate(rough, u, 0), {}
 
     def look(end):
         problem, theta = end.task.problem, end.found.solution.theta
-        left = left_over(problem, theta, end.sight.kept)
-        for words, D in probes(end.blocks, problem, believed(end.blocks, problem, theta))():
-            seen.update(zip((code for code, _ in words), ask(left, D), strict=True))
+        left = fit_residuals(problem, theta, end.identifiability.mask)
+        for words, D in probes(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
+            seen.update(zip((code for code, _ in words), score_test(left, D), strict=True))
         seen["names"], seen["theta"] = problem.shape.shared, theta
 
     from baqueano.identify import by_innovations as module

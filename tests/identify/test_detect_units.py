@@ -8,7 +8,7 @@ import pytest
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import against_file
+from baqueano.identify.diagnostics import gain_changes
 
 
 def felt(run, change):
@@ -90,7 +90,7 @@ def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_th
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = FittedBlocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
-    found = against_file.checked(
+    found = gain_changes.checked(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
     assert [(one.code, one.subject) for one in found] == [("file.swapped", "u[0]")]
@@ -112,7 +112,7 @@ def test_an_inverted_gyro_is_told_by_the_sign_of_the_gain_and_by_the_acceleromet
 
 def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
     blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
-    found = against_file.checked(
+    found = gain_changes.checked(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
     assert (found[0].code, found[0].severity) == ("file.inverted", Severity.WARNING)
@@ -130,7 +130,7 @@ def test_a_file_that_was_guessed_to_half_or_double_is_no_reason(driven, case):
 )
 def test_a_gain_that_is_half_or_double_that_of_the_file_is_no_reason_and_another_unit_is(case, times, codes):
     was = case.value("model.actuator_matrix[2,2]")
-    found = against_file.gains(
+    found = gain_changes.gains(
         FittedBlocks(case.vehicle, case.sensors),
         ["model.actuator_matrix[2,2]"],
         np.array([times * was]),

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.noise.felt_misfit import LEAST, felt_part
+from baqueano.identify.noise.accelerometer_misfit import LEAST, felt_part
 from baqueano.vehicle_file import load
 
 DT, SECONDS, ODOMETER, ACCEL = 0.02, 60.0, 0.02, 0.6

@@ -10,8 +10,8 @@ import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.rest import begins_at_rest
-from baqueano.identify.judged import judge
 from baqueano.identify.selection.held_out import pieces_of, turning_points
+from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
 from baqueano.study.truth import TruthWorld, drawn
@@ -75,7 +75,7 @@ def fit(file, logs):
 
 
 def test_one_short_run_cannot_tell(fit, logs):
-    found = judge(fit, logs["step -1"])
+    found = validate(fit, logs["step -1"])
     assert found.verdict == "CANNOT TELL"
     few = found.reasons[0]
     assert (few.code, few.subject) == ("unseen-runs.too-few", "u_psi")
@@ -83,13 +83,13 @@ def test_one_short_run_cannot_tell(fit, logs):
 
 
 def test_the_sentence_tells_the_horizon_and_the_start(fit, logs):
-    basis = judge(fit, logs["step -1"]).basis.figures
+    basis = validate(fit, logs["step -1"]).basis.figures
     assert (basis["span_s"], basis["start"].code) == ("4", "unseen-runs.from-standstill")
     assert basis["pieces"] == 1.0
 
 
 def test_enough_motion_is_judged(fit, logs):
-    found = judge(fit, logs["random steps"])
+    found = validate(fit, logs["random steps"])
     assert found.verdict != "CANNOT TELL"
     assert found.basis.figures["span_s"] == "10.5"
     assert found.sentence.endswith(text(found.basis))
@@ -106,7 +106,7 @@ def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not
         ["model.friction.linear[0]"],
         options=FitOptions(diagnose=False),
     )
-    found = judge(replace(fit, verdict="USABLE"), logs["step -1"])
+    found = validate(replace(fit, verdict="USABLE"), logs["step -1"])
     assert found.verdict == "REFUSED"
     assert (found.reasons[0].code, found.reasons[0].subject) == ("unseen-runs.worse-than-mean", "imu[2]")
     assert found.reasons[0].figures["explained"] < 0.0

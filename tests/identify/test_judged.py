@@ -8,7 +8,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.judged import Figure, Judged, _against, _Left, judge
+from baqueano.identify.validation import Figure, Validation, _against, _ChannelError, validate
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
@@ -42,7 +42,7 @@ def fit(small):
 
 
 def test_a_right_model_explains_an_unseen_run_as_well_as_its_own(fit, small):
-    found = judge(fit, [run(small, 2), run(small, 3)])
+    found = validate(fit, [run(small, 2), run(small, 3)])
     assert found.verdict == "USABLE"
     assert [f.run for f in found.figures] == ["run 2"] * 3 + ["run 3"] * 3
     noise = {f"imu[{k}]": s for k, s in enumerate(fit.sigma["imu"])}
@@ -53,7 +53,7 @@ def test_a_right_model_explains_an_unseen_run_as_well_as_its_own(fit, small):
 
 def test_another_vehicle_is_not_explained(fit, small):
     turned = -np.asarray(small.value("model.actuator_matrix"))
-    found = judge(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
+    found = validate(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
     assert found.verdict == "REFUSED"
     assert ("unseen-runs.worse-than-mean", "imu[2]", "run 4") in [
         (one.code, one.subject, one.figures.get("run")) for one in found.reasons
@@ -62,12 +62,14 @@ def test_another_vehicle_is_not_explained(fit, small):
 
 
 def test_a_bias_of_the_unseen_run_is_not_held_against_the_model(fit, small):
-    found = judge(fit, run(small, 5, **{"sensors.imu.gyro_bias": 0.1, "sensors.imu.accel_bias": [1.0, -1.0]}))
+    found = validate(
+        fit, run(small, 5, **{"sensors.imu.gyro_bias": 0.1, "sensors.imu.accel_bias": [1.0, -1.0]})
+    )
     assert found.verdict == "USABLE"
 
 
 def test_errors_on_unseen_runs_have_their_units(fit, small):
-    found = judge(fit, run(small, 2))
+    found = validate(fit, run(small, 2))
     assert [f.unit for f in found.figures] == ["m/s²", "m/s²", "rad/s"]
     assert [row["unit"] for row in found.rows()] == ["m/s²", "m/s²", "rad/s"]
     assert "rad/s" in found.table()
@@ -75,12 +77,12 @@ def test_errors_on_unseen_runs_have_their_units(fit, small):
 
 def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
     with pytest.raises(UsageError, check=of_code("unseen-runs.refused-fit")):
-        judge(replace(fit, verdict="REFUSED"), run(small, 2))
+        validate(replace(fit, verdict="REFUSED"), run(small, 2))
 
 
 def test_a_run_that_was_fitted_to_cannot_judge(fit, small):
     with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 1")):
-        judge(fit, run(small, 1))
+        validate(fit, run(small, 1))
 
 
 def test_students_quantile_is_that_of_the_tables_also_for_few_degrees_of_freedom():
@@ -94,7 +96,7 @@ def told(here, own, noise=None):
     square = np.exp(here).mean()
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
     figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
-    return _against(figure, _Left(square, 0.0, here, 5.0 * np.arange(len(here))), own)
+    return _against(figure, _ChannelError(square, 0.0, here, 5.0 * np.arange(len(here))), own)
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
@@ -122,7 +124,7 @@ def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
     imu = second.sensors["imu"]
     deaf = imu._replace(z=imu.z * np.array([1.0, 1.0, np.nan]))
     fit = identify([first, replace(second, sensors={"imu": deaf})], small, options=FitOptions(diagnose=False))
-    found = judge(fit, run(small, 2))
+    found = validate(fit, run(small, 2))
     own = {f"{c.sensor}[{c.entry}]": c.explained for c in fit.channels if c.run == "run 1"}
     assert [f.channel for f in found.figures] == ["imu[0]", "imu[1]", "imu[2]"]
     assert found.figures[2].on_own_runs == pytest.approx(own["imu[2]"])
@@ -142,14 +144,14 @@ def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, sec
     free = ["model.velocity_matrix[0,0]", "model.velocity_matrix[2,2]"]
     fit = identify(runs[0], file, free, options=FitOptions(backend=backend))
     assert fit.own_names == ()
-    found = judge(fit, runs[1])
+    found = validate(fit, runs[1])
     assert [f.channel for f in found.figures] == ["wheels[0]", "wheels[1]"]
     assert min(f.explained for f in found.figures) > 0.9
 
 
 def test_a_figure_that_says_nothing_is_not_told_with_a_hundred_digits():
     lost = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
-    table = Judged((lost, lost._replace(noise=1e-9)), (), (), (), "").table()
+    table = Validation((lost, lost._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table
     assert "below -100 %" in table
     assert "over 1000×" in table

@@ -11,7 +11,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.hand_measurements import drift, read
-from baqueano.identify.judged import judge
+from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
@@ -138,7 +138,7 @@ def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad)
     assert "truth" not in fit.vehicle_file.text
     assert (fit.notes[1].code, fit.notes[1].figures["keys"][:21]) == ("truth.mount", "lever_arm_m[0] = 0.06")
     other = with_mark_at(seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad)
-    judged = judge(fit, replace(other, name="unseen"))
+    judged = validate(fit, replace(other, name="unseen"))
     assert judged.verdict == "USABLE", judged.reasons
 
 

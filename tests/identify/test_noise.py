@@ -16,7 +16,7 @@ from baqueano.estimators import Ekf
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import valid
 from baqueano.identify.noise.most_likely import log_det_and_square, predicted, valley
-from baqueano.identify.noise.not_fitted import not_fitted
+from baqueano.identify.noise.unfitted_channels import not_fitted
 from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate

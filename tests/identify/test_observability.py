@@ -54,9 +54,9 @@ def test_mass_is_not_told_from_forces_and_the_scale_is_recommended(case, driven)
     assert unseen(fit) == {"mass_kg"}
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
-    (tied,) = fit.unobservable
-    assert (tied.code, tied.subject) == ("seen.tied", "model.mass_kg")
-    assert "the scale" in tied.figures["how"].figures["by"]
+    (collinear,) = fit.unobservable
+    assert (collinear.code, collinear.subject) == ("seen.tied", "model.mass_kg")
+    assert "the scale" in collinear.figures["how"].figures["by"]
 
 
 def test_id0_a_vehicle_that_stood_still_gives_no_fit(case):
@@ -128,10 +128,10 @@ def test_what_the_vehicle_can_never_show_is_said_once_and_is_no_reproach(case, d
 
 def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_said(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
-    tied = [one for one in fit.unobservable if one.code == "seen.tied"]
-    named = [f"{one.subject}, {one.figures['others']}" for one in tied]
+    collinear = [one for one in fit.unobservable if one.code == "seen.tied"]
+    named = [f"{one.subject}, {one.figures['others']}" for one in collinear]
     assert any("drivetrain.dead_zone_forward[0]" in names for names in named)
     motion = "forward commands just above the dead zone of the first motor"
     assert any(
-        str(found).startswith(motion) for one in tied for found in one.figures["apart"].figures.values()
+        str(found).startswith(motion) for one in collinear for found in one.figures["apart"].figures.values()
     )

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
-from baqueano.identify.over_time import Wear, over_time
+from baqueano.identify.parameter_drift import Wear, parameter_history
 from baqueano.simulate import simulate
 from tests.codes import of_code
 
@@ -31,7 +31,7 @@ def worn(case):
     def change(k):
         return {"model.friction.linear": (linear * [1.2 if k >= 5 else 1.0, 1.0, 1.0]).tolist()}
 
-    return over_time(drives(case, change), case, free=FREE, options=FitOptions(biases=False))
+    return parameter_history(drives(case, change), case, free=FREE, options=FitOptions(biases=False))
 
 
 def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn):
@@ -64,7 +64,9 @@ def test_a_vehicle_that_does_not_age_is_left_in_peace(case):
     """Eight runs of nine vehicles at a false alarm in a hundred: more than one is a fault of the method."""
     alarms = 0
     for seed in range(1, 10):
-        found = over_time(drives(case, lambda k: {}, seed), case, free=FREE, options=FitOptions(biases=False))
+        found = parameter_history(
+            drives(case, lambda k: {}, seed), case, free=FREE, options=FitOptions(biases=False)
+        )
         alarms += bool(found.moved)
     assert alarms <= 1
 
@@ -75,7 +77,7 @@ def test_slow_wear_is_a_drift(case):
     def change(k):
         return {"model.friction.linear": (linear * [1.0 + 0.05 * k, 1.0, 1.0]).tolist()}
 
-    found = over_time(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
+    found = parameter_history(drives(case, change, 20), case, free=FREE, options=FitOptions(biases=False))
     (one,) = found.moved
     assert (one.name, one.how) == ("model.friction.linear[0]", "drift")
     assert one.between == ("run 0", "run 7")
@@ -84,10 +86,10 @@ def test_slow_wear_is_a_drift(case):
 
 def test_one_run_is_not_a_history(case, driven):
     with pytest.raises(UsageError, check=of_code("over-time.few-runs", count=1)):
-        over_time([driven(0, 3.0)], case, free=FREE)
+        parameter_history([driven(0, 3.0)], case, free=FREE)
 
 
 def test_runs_that_tell_nothing_are_named(case, driven):
     still = simulate(case, np.full((300, 3), [1e-6, 0.0, 0.0]), 0, name="still")
     with pytest.raises(UsageError, check=of_code("over-time.few-fits", good=1, count=2)):
-        over_time([driven(0, 10.0), still], case, free=FREE, options=FitOptions(biases=False))
+        parameter_history([driven(0, 10.0), still], case, free=FREE, options=FitOptions(biases=False))

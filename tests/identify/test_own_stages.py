@@ -10,7 +10,7 @@ import pytest
 from baqueano.identify import (
     FitOptions,
     Residuals,
-    concluded,
+    conclude,
     dataset,
     identify,
     parameters_of,
@@ -48,7 +48,7 @@ def test_the_stages_by_hand_are_the_fit(small, run):
     data = dataset([run], small)
     parameters = parameters_of(data, FREE)
     problem = Residuals.of(parameters)
-    by_hand = concluded(data, parameters, *solve(problem, parameters))
+    by_hand = conclude(data, parameters, *solve(problem, parameters))
     np.testing.assert_array_equal(by_hand.estimate, fit.estimate)
     np.testing.assert_array_equal(by_hand.cov, fit.cov)
     assert by_hand.verdict == fit.verdict == "USABLE"

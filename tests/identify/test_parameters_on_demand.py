@@ -10,7 +10,7 @@ import pytest
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation import search
-from baqueano.identify.parameters.free import chosen, with_room
+from baqueano.identify.parameters.free import enable_parameters, free_parameters
 from baqueano.messages import texts
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -137,8 +137,8 @@ def test_no_friction_is_found_that_no_file_may_have(small):
     """A vehicle on rubber tyres stops sideways within less of a tick than steps of it can tell."""
     blocks = FittedBlocks(small.vehicle, small.sensors)
     paths = ["model.friction.linear", "model.friction.coulomb[1]", "model.friction.quadratic[1]"]
-    _, free = with_room(
-        blocks, chosen(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)), lambda delay_s: 25
+    _, free = enable_parameters(
+        blocks, free_parameters(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)), lambda delay_s: 25
     )
     high = {one.path.removeprefix("model.friction."): one.high for one in free}
     assert high["quadratic[1]"] == 1e6  # as the field says

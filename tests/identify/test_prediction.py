@@ -227,9 +227,9 @@ def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white
     file = parse(CART[: CART.index("[sensors")] + camera, "camera.toml")
     blocks = FittedBlocks(file.vehicle, file.sensors)
     run = simulate(file, random_steps(file.command.limit, 60.0, 20.0, 3), 3)
-    early = (record_of(run, file.sensors._asdict()).sensors["camera"].early is not None,)
+    sample_fraction = (record_of(run, file.sensors._asdict()).sensors["camera"].sample_fraction is not None,)
     problem = Residuals(
-        blocks, Shape(FREE, (), (0,), early), [record_of(run, file.sensors._asdict())], "python"
+        blocks, Shape(FREE, (), (0,), sample_fraction), [record_of(run, file.sensors._asdict())], "python"
     )
     problem = problem.weighed(np.full(3, 0.01))
     found = Prediction(problem, blocks)

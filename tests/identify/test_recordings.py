@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.without_encoders import without_encoders
+from baqueano.identify.imu_only import fit_imu_only
 from baqueano.runs.importing import import_run
 from baqueano.vehicle_file import load
 
@@ -58,7 +58,7 @@ def test_a_fit_by_the_imu_alone_repeated_from_its_own_answer_keeps_the_drive(run
     free = ["throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag", "steering_gain",
             "steering_offset_rad", "yaw_lag_s", "drivetrain.delay_s"]  # fmt: skip
     raw = load("car").with_values({"sensors.imu.gyro_scale": 1.0})
-    first = without_encoders(runs[0], raw, [f"model.{name}" for name in free])
-    again = without_encoders(runs[0], first.vehicle_file, [f"model.{name}" for name in free])
+    first = fit_imu_only(runs[0], raw, [f"model.{name}" for name in free])
+    again = fit_imu_only(runs[0], first.vehicle_file, [f"model.{name}" for name in free])
     assert np.isfinite(again.estimate).all()
     assert np.max(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3

@@ -5,7 +5,7 @@ import numpy as np
 from baqueano.identify import identify
 from baqueano.identify.result.assemble import explained
 from baqueano.identify.result.fit_result import ChannelFit
-from baqueano.identify.result.verdict import Evidence, judge, noted
+from baqueano.identify.result.verdict import Evidence, noted, verdict_of
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import parse
 
@@ -46,21 +46,21 @@ def test_two_of_28_runs_inside_the_dead_zone_refuse_no_fit_and_are_named():
     runs += [step(26, 0.0, 0.08), step(27, 0.0, 0.08)]
     assert np.mean([c.explained for c in runs]) < -1.0
     e = evidence(runs)
-    assert judge(e)[0] == "USABLE"
+    assert verdict_of(e)[0] == "USABLE"
     (said,) = [one for one in noted(e) if one.code == "runs.hardly-moved"]
     assert said.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
 
 
 def test_a_run_that_moved_and_is_unlike_the_model_is_a_doubt():
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
-    verdict, reasons = judge(e)
+    verdict, reasons = verdict_of(e)
     assert verdict == "WARN"
     (said,) = [one for one in reasons if one.code == "runs.unlike-others"]
     assert said.figures == {"count": 1, "of": 7, "runs": "step 6"}
 
 
 def test_a_channel_that_is_unlike_the_model_in_most_runs_is_refused():
-    verdict, reasons = judge(evidence([step(k, 0.5, -0.5) for k in range(6)] + [step(6, 0.5, 0.5)]))
+    verdict, reasons = verdict_of(evidence([step(k, 0.5, -0.5) for k in range(6)] + [step(6, 0.5, 0.5)]))
     assert verdict == "REFUSED"
     assert reasons[0].code == "fit.far-channel"
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.judged import judge
+from baqueano.identify.validation import validate
 from baqueano.runs.run import Run, TruthLog
 from baqueano.vehicle_file import parse
 
@@ -96,7 +96,7 @@ def test_a_floor_that_drifts_is_in_the_error_bars():
 
 
 def test_unseen_runs_are_as_good_as_its_own(fit):
-    found = judge(fit, [drive(3), drive(4)])
+    found = validate(fit, [drive(3), drive(4)])
     assert found.verdict == "USABLE"
     assert max(figure.times for figure in found.figures) < 1.3
     assert min(figure.times for figure in found.figures) > 0.7

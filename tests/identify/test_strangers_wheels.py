@@ -10,8 +10,8 @@ import math
 import numpy as np
 import pytest
 
-from baqueano.identify.judged import judge
 from baqueano.identify.selection.selection import choose
+from baqueano.identify.validation import validate
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import parse
 
@@ -89,5 +89,5 @@ def test_friction_of_the_wheels_is_chosen_and_dead_zones_are_not(choice):
 
 
 def test_it_carries_over_to_unseen_runs(choice):
-    found = judge(choice.fit, [drive(3), drive(4)])
+    found = validate(choice.fit, [drive(3), drive(4)])
     assert found.verdict == "USABLE"

@@ -10,9 +10,9 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.covariance.jackknife import with_blocks
 from baqueano.identify.covariance.scale_uncertainty import of_tolerance, scales_of, zero_of
+from baqueano.identify.imu_only import fit_imu_only, imu_is_all
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
 from baqueano.identify.residuals.noise_level import profile_of_slow
-from baqueano.identify.without_encoders import imu_is_all, without_encoders
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from tests.codes import of_code
@@ -45,7 +45,7 @@ def driven(seed, seconds=60.0, changes=None):
 def fitted():
     """One car, and what was found of it."""
     file, run = driven(3)
-    return file, run, without_encoders(run, file, LONGITUDINAL + YAW)
+    return file, run, fit_imu_only(run, file, LONGITUDINAL + YAW)
 
 
 def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
@@ -64,15 +64,15 @@ def test_what_no_imu_can_know_is_said(fitted):
 
 def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted):
     file, run, fit = fitted
-    exact = without_encoders(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
-    wide = without_encoders(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
+    exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
+    wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
     part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / of_tolerance(0.1)
     moved = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
         other = file.with_values({"sensors.imu.gyro_scale": scale})
-        moved.append(without_encoders(run, other, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
+        moved.append(fit_imu_only(run, other, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
     slope = np.abs(moved[0] - moved[1]) / 0.04
     gain = fit.names.index("model.steering_gain")
     assert part[gain] == pytest.approx(slope[gain], rel=0.2)
@@ -99,7 +99,7 @@ def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
     path, origin = "sensors.imu.gyro_bias", Provenance("rest", None, 0.02, "USABLE")
     at = [file.value(path) + shift for shift in (0.0, 0.005, -0.005)]
     known, higher, lower = (
-        without_encoders(
+        fit_imu_only(
             run,
             file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
             LONGITUDINAL + YAW,
@@ -107,7 +107,7 @@ def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
         )
         for x in at
     )
-    wide = without_encoders(
+    wide = fit_imu_only(
         run, file.with_values({path: at[0]}, {path: origin}), LONGITUDINAL + YAW, tolerance=EXACT
     )
     part = np.sqrt(np.maximum(wide.sd**2 - known.sd**2, 0.0))
@@ -129,8 +129,8 @@ def test_the_zero_of_a_gyro_is_known_as_well_as_it_was_measured():
 def test_a_fit_repeated_from_its_own_answer_stays_where_it_is():
     file, run = driven(5, 30.0)
     free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
-    first = without_encoders(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
-    again = without_encoders(run, first.vehicle_file, free)
+    first = fit_imu_only(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
+    again = fit_imu_only(run, first.vehicle_file, free)
     assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
     assert first.value("model.drivetrain.delay_s") == pytest.approx(
         0.08, abs=3.0 * first.sd[first.names.index(free[-1])]
@@ -154,12 +154,12 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
 def test_what_cannot_be_fitted_by_an_imu_is_told_so(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, check=of_code("led.not-an-imu")):
-        without_encoders(run, file, use=("compass",))
+        fit_imu_only(run, file, use=("compass",))
     with pytest.raises(UsageError, check=of_code("runs.all-still")):
-        without_encoders(replace(run, applied=np.zeros_like(run.applied)), file)
+        fit_imu_only(replace(run, applied=np.zeros_like(run.applied)), file)
     silent = run.sensors["imu"]._replace(z=run.sensors["imu"].z * np.array([1.0, 1.0, np.nan]))
     with pytest.raises(UsageError, check=of_code("led.silent-gyro")):
-        without_encoders(replace(run, sensors={"imu": silent}), file)
+        fit_imu_only(replace(run, sensors={"imu": silent}), file)
 
 
 def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
@@ -176,7 +176,7 @@ def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
 
 def test_what_is_asked_for_beside_the_rest_takes_nothing_away():
     file, run = driven(3, 20.0)
-    plain, beside = (without_encoders(run, file, free) for free in (None, ["+model.motor_drag"]))
+    plain, beside = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
     assert "model.drivetrain.delay_s" in plain.names
     assert set(beside.names) == {*plain.names, "model.motor_drag"}
 
@@ -213,7 +213,7 @@ def test_what_a_led_fit_would_not_heed_is_refused(fitted):
             run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
         )
     with pytest.raises(UsageError, check=of_code("led.others", others="segment_s")):
-        without_encoders(run, file, options=FitOptions(segment_s=5.0))
+        fit_imu_only(run, file, options=FitOptions(segment_s=5.0))
     with pytest.raises(UsageError, check=of_code("led.others", others="residuals")):
         identify(run, file, residuals=GyroAidedResiduals, options=FitOptions(gyro_leads=True))
     with pytest.raises(UsageError, check=of_code("led.not-an-imu")):
@@ -276,7 +276,7 @@ def test_the_noise_of_the_gyro_draws_neither_lever_nor_speed_towards_zero():
     off = []
     for seed in range(4):
         file, run = driven(seed)
-        fit = without_encoders(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
+        fit = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
         at = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
         off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.sd[at])
     assert np.all(np.abs(np.mean(off, axis=0)) < 3.0 / np.sqrt(4.0)), (
@@ -304,4 +304,4 @@ gyro_noise_std = 0.01
     file = load(tmp_path / "cart.toml")
     u = np.tile([0.5, 0.0, 0.3], (200, 1))
     with pytest.raises(UsageError, check=of_code("led.no-dynamics")):
-        without_encoders(simulate(file, u, 0), file)
+        fit_imu_only(simulate(file, u, 0), file)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import excitation
-from baqueano.identify.design import believed, contained, room_of
+from baqueano.identify.design import contained, possible_vehicles, room_of
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, outcome, vehicles_around
@@ -71,7 +71,7 @@ def test_vehicles_are_as_far_from_their_file_as_is_said_and_their_physics_is_of_
     file = load(name)
     vehicles = vehicles_around(file, 30, 0)
     values = numbers(vehicles)
-    paths = [path for path in believed(file, vehicles=2).paths if path in values]
+    paths = [path for path in possible_vehicles(file, vehicles=2).paths if path in values]
     assert len(paths) >= 7
     off = np.array([values[path] / file.value(path) - 1.0 for path in paths])
     assert np.max(np.abs(off)) <= SPREAD + 1e-9

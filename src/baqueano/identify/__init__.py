@@ -9,7 +9,7 @@ noise.updated(fit.vehicle_file).save("my.toml")
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.design.signals import KINDS, excitation, multisine, prbs, ramps, random_steps
 from baqueano.identify.estimation.least_squares import solution_at
-from baqueano.identify.fit import concluded, identify, solve
+from baqueano.identify.fit import conclude, identify, solve
 from baqueano.identify.forecast import Forecast, forecast
 from baqueano.identify.noise import Noise, measure_noise
 from baqueano.identify.options import FitOptions
@@ -24,7 +24,7 @@ __all__ = [
     "Forecast",
     "Noise",
     "Residuals",
-    "concluded",
+    "conclude",
     "dataset",
     "excitation",
     "forecast",

@@ -10,9 +10,9 @@ from baqueano.identify.data.added_channels import CHANNEL, TRUTH, with_truth
 from baqueano.identify.data.hand_measurements import with_tape
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.rest import with_gyro_at_rest
-from baqueano.identify.diagnostics import mended
+from baqueano.identify.diagnostics import clean
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import acts_alone, chosen
+from baqueano.identify.parameters.free import acts_alone, free_parameters
 from baqueano.identify.parameters.setup import Parameters, unknowns
 from baqueano.identify.residuals.simulation import chosen_sensors
 from baqueano.runs.maps.columns import KINDS
@@ -58,7 +58,7 @@ def dataset(
         file, note = with_gyro_at_rest(file, runs)
     blocks, runs, channels = sensors_of(file, runs, use)
     runs, blocks = with_tape(runs, blocks, options.measured)
-    runs, findings = mended(runs, file, blocks.sensors._asdict())
+    runs, findings = clean(runs, file, blocks.sensors._asdict())
     return Dataset(file, blocks, tuple(runs), channels, findings, note)
 
 
@@ -69,7 +69,7 @@ def parameters_of(
 ) -> Parameters:
     """Return what a fit of `data` searches for; `free` as in `identify`. UsageError for what is no parameter, or would
     do nothing, and where no command moved."""
-    wanted = chosen(data.blocks, free, (*options.fixed, *options.per_run), options.bounds)
+    wanted = free_parameters(data.blocks, free, (*options.fixed, *options.per_run), options.bounds)
     return unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
 
 

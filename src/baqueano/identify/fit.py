@@ -19,19 +19,19 @@ import numpy as np
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
-from baqueano.identify import without_encoders
-from baqueano.identify.by_innovations import fit_by_innovations, fit_by_simulation
+from baqueano.identify import imu_only
 from baqueano.identify.covariance.scale_uncertainty import covariance_by_zeros
 from baqueano.identify.data.record import beginning
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import PATH, best_search_of_all, bounds_of, duty_step
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.identifiable import FinishedFit, without_the_unseen
+from baqueano.identify.identifiability.identifiable import FinishedFit, fix_unidentifiable
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import acts_alone
 from baqueano.identify.parameters.setup import Parameters, given_sigma
-from baqueano.identify.residuals.noise_level import believed, smallest_spread
+from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
+from baqueano.identify.residuals.noise_level import sigma_of_few, smallest_spread
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
@@ -74,16 +74,16 @@ def identify(
     own = residuals is not Residuals
     if own and options.gyro_leads:
         raise UsageError(fault("led.others", others=["residuals"]))
-    if not own and without_encoders.gyro_leads(vehicle_file, runs, use, free, options):
+    if not own and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
         how = {"options": options, "solver": solver, "say": say}
-        return without_encoders.without_encoders(runs, vehicle_file, free, use, **how)
+        return imu_only.fit_imu_only(runs, vehicle_file, free, use, **how)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
     problem = residuals.of(parameters, options.backend)
     task, found = solve(problem, parameters, options, solver=solver, say=say, again=data.is_usable)
     steps = None if found.stopped else duty_step(parameters.blocks, found.problem, found.solution.theta)
     if steps is None:
-        return concluded(data, parameters, task, found, options)
+        return conclude(data, parameters, task, found, options)
     stepped = vehicle_file.with_values({PATH: 1.0 / steps})
     fit = identify(runs, stepped, free, use=use, options=options, residuals=residuals, solver=solver, say=say)
     return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
@@ -104,12 +104,12 @@ def solve(
     task = Task(
         problem, parameters.first, parameters.low, parameters.high, smallest_spread(sensors, problem.z, problem.has),
         None if options.sigma is None else given_sigma(options.sigma, sensors),
-        options.speed_noise, say, believed(sensors, problem.has), again, solver,
+        options.speed_noise, say, sigma_of_few(sensors, problem.has), again, solver,
     )  # fmt: skip
     return best_search_of_all(task, _begin(task, parameters))
 
 
-def concluded(
+def conclude(
     data: Dataset,
     parameters: Parameters,
     task: Task,
@@ -117,15 +117,17 @@ def concluded(
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Fit:
     """Return the Fit of a search: what the data do not show is held, and the rest is judged."""
-    found, sight, info = without_the_unseen(task, found, parameters.free)
+    found, identifiability, info = fix_unidentifiable(task, found, parameters.free)
     whole = task._replace(low=parameters.low, high=parameters.high, problem=found.problem)
     found = bounds_of(whole, found)
     end = FinishedFit(
-        data.file, parameters.blocks, whole, list(parameters.wanted), list(parameters.frozen), found, sight, info,
-        data.note, data.findings, options.diagnose,
+        data.file, parameters.blocks, whole, list(parameters.wanted), list(parameters.frozen), found, identifiability,
+        info, data.note, data.findings, options.diagnose,
     )  # fmt: skip
     if options.biases and acts_alone(data.file.vehicle):
-        by_zero = covariance_by_zeros(found.problem, found.solution.theta, sight.kept, info.bread, data.file)
+        by_zero = covariance_by_zeros(
+            found.problem, found.solution.theta, identifiability.mask, info.bread, data.file
+        )
         end = end._replace(systematic=by_zero)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 

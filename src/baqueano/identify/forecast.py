@@ -24,7 +24,7 @@ from baqueano.errors import BaqueanoError, UsageError
 from baqueano.geometry import map_from_body
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.data.record import FittedBlocks, record_of
-from baqueano.identify.parameters.free import value, with_numbers
+from baqueano.identify.parameters.free import substitute, value
 from baqueano.identify.result.fit_result import Fit
 from baqueano.language import number
 from baqueano.language import translated as _
@@ -147,10 +147,10 @@ def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
     blocks = FittedBlocks(fit.blocks.model, sensor_slots(())())
 
     def start(theta: np.ndarray) -> Any:
-        return with_numbers(blocks, paths, theta).model.init()
+        return substitute(blocks, paths, theta).model.init()
 
     def step(theta: np.ndarray, state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
-        model = with_numbers(blocks, paths, theta).model
+        model = substitute(blocks, paths, theta).model
         state, motion = model.step(state, row[1:], row[0], np.zeros(3))
         return state, motion.eta
 

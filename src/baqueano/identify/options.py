@@ -37,9 +37,11 @@ class FitOptions:
     sigma: Mapping[str, Any] | None = None  # sensor → (m,) std of its noise; None: estimated
     speed_noise: bool = False  # the noise may grow with the speed (noise_level.py)
     cost: str = "simulation"  # or "innovations", with the floor's noise (prediction_error.py)
-    gyro_leads: bool | None = None  # the simulation (without_encoders.py); None: of a car with an IMU alone
+    gyro_leads: bool | None = None  # the simulation (imu_only.py); None: of a car with an IMU alone
     # the rest
-    diagnose: bool = True  # ask at the end what the model lacks (structure.py): as long as the fit itself
+    diagnose: bool = (
+        True  # ask at the end what the model lacks (residual_checks.py): as long as the fit itself
+    )
     backend: str = "auto"  # or "c", "python", "numpy"
 
     def __post_init__(self) -> None:

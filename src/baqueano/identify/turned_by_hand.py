@@ -22,10 +22,10 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.identify.against_truth import GAP_S, Calibration, Known, TruthSignal, channel_of
 from baqueano.identify.covariance.quantiles import QUANTILE_95, students
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
+from baqueano.identify.sensor_calibration import GAP_S, CalibratedNumber, Calibration, TruthSignal, channel_of
 from baqueano.language import marked as N_
 from baqueano.language import translated as _
 from baqueano.printable import typed
@@ -86,8 +86,8 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     return Calibration(
         run.name,
         (
-            Known(f"{path}_scale", scale, sd, half, "1", float(block.gyro_scale), said),
-            Known(f"{path}_bias", float(means.mean()), bias_sd, QUANTILE_95 * bias_sd, "rad/s",
+            CalibratedNumber(f"{path}_scale", scale, sd, half, "1", float(block.gyro_scale), said),
+            CalibratedNumber(f"{path}_bias", float(means.mean()), bias_sd, QUANTILE_95 * bias_sd, "rad/s",
                   float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
         {"heading_rad": float(np.std(angle[used] / scale - TAU * whole))},

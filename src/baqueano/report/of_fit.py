@@ -21,7 +21,7 @@ from baqueano.runs import Run
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
-    from baqueano.identify.judged import Judged
+    from baqueano.identify.validation import Validation
 
 CHANNELS = {
     "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),
@@ -34,11 +34,12 @@ SHOWN_S = 20.0  # of the data, in the figure: where most moves
 
 
 def page_of_fit(
-    fit: Fit, truth: np.ndarray | None = None, held_out: "Judged | None" = None, ahead: Any = None
+    fit: Fit, truth: np.ndarray | None = None, held_out: "Validation | None" = None, ahead: Any = None
 ) -> Page:
-    """The page about one fit; it stands also when the fit is refused: the raw data are shown always.
-    truth (p,): drawn beside the estimates; `held_out`: how it does on unseen runs (identify/judged.py); `ahead`: what
-    its errors mean for a drive (identify/forecast.py)."""
+    """Return the page about one fit, also of a refused one, with its raw data.
+
+    `truth` (p,) is drawn beside the estimates. `held_out` is the validation on other runs; `ahead` the forecast of
+    drives."""
     return Page(
         title=_("Fit of {name}", name=fit.file.name),
         subtitle=_(
@@ -113,7 +114,7 @@ def row_of(row: "TableRow") -> "JsonObject":
     }
 
 
-def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
+def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     """Return the meaning of the verdict for the reader, and the next step."""
     said = [ended(reason) for reason in texts(by_weight(fit.reasons))]
     said = [f"• {one}" for one in said] if len(said) > 1 else said
@@ -136,7 +137,7 @@ def _next_step(fit: Fit, held_out: "Judged | None") -> Section:
     return Section(_("Verdict and next step"), "\n".join(said), [])
 
 
-def _of_unseen(held_out: "Judged | None") -> list[Section]:
+def _of_unseen(held_out: "Validation | None") -> list[Section]:
     """The table and the figures of runs that the fit has not seen."""
     if held_out is None:
         return []

@@ -24,7 +24,7 @@ import numpy as np
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.covariance.quantiles import QUANTILE_95
-from baqueano.identify.without_encoders import without_encoders
+from baqueano.identify.imu_only import fit_imu_only
 from baqueano.runs.importing import import_run
 from baqueano.study.recorded.bars import row
 from baqueano.study.recordings import Recorded, check_present
@@ -93,7 +93,7 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
         for name, other in (("a", "b"), ("b", "a")):
             say(f"run {name}, gyro {gyro.name}: fitting the IMU, odometer hidden")
             file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
-            fit = without_encoders(
+            fit = fit_imu_only(
                 runs[name],
                 file,
                 FREE,

@@ -89,7 +89,7 @@ GROUPS = {
 @options.as_json
 def command(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], choose: bool,
-    over_time: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
+    parameter_history: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
     page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interrupted
@@ -97,7 +97,7 @@ def command(
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused
 
-    _meant(over_time, choose, unseen=bool(held_out))
+    _meant(parameter_history, choose, unseen=bool(held_out))
     _named(table)
     lap = _lap(how["route"])
     recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
@@ -106,7 +106,7 @@ def command(
     if not asked["use"]:
         for said in unused(recorded, file):
             talk(said)
-    if over_time:
+    if parameter_history:
         return _over_time(recorded, file, asked, table, page, update, as_json)
     span = sum(r.duration_s for r in recorded)
     with steps() as begin:
@@ -151,11 +151,11 @@ def command(
     options.kept(fitted, update)
 
 
-def _meant(over_time: bool, choose: bool, *, unseen: bool) -> None:
+def _meant(parameter_history: bool, choose: bool, *, unseen: bool) -> None:
     """UsageError where one option would make another do nothing."""
     from baqueano.errors import UsageError
 
-    if over_time and (choose or unseen):
+    if parameter_history and (choose or unseen):
         other = "--choose" if choose else "--held-out"
         raise UsageError(fault("cli.options-conflict", other=other))
 
@@ -200,9 +200,9 @@ def _predicted(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | N
 
 def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
     """For --json: what was asked for run by run, and the figures of unseen runs."""
-    from baqueano.identify.result.fit_result import asked_for
+    from baqueano.identify.result.fit_result import requested
 
-    own = [row for row in fit.run_by_run() if asked_for(row["name"])]
+    own = [row for row in fit.run_by_run() if requested(row["name"])]
     if judged is None:
         return own
 
@@ -241,7 +241,7 @@ def _known_to(
     """The file with how well its scales are known. UsageError where the fit would not ask."""
     from baqueano.errors import UsageError
     from baqueano.identify.covariance.scale_uncertainty import with_tolerance
-    from baqueano.identify.without_encoders import imu_is_all
+    from baqueano.identify.imu_only import imu_is_all
 
     if not tolerances:
         return file
@@ -270,8 +270,8 @@ def _chosen(
 ) -> Any:
     """The terms that held-out data ask for, the `unseen` runs where there are any, by the plain simulation error."""
     from baqueano.errors import UsageError
+    from baqueano.identify.imu_only import imu_is_all
     from baqueano.identify.selection.selection import choose
-    from baqueano.identify.without_encoders import imu_is_all
 
     if more := _other(asked):
         raise UsageError(fault("cli.choose-conflict", "--choose --update", others=more))
@@ -305,10 +305,10 @@ def _judged(fit: "Fit", unseen: "list[Run]") -> Any:
     """The fit on runs that it has not seen; None without any."""
     if not unseen:
         return None
-    from baqueano.identify.judged import judge
+    from baqueano.identify.validation import validate
 
     with busy(note("cli.judging", runs=len(unseen))):
-        return judge(fit, unseen)
+        return validate(fit, unseen)
 
 
 def _with_noise(fit: "Fit", runs: "list[Run]", unseen: "list[Run]", backend: str) -> Any:
@@ -337,10 +337,10 @@ def _over_time(
     runs: "list[Run]", file: "VehicleFile", asked: "JsonObject", table: Path | None, page: Path | None, update: bool,
     as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.over_time import over_time
+    from baqueano.identify.parameter_drift import parameter_history
 
     with steps() as begin:
-        found = over_time(runs, file, say=begin, **asked)
+        found = parameter_history(runs, file, say=begin, **asked)
     answer(found, as_json)
     _written(found, file, table, f"{file.name} over {len(runs)} runs")
     if page is not None:

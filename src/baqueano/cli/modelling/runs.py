@@ -258,7 +258,7 @@ def calibrate(
     run: str, turns: int | None, map_: Path | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.against_truth import calibrate
+    from baqueano.identify.sensor_calibration import calibrate
     from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 
     file, recorded = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
@@ -332,11 +332,13 @@ def wear(
     page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify import FitOptions
-    from baqueano.identify.over_time import Wear, over_time
+    from baqueano.identify.parameter_drift import Wear, parameter_history
 
     recorded, how = options.find_runs(runs, folder), FitOptions(backend=backend)
     with steps() as begin:
-        followed = over_time(recorded, options.load_vehicle(vehicle, settings), options=how, say=begin)
+        followed = parameter_history(
+            recorded, options.load_vehicle(vehicle, settings), options=how, say=begin
+        )
     answer(Wear(followed), as_json)
     if page is not None:
         from baqueano.report.of_wear import page_of_wear

@@ -210,7 +210,7 @@ def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 )
 @options.backend
 @options.as_json
-def without_encoders(backend: str, as_json: bool) -> None:
+def fit_imu_only(backend: str, as_json: bool) -> None:
     from baqueano.study.without_encoders import without_encoders_study
 
     with steps() as begin:

@@ -104,19 +104,19 @@ def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return gram(d) - gram(d[size >= HUBER]), gram(d, np.minimum(size, HUBER) ** 2)
 
 
-def covariance_of(info: Information, kept: np.ndarray) -> np.ndarray:
+def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     """Covariance (k, k) of the entries `kept` of θ, the others held.  (1), (3)"""
-    at = np.ix_(kept, kept)
-    scale = np.sqrt(np.diagonal(info.bread)[kept])
+    at = np.ix_(identifiable, identifiable)
+    scale = np.sqrt(np.diagonal(info.bread)[identifiable])
     scale = np.where(scale > 0.0, scale, 1.0)
     A = info.bread[at] / np.outer(scale, scale)
     B = info.meat[at] / np.outer(scale, scale)
     half = np.linalg.solve(A, _root(B))
     cov = half @ half.T  # A⁻¹ B A⁻¹
-    cov = cov * (info.samples / max(1, info.samples - len(kept)))
+    cov = cov * (info.samples / max(1, info.samples - len(identifiable)))
     if info.scores is not None:
         count = len(info.scores)
-        moves = np.linalg.solve(A, (info.scores[:, kept] / scale).T)
+        moves = np.linalg.solve(A, (info.scores[:, identifiable] / scale).T)
         told = np.sum(moves**2, axis=1) * (count / (count - info.shared))
         wider = np.sqrt(np.maximum(told / np.maximum(np.diagonal(cov), 1e-300), 1.0))
         cov = cov * np.outer(wider, wider)

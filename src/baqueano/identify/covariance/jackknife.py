@@ -54,7 +54,7 @@ MOST_OF_PIECE = 0.99  # that a piece may
 def jackknife(
     problem: Residuals,
     theta: np.ndarray,
-    kept: np.ndarray,
+    identifiable: np.ndarray,
     bread: np.ndarray,
     alike: bool = False,
     by_piece: bool = False,
@@ -62,16 +62,16 @@ def jackknife(
     """(2), (k, k), of the entries `kept` of θ with the information `bread` (p, p), of runs that are cut that without
     their starts; None of too few blocks, of no entries, or of a model that ran away; if `alike`, also where a block
     has more than MOST_KNOWN. If `by_piece`, each piece is a block, which may have MOST_OF_PIECE; None of whole runs."""
-    if not len(kept) or (by_piece and not _cut(problem)):
+    if not len(identifiable) or (by_piece and not _cut(problem)):
         return None
-    A = bread[np.ix_(kept, kept)]
+    A = bread[np.ix_(identifiable, identifiable)]
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     inverse = np.linalg.inv(A / np.outer(root, root))
     place = np.full(problem.size, -1)
-    place[kept] = np.arange(len(kept))
+    place[identifiable] = np.arange(len(identifiable))
     block_s = np.inf if by_piece else block_of(problem)
     fewest, most = (FEWEST_PIECES, MOST_OF_PIECE) if by_piece else (FEWEST, MOST_KNOWN)
-    moves, shared = [], np.flatnonzero(kept < problem.layout.shared)
+    moves, shared = [], np.flatnonzero(identifiable < problem.layout.shared)
     for (r, d, index), record in zip(slopes_of(problem, theta), problem.records, strict=True):
         inside = place[index] >= 0
         at = place[index[inside]]
@@ -170,9 +170,9 @@ def no_smaller(
     return cov * np.outer(wider, wider)
 
 
-def with_blocks(info: Information, kept: np.ndarray, cov: np.ndarray) -> Information:
+def with_blocks(info: Information, identifiable: np.ndarray, cov: np.ndarray) -> Information:
     """The information whose errors of the entries `kept` are those of `cov` (k, k), or its own where larger.  (3)"""
-    at = np.ix_(kept, kept)
+    at = np.ix_(identifiable, identifiable)
     A, meat = info.bread[at], info.meat.copy()
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     inverse = np.linalg.inv(A / np.outer(root, root))

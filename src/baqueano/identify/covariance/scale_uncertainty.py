@@ -108,11 +108,11 @@ def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
 
 
 def covariance_by_zeros(
-    problem: Residuals, theta: np.ndarray, kept: np.ndarray, bread: np.ndarray, file: "VehicleFile"
+    problem: Residuals, theta: np.ndarray, identifiable: np.ndarray, bread: np.ndarray, file: "VehicleFile"
 ) -> np.ndarray:
     """Return the covariance (p, p) that zeros of gyros, which are held, give to the entries `kept` (p,) of θ, of the
     information `bread` (p, p); of a zero that is in θ itself none.  (3), (4)"""
-    cov, at, end = np.zeros_like(bread), np.flatnonzero(kept), 0
+    cov, at, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
     free = {*problem.shape.shared, *problem.shape.own}
     gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]
     for name, size in zip(problem.names, problem.sizes, strict=True):

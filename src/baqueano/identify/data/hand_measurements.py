@@ -41,7 +41,7 @@ NUMBER = re.compile(
 )
 
 
-class Told(NamedTuple):
+class HandMeasurement(NamedTuple):
     """One measurement by hand."""
 
     kind: str  # a key of KINDS
@@ -85,7 +85,7 @@ class BackOnMark:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turned:
+class TurnAngle:
     """z = (cos ψ, sin ψ): an angle without a jump at half a turn."""
 
     sd: float = ANGLE_STD_RAD
@@ -101,7 +101,7 @@ class Turned:
         return np.array([np.cos(motion.eta[2]), np.sin(motion.eta[2])])
 
 
-KINDS: dict[str, type] = {"tape": Tape, "back_on_mark": BackOnMark, "turned": Turned}
+KINDS: dict[str, type] = {"tape": Tape, "back_on_mark": BackOnMark, "turned": TurnAngle}
 
 EXAMPLE = '--measured "12.4 s: 2.31 m" --measured "end: 0 m, 720 deg"'
 
@@ -125,7 +125,7 @@ def with_tape(
     return out, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
 
 
-def drift(vehicle: Tree, run: Run, told: Told) -> float:
+def drift(vehicle: Tree, run: Run, told: HandMeasurement) -> float:
     """How far the floor takes the vehicle from its simulation until then, in the unit of the measurement.  (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
@@ -148,7 +148,7 @@ def drift(vehicle: Tree, run: Run, told: Told) -> float:
     return float(np.sqrt(np.sum(away**2) / (DRAWN * per_entry)))
 
 
-def read(line: str, runs: Sequence[Run]) -> tuple[int, list[Told]]:
+def read(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
     """Which run, and what was measured of it. UsageError for what cannot be read."""
     found = LINE.match(line.replace(",", ", "))
     if found is None:
@@ -175,7 +175,7 @@ def _run(name: str | None, line: str, runs: Sequence[Run]) -> int:
     return names.index(name)
 
 
-def _part(part: str, line: str, t_ns: int) -> Told:
+def _part(part: str, line: str, t_ns: int) -> HandMeasurement:
     number = NUMBER.match(part)
     unit = number["unit"] if number else ""
     if number is None or unit not in {**LENGTHS, **ANGLES}:
@@ -185,15 +185,15 @@ def _part(part: str, line: str, t_ns: int) -> Told:
     factor = {**LENGTHS, **ANGLES}[unit]
     x, sd = float(number["x"]) * factor, float(number["sd"] or 0.0) * factor
     if unit in ANGLES:
-        return Told("turned", t_ns, np.array([np.cos(x), np.sin(x)]), sd or ANGLE_STD_RAD)
+        return HandMeasurement("turned", t_ns, np.array([np.cos(x), np.sin(x)]), sd or ANGLE_STD_RAD)
     if x < 0.0:
         raise UsageError(fault("tape.negative", line=line, length_m=x))
     if x == 0.0:
-        return Told("back_on_mark", t_ns, np.zeros(2), sd or LENGTH_STD_M)
-    return Told("tape", t_ns, np.array([x]), sd or LENGTH_STD_M)
+        return HandMeasurement("back_on_mark", t_ns, np.zeros(2), sd or LENGTH_STD_M)
+    return HandMeasurement("tape", t_ns, np.array([x]), sd or LENGTH_STD_M)
 
 
-def _heard(run: Run, kind: str, told: list[Told], block: Tree) -> Run:
+def _heard(run: Run, kind: str, told: list[HandMeasurement], block: Tree) -> Run:
     told = sorted(told, key=lambda one: one.t_ns)
     t_ns = np.array([one.t_ns for one in told], dtype=np.int64)
     z = np.array([one.z for one in told]) if told else np.zeros((0, block.size))

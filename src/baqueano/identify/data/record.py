@@ -37,7 +37,9 @@ class Measured(NamedTuple):
 
     z: np.ndarray  # (N, m), 0 where there is none
     has: np.ndarray  # (N, m) 1.0 where there is one
-    early: np.ndarray | None  # (N,) part of the step by which it precedes the tick; None: on the tick;
+    sample_fraction: (
+        np.ndarray | None
+    )  # (N,) part of the step by which it precedes the tick; None: on the tick;
     # of a sensor whose clock is free: its age at the row's end [s]
 
 
@@ -119,8 +121,8 @@ def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
 def beginning(record: FitRecord, rows: int) -> FitRecord:
     """The first rows of it."""
     sensors = {
-        name: Measured(z[:rows], has[:rows], None if early is None else early[:rows])
-        for name, (z, has, early) in record.sensors.items()
+        name: Measured(z[:rows], has[:rows], None if sample_fraction is None else sample_fraction[:rows])
+        for name, (z, has, sample_fraction) in record.sensors.items()
     }
     return record._replace(t_s=record.t_s[:rows], dt_s=record.dt_s[:rows], u=record.u[:rows], sensors=sensors)
 
@@ -180,9 +182,9 @@ def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: i
     part: np.ndarray = (run.t_ns[tick] - t_ns) / np.maximum(run.t_ns[np.maximum(tick, 1)] - before, 1)
     if np.all(part < LATE):
         return None
-    early = np.zeros(rows)
-    early[at] = np.clip(part, 0.0, 1.0)
-    return early
+    sample_fraction = np.zeros(rows)
+    sample_fraction[at] = np.clip(part, 0.0, 1.0)
+    return sample_fraction
 
 
 def _sound(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:

@@ -76,10 +76,12 @@ def cut(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
 
 def _piece(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
     sensors = {}
-    for name, (z, has, early) in record.sensors.items():
+    for name, (z, has, sample_fraction) in record.sensors.items():
         has = has[begin:last].copy()
         has[: first - begin] = 0.0
-        sensors[name] = Measured(z[begin:last], has, None if early is None else early[begin:last])
+        sensors[name] = Measured(
+            z[begin:last], has, None if sample_fraction is None else sample_fraction[begin:last]
+        )
     t_s, dt_s, u = (a[begin:last] for a in (record.t_s, record.dt_s, record.u))
     return record._replace(t_s=t_s, dt_s=dt_s, u=u, sensors=sensors, lead=first - begin)
 

@@ -5,21 +5,21 @@ plan = designed(file, room, 60.0)         # the best commands for this vehicle
 safe = contained(u, file, room)           # any other signal, kept inside by the same rule
 """
 
-from baqueano.identify.design.belief import PlannedBelief, believed
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.plan import Plan, designed
 from baqueano.identify.design.room import Contained, Room, body_radius, contained, room_of
+from baqueano.identify.design.vehicle_cloud import VehicleDistribution, possible_vehicles
 
 __all__ = [
     "Contained",
     "Informant",
     "Plan",
-    "PlannedBelief",
     "Room",
-    "believed",
+    "VehicleDistribution",
     "body_radius",
     "contained",
     "designed",
     "mean_error",
+    "possible_vehicles",
     "room_of",
 ]

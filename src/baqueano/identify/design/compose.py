@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify.design.pieces import moved
+from baqueano.identify.design.motion_library import moved
 from baqueano.identify.design.room import DEVIATIONS, Room, reach
 
 CLOSER = 24  # pieces that are weighed exactly at once, those of the highest bound first

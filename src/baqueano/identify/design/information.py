@@ -24,8 +24,8 @@ from baqueano.identify.parameters.free import (
     described,
     entries,
     frozen_columns,
+    substitute,
     value,
-    with_numbers,
 )
 from baqueano.symbolic import scan
 from baqueano.vehicles.freedoms import kept
@@ -87,10 +87,10 @@ class Informant:
             nu = np.zeros(3)
             for k, i in enumerate(of.start):
                 nu = nu + theta[len(of.paths) + k] * np.eye(3)[i]
-            return with_numbers(blocks, of.paths, theta).model.init(nu=nu)
+            return substitute(blocks, of.paths, theta).model.init(nu=nu)
 
         def step(theta: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
-            there = with_numbers(blocks, of.paths, theta)
+            there = substitute(blocks, of.paths, theta)
             state, motion = there.model.step(state, u, dt_s, np.zeros(3))
             return state, weight * np.concatenate([s.h(motion) for s in there.sensors])
 

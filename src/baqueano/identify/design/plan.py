@@ -20,11 +20,11 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.design.belief import Cloud, PlannedBelief, believed
 from baqueano.identify.design.compose import Composer
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.pieces import MotionPiece, PieceShape, children, drawn, gentler
+from baqueano.identify.design.motion_library import MotionPiece, PieceShape, children, drawn, gentler
 from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contained, first_allowed
+from baqueano.identify.design.vehicle_cloud import Cloud, VehicleDistribution, possible_vehicles
 from baqueano.identify.parallel import each
 from baqueano.language import number
 from baqueano.language import translated as _
@@ -114,7 +114,9 @@ def designed(
     if ticks - rest < rate:
         raise UsageError(fault("design.short", duration_s=duration_s))
     places = max(1, round((ticks - rest) / (PIECE_S * rate)))
-    search = PlanSearch(vehicle_file, room, believed(vehicle_file, vehicles=VEHICLES), places, seed, backend)
+    search = PlanSearch(
+        vehicle_file, room, possible_vehicles(vehicle_file, vehicles=VEHICLES), places, seed, backend
+    )
     search.fill((ticks - rest) // places / rate, limit, (lambda text: False) if say is None else say)
     u, eta = search.driven(ticks, rest)
     if room.margin(eta) < 0.0:
@@ -131,7 +133,7 @@ class PlanSearch:
         self,
         vehicle_file: "VehicleFile",
         room: "Room",
-        belief: PlannedBelief,
+        belief: VehicleDistribution,
         places: int,
         seed: int,
         backend: str,
@@ -143,7 +145,7 @@ class PlanSearch:
             self.cloud = Cloud(vehicle_file, belief.some(SCOUTS), seed, backend)
             told.result()
         self.all = Cloud(vehicle_file, belief, seed, backend)
-        others = believed(vehicle_file, vehicles=VEHICLES, seed=seed + 1)
+        others = possible_vehicles(vehicle_file, vehicles=VEHICLES, seed=seed + 1)
         self.judges = Cloud(vehicle_file, others, seed + 1, backend)
         self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
         self.composer = Composer(room, places, self.informant.of.interest)

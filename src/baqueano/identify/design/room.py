@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.identify.design.belief import Cloud, believed
+from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -182,7 +182,7 @@ def contained(
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
         raise UsageError(fault("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands))
     if cloud is None:
-        cloud = Cloud(vehicle_file, believed(vehicle_file, vehicles=VEHICLES), seed, backend)
+        cloud = Cloud(vehicle_file, possible_vehicles(vehicle_file, vehicles=VEHICLES), seed, backend)
     state, rate = cloud.at(room.start), vehicle_file.rate_hz
     chunk = max(1, round(CHUNK_S * rate))
     out, poses, changed = np.empty_like(u), [], 0

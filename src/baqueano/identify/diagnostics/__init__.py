@@ -12,12 +12,12 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic
 from baqueano.identify.diagnostics import (
-    against_file,
-    axes,
+    channel_map,
+    gain_changes,
+    physical_units,
+    residual_checks,
     samples,
-    stamps,
-    structure,
-    turning,
+    timestamps,
 )
 from baqueano.identify.parallel import each
 from baqueano.runs.run import Run
@@ -26,30 +26,28 @@ if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
     from baqueano.vehicle_file import VehicleFile
 
-__all__ = ["afterwards", "mended", "widened"]
+__all__ = ["clean", "diagnose", "widened"]
 
 
-def mended(
+def clean(
     runs: list[Run], file: "VehicleFile", sensors: dict[str, Tree]
 ) -> tuple[list[Run], tuple[Diagnostic, ...]]:
     """The runs without what is no measurement, cut where time jumps, and what was found."""
 
     def of(run: Run) -> tuple[list[Run], list[Diagnostic]]:
-        pieces, said = stamps.checked(run, file.rate_hz)
-        said += turning.implausible(run, file, sensors)
+        pieces, said = timestamps.checked(run, file.rate_hz)
+        said += physical_units.implausible(run, file, sensors)
         out = []
         for piece in pieces:
-            channels, said_of = _samples(piece, sensors)
-            said += said_of
+            channels, words_of = _samples(piece, sensors)
+            said += words_of
             out.append(channels)
         if len(runs) > 1:
             said = [replace(one, figures={**one.figures, "of_run": run.name}) for one in said]
         return out, said
 
     found = each(of, runs, rows=sum(len(run.t_ns) for run in runs))
-    return [run for mended_runs, _ in found for run in mended_runs], tuple(
-        one for _, said in found for one in said
-    )
+    return [run for cleaned, _ in found for run in cleaned], tuple(one for _, said in found for one in said)
 
 
 def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]:
@@ -61,30 +59,36 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
     return replace(run, sensors=channels) if found else run, found
 
 
-def afterwards(
+def diagnose(
     end: "FinishedFit", sd: np.ndarray, told: np.ndarray
 ) -> tuple[list[Diagnostic], dict[str, float]]:
     """Return all that a finished search leaves to doubt, its data too, with the errors `sd` (p,)
     of θ and the noise `told` (m,) by the file; and by how much each parameter, by path, may be off for it."""
-    problem, theta, kept = end.task.problem, end.found.solution.theta, end.sight.kept
+    problem, theta, identifiable = (
+        end.task.problem,
+        end.found.solution.theta,
+        end.identifiability.mask,
+    )
     s = problem.layout.shared
-    kept = np.concatenate([kept, np.ones(problem.layout.size - len(kept), bool)])  # starts of pieces
+    identifiable = np.concatenate(
+        [identifiable, np.ones(problem.layout.size - len(identifiable), bool)]
+    )  # starts of pieces
 
-    found, before = axes.checked(problem, theta) if np.isfinite(theta).all() else [], list(end.doubts)
+    found, before = channel_map.checked(problem, theta) if np.isfinite(theta).all() else [], list(end.doubts)
     if not {one.code for one in before} & {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}:
-        accused, cleared = turning.against_model(end)
+        accused, cleared = physical_units.against_model(end)
         found += accused
-        before = [one for one in before if not (cleared and one.code == turning.CURVE)]
-    if not (end.found.solution.converged and np.isfinite(theta).all() and kept[:s].any()):
+        before = [one for one in before if not (cleared and one.code == physical_units.CURVE)]
+    if not (end.found.solution.converged and np.isfinite(theta).all() and identifiable[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
         known = {one.code for one in found}
-        found += [one for one in axes.checked(problem, end.task.first) if one.code not in known]
-        return before + axes.with_mount(end, found), {}
+        found += [one for one in channel_map.checked(problem, end.task.first) if one.code not in known]
+        return before + channel_map.with_mount(end, found), {}
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    estimate, sigma = np.where(kept[:s], theta[:s], np.nan), end.found.sigma
-    found += against_file.checked(end.blocks, problem.shape.shared, estimate, sd[:s], told, sigma, labels)
-    left_over, off = structure.checked(end.blocks, problem, theta, kept, sd)
-    return before + axes.with_mount(end, found + left_over), off
+    estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.found.sigma
+    found += gain_changes.checked(end.blocks, problem.shape.shared, estimate, sd[:s], told, sigma, labels)
+    findings_of_residuals, off = residual_checks.checked(end.blocks, problem, theta, identifiable, sd)
+    return before + channel_map.with_mount(end, found + findings_of_residuals), off
 
 
 def widened(cov: np.ndarray, names: Sequence[str], off: Mapping[str, float]) -> np.ndarray:

@@ -30,7 +30,7 @@ from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimi
 from baqueano.identify.parallel import each
 from baqueano.identify.residuals.block_arrow import Evaluation, add, begun, dense, places_of
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
-from baqueano.identify.residuals.simulation import Residuals, kept_kernel
+from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.language import translated as _
 
 FAR = (
@@ -56,7 +56,7 @@ class FloorNoise(NamedTuple):
         return np.concatenate([self.floor, self.sensors])
 
 
-class Likely(NamedTuple):
+class MaximumLikelihood(NamedTuple):
     """The most likely x, and what it is worth."""
 
     solution: Solution  # in x
@@ -92,7 +92,7 @@ class Prediction:
     def __init__(self, simulation: Residuals, blocks: FittedBlocks) -> None:
         self.simulation, self.size = simulation, simulation.size
         self.axes, self.channels = axes_of(blocks.model), sum(simulation.sizes)
-        self.kernel = kept_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
+        self.kernel = cached_kernel(blocks, simulation.shape, simulation.scan.backend, filter_kernel)
 
     def x(self, theta: np.ndarray, noise: FloorNoise | None = None) -> np.ndarray:
         """(θ, v, ½ log q); without noise a still floor and the σ of the simulation."""
@@ -173,7 +173,7 @@ def most_likely(
     held: np.ndarray,
     least: np.ndarray | None = None,
     say: Callable[[str], object] | None = None,
-) -> Likely:
+) -> MaximumLikelihood:
     """The most likely x from the simulation's `theta` (p,), between its bounds and with what it `held` (p,).
 
     No sensor's noise is taken for less than `least` (m,), what its converter and its numbers allow.
@@ -195,7 +195,9 @@ def most_likely(
     sd = np.full(len(x), np.nan)
     kept = np.flatnonzero((inside | (~held & ~floor)) & (np.diagonal(info.bread) > 0.0))
     sd[kept] = np.sqrt(np.diagonal(covariance_of(info, kept)))
-    return Likely(found, theta, noise, sd[floor], info, ratio, before.evaluations + found.evaluations)
+    return MaximumLikelihood(
+        found, theta, noise, sd[floor], info, ratio, before.evaluations + found.evaluations
+    )
 
 
 def tail(ratio: float, degrees: int) -> float:

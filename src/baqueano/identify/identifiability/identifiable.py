@@ -40,30 +40,30 @@ TOUCHED = 0.01  # the same, of one that ends the confusion where it is measured
 LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
 
 
-class Seen(NamedTuple):
+class Identifiability(NamedTuple):
     """What can be told, and what cannot."""
 
-    kept: np.ndarray  # (p,) bool: entries of θ that were told
+    mask: np.ndarray  # (p,) bool: entries of θ that were told
     weak: np.ndarray  # (p,) bool: told, but hardly
-    tied: dict[int, tuple[int, ...]]  # a held entry → the entries that it cannot be told from
+    collinear: dict[int, tuple[int, ...]]  # a held entry → the entries that it cannot be told from
     near: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or held entry → those it is hardly told from
 
 
-def seen(
+def identifiability_of(
     info: Information,
     energy: np.ndarray,
     theta: np.ndarray,
     told: Sequence[Free],
     held: np.ndarray,
     span: np.ndarray | None = None,
-) -> Seen:
+) -> Identifiability:
     """Which entries of θ (p,) the data show, of which those `told` are parameters of the vehicle, first; `held` (p,)
     bool are out of the question already, `span` (p,) is how far apart their bounds are."""
     by_hand = [k < len(told) and told[k].of.measured_by != "" for k in range(len(theta))]
-    kept, tied, near = ~held & (np.diagonal(info.bread) > 0.0), {}, {}
+    identifiable, collinear, near = ~held & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.channels, energy)
-    while kept.any():
-        direction = _unseen_direction(info.bread, kept)
+    while identifiable.any():
+        direction = _unseen_direction(info.bread, identifiable)
         if direction is None:
             break
         part = np.abs(direction) / np.max(np.abs(direction))
@@ -71,32 +71,34 @@ def seen(
         touched, known = np.flatnonzero(part >= TOUCHED), np.diagonal(info.bread)
         rank = [(by_hand[i], round(part[i], 1), -known[i] if i >= len(told) else 0.0) for i in touched]
         out = int(touched[max(range(len(touched)), key=rank.__getitem__)])
-        tied[out] = tuple(i for i in inside if i != out)
-        kept[out] = False
+        collinear[out] = tuple(i for i in inside if i != out)
+        identifiable[out] = False
     of_vehicle = np.arange(len(theta)) < len(told)
     signal = signal if span is None else np.minimum(signal, span)
     scales = np.array([k < len(told) and told[k].of.role == "scale" for k in range(len(theta))])
     signal = np.where(scales, np.minimum(signal, TOLERANCE / BLIND), signal)
     weak = np.zeros(len(theta), bool)
-    while kept.any():
-        index = np.flatnonzero(kept)
+    while identifiable.any():
+        index = np.flatnonzero(identifiable)
         sd = np.sqrt(np.diagonal(covariance_of(info, index)))
         excess = np.where(of_vehicle[index], sd - BLIND * signal[index], -1.0)
         if not np.any(excess > 0.0):
             large = (sd > WEAK_VALUE * np.abs(theta[index])) & (sd > WEAK_SIGNAL * signal[index])
             weak[index] = large & of_vehicle[index]
-            near |= {int(k): _like(info.bread, kept & of_vehicle, int(k)) for k in np.flatnonzero(weak)}
+            near |= {
+                int(k): _like(info.bread, identifiable & of_vehicle, int(k)) for k in np.flatnonzero(weak)
+            }
             break
         relative = sd / np.maximum(signal[index], 1e-9 * sd)
         out = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
-        near[out] = _like(info.bread, kept & of_vehicle, out)
-        kept[out] = False
-    return Seen(kept, weak, tied, near)
+        near[out] = _like(info.bread, identifiable & of_vehicle, out)
+        identifiable[out] = False
+    return Identifiability(identifiable, weak, collinear, near)
 
 
-def _like(A: np.ndarray, kept: np.ndarray, k: int) -> tuple[int, ...]:
+def _like(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
     """The other entries of the direction in which most of the variance of entry k lies."""
-    index = np.flatnonzero(kept)
+    index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
     row = vectors[int(np.searchsorted(index, k))]
@@ -104,9 +106,9 @@ def _like(A: np.ndarray, kept: np.ndarray, k: int) -> tuple[int, ...]:
     return tuple(int(i) for i in index[v >= LOADING * v.max()] if i != k)
 
 
-def _unseen_direction(A: np.ndarray, kept: np.ndarray) -> np.ndarray | None:
+def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | None:
     """v (p,) with C v ≈ 0 among the entries `kept`, or None.  (1)"""
-    index = np.flatnonzero(kept)
+    index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
     if values[0] > SINGULAR * values[-1]:
@@ -123,7 +125,9 @@ def _signal_scale(channels: np.ndarray, energy: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(energy[most] - NOISE_ENERGY, 0.0) / np.maximum(info, 1e-300))
 
 
-def without_the_unseen(task: Task, found: Search, free: Sequence[Free]) -> tuple[Search, Seen, Information]:
+def fix_unidentifiable(
+    task: Task, found: Search, free: Sequence[Free]
+) -> tuple[Search, Identifiability, Information]:
     """The same search with all that the data do not show held where it was; `free` are the first entries of θ."""
     problem = found.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
@@ -139,11 +143,11 @@ def without_the_unseen(task: Task, found: Search, free: Sequence[Free]) -> tuple
             info = info._replace(channels=info.channels * (task.believed == 0.0)[:, None])
         span = (task.high - task.low)[:told]
         span[[k for k, one in enumerate(free) if one.path == DELAY]] = np.inf
-        sight = seen(info, energy(problem, theta), theta[:told], free, held, span)
-        ties |= sight.tied
-        if np.array_equal(~sight.kept, held):
-            return found, sight._replace(tied=ties), info
-        held = ~sight.kept
+        identifiability = identifiability_of(info, energy(problem, theta), theta[:told], free, held, span)
+        ties |= identifiability.collinear
+        if np.array_equal(~identifiability.mask, held):
+            return found, identifiability._replace(collinear=ties), info
+        held = ~identifiability.mask
         still = np.concatenate([held, np.zeros(problem.size - told, bool)])
         again = search(task, np.where(still, task.first, theta), still, found)
         found = again._replace(evaluations=found.evaluations + again.evaluations)
@@ -182,7 +186,7 @@ class FinishedFit(NamedTuple):
     wanted: list[Free]  # (p,) all parameters that were asked for
     frozen: list[int]  # those whose command never moved; they are not in θ
     found: Search
-    sight: Seen
+    identifiability: Identifiability
     info: Information
     said: Diagnostic | None = None  # what was done before the search
     doubts: tuple[Diagnostic, ...] = ()  # about the data

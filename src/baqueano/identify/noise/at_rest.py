@@ -37,7 +37,7 @@ BURST = 0.5  # of the median step: stamps whose steps scatter by more come in bu
 TEMPERATURE = "temperature"
 
 
-class Still(NamedTuple):
+class ChannelAtRest(NamedTuple):
     """One channel of one sensor at rest, in the sensor's unit."""
 
     sensor: str
@@ -61,7 +61,7 @@ class AtRest:
 
     run: str
     duration_s: float
-    channels: tuple[Still, ...]
+    channels: tuple[ChannelAtRest, ...]
     doubts: tuple[Diagnostic, ...]
 
     @property
@@ -176,13 +176,13 @@ def _standing(run: "Run") -> tuple[int, int]:
 
 def _still(
     name: str, entry: int, t_ns: np.ndarray, y: np.ndarray, rate: float, warmth: "Channel | None"
-) -> Still:
+) -> ChannelAtRest:
     curve = allan(y, rate)
     changes = np.abs(np.diff(np.unique(y)))
     slope, slope_sd = _over_temperature(t_ns, y, warmth)
     second = max(1, round(rate))
     over_1s = float(allan(y, rate, np.array([second])).deviation[0]) if 2 * second <= len(y) else None
-    return Still(
+    return ChannelAtRest(
         name, entry, len(y), rate, float(np.mean(y)), float(curve.deviation[-1]), float(np.std(y, ddof=1)),
         float(changes.min()) if len(changes) else 0.0, curve, coefficients(curve), over_1s,
         slope, slope_sd,
@@ -224,7 +224,7 @@ def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[Dia
     return out
 
 
-def _of_imu(path: str, said: dict[int, Still]) -> "JsonObject":
+def _of_imu(path: str, said: dict[int, ChannelAtRest]) -> "JsonObject":
     """Values of an IMU from its three channels: noise of one sample, and the walk where it is seen."""
     walk = [float(said[k].coefficients.value[2]) if said[k].coefficients.seen[2] else 0.0 for k in range(3)]
     return {

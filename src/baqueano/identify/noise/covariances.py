@@ -32,11 +32,11 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import COLOUR
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import standing
-from baqueano.identify.noise.accepted import Accepted, accepted
+from baqueano.identify.noise.acceptance import Accepted, accepted
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_errors
-from baqueano.identify.noise.not_fitted import not_fitted
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
+from baqueano.identify.noise.unfitted_channels import not_fitted
 from baqueano.identify.result.fit_result import Fit
 from baqueano.language import number
 from baqueano.language import translated as _
@@ -151,7 +151,7 @@ def measure_noise(
 
     `source` of R: "truth" of a simulation, "innovations", or "auto", the first where there is one. `held_out`, runs
     that the fit has not seen, decide which accelerometers may correct the speed (speed_channels.py), and if the noise
-    is true (accepted.py). UsageError for
+    is true (acceptance.py). UsageError for
     another source, or a truth that no run holds.
 
     >>> from baqueano.identify import identify
@@ -227,7 +227,7 @@ def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnost
 def _measurement(
     fit: Fit, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
-    """Q of each sensor, in motion and at rest: (1), and not_fitted.py where a channel took no part."""
+    """Q of each sensor, in motion and at rest: (1), and unfitted_channels.py where a channel took no part."""
     moving: dict[str, np.ndarray] = {}
     still: dict[str, np.ndarray | None] = {}
     for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():

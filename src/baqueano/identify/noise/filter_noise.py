@@ -13,7 +13,7 @@ the noise of the file; of the misfit it shows the size, not over which time it f
 as those of a counter, have σ² ≥ step²/12.
 With an IMU alone no number that corrects shows the misfit of the speed. Then (3) takes it from the accelerometer ahead,
 whose residuals hold it beside white noise. Where wheels show it, what the accelerometer does not feel is slip and
-not a misfit (felt_misfit.py). A model may go beside its heading, and nothing on board shows if the vehicle
+not a misfit (accelerometer_misfit.py). A model may go beside its heading, and nothing on board shows if the vehicle
 does: course_std is at least that angle.
 """
 
@@ -27,7 +27,7 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented.state import FORWARD, TURNING, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.identify.noise.felt_misfit import accelerometer_ahead, felt_part
+from baqueano.identify.noise.accelerometer_misfit import accelerometer_ahead, felt_part
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.run import Run
@@ -127,7 +127,7 @@ def _crab_rad(fit: "Fit") -> float:
 
 
 def _with_felt_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """The filter without that part of the misfit of the speed which is slip of wheels.  felt_misfit.py"""
+    """The filter without that part of the misfit of the speed which is slip of wheels.  accelerometer_misfit.py"""
     part = np.sqrt(felt_part(ekf, fit, inertial))
     for path, low, _ in (OF_FORWARD[0], OF_FORWARD[2]):
         ekf = put(ekf, path, max(low, float(part * get(ekf, path))))

@@ -175,7 +175,7 @@ def _size(fit: "Fit", run: Run) -> np.ndarray:
     return np.maximum(np.sqrt(np.mean(np.asarray(mu) ** 2, axis=0)), 1e-6)
 
 
-class Before(NamedTuple):
+class PredictionState(NamedTuple):
     """State of the prediction."""
 
     drivetrain: Tree
@@ -188,7 +188,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
     vehicle = fit.blocks.model
     n = vehicle.commands
 
-    def step(before: Before, row: np.ndarray) -> tuple[Before, np.ndarray]:
+    def step(before: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:
         dt_s, u, eta, nu, nu_dot = (
             row[0],
             row[1 : 1 + n],
@@ -198,9 +198,11 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
         )
         drivetrain, effort = vehicle.drivetrain.step(before.drivetrain, u, dt_s)
         g = predicted(vehicle, mode, fading_s, eta, nu, nu_dot, before.effort, effort, dt_s)
-        return Before(drivetrain, effort.last), g
+        return PredictionState(drivetrain, effort.last), g
 
-    kernel = scan(step, Before(vehicle.drivetrain.init(), np.zeros(n)), np.zeros(10 + n), backend=backend)
+    kernel = scan(
+        step, PredictionState(vehicle.drivetrain.init(), np.zeros(n)), np.zeros(10 + n), backend=backend
+    )
     errors, states = [], []
     for run in runs:
         rows, mu = _rows(run)

@@ -68,10 +68,10 @@ class Free(NamedTuple):
     @property
     def shown_by(self) -> str:
         """The motion that shows it; "" if nobody says."""
-        return said_of(self.of.shown_by, self.entry)
+        return words_of(self.of.shown_by, self.entry)
 
 
-def said_of(words: Words, entry: tuple[int, ...]) -> str:
+def words_of(words: Words, entry: tuple[int, ...]) -> str:
     """The words of one entry."""
     if not entry:
         return words if isinstance(words, str) else words[0]
@@ -129,14 +129,14 @@ def described(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float,
     return Free(path, unit, max(low, p.low), min(high, p.high), p, index)
 
 
-def chosen(
+def free_parameters(
     blocks: FittedBlocks,
     free: Iterable[str] | None,
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
 ) -> list[Free]:
     """The free numbers, in order and once each; none if `free` is empty: then only what belongs to a run."""
-    paths = [p for path in asked(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
+    paths = [p for path in requested_paths(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
     out = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:
         entries(blocks, path)
@@ -146,14 +146,14 @@ def chosen(
     return [described(blocks, p, bounds) for p in kept]
 
 
-def asked(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
+def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
     """The paths that are asked for: what is `needed` if nothing is named, or only what stands beside it."""
     named = ["+"] if free is None else list(free)
     beside = [path.removeprefix("+") for path in named if path not in ("", "+")]
     return [*needed(), *beside] if named and all(path.startswith("+") for path in named) else beside
 
 
-def with_room(
+def enable_parameters(
     blocks: FittedBlocks, free: list[Free], rate_hz: float, u: np.ndarray, slots: Callable[[float], int]
 ) -> tuple[FittedBlocks, list[Free]]:
     """The blocks with what the free numbers need to be seen, and the bounds that this sets; u (N, n) are all
@@ -188,9 +188,11 @@ def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[
     """The most that each friction may be, alone or with the others of its axis that are free."""
     there, out = kept(blocks.model), {}
     room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, there), 0.0)
-    asked = {path.partition("[")[0] for path in paths}
-    asked = {k for k, p in all_parameters(blocks.model, "model") if k in asked and p.role != "known"}
-    free = {path: slope for path, slope in slopes(blocks.model, asked, there) if path in paths}
+    requested_paths = {path.partition("[")[0] for path in paths}
+    requested_paths = {
+        k for k, p in all_parameters(blocks.model, "model") if k in requested_paths and p.role != "known"
+    }
+    free = {path: slope for path, slope in slopes(blocks.model, requested_paths, there) if path in paths}
     for i in range(3):
         here = [path for path, slope in free.items() if slope[i] > 0.0]
         for path in here:
@@ -254,7 +256,7 @@ def _raised(one: Free, low: float) -> Free:
     return one._replace(low=max(one.low, low))
 
 
-def with_numbers(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
+def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
     """The blocks with other numbers at `paths`; they may be traced. No range is checked here."""
     for k, path in enumerate(paths):
         blocks = put(blocks, path, numbers[k])

@@ -27,11 +27,11 @@ from baqueano.identify.parameters.free import (
     Free,
     acts_alone,
     described,
+    enable_parameters,
     entries,
     frozen_columns,
+    substitute,
     value,
-    with_numbers,
-    with_room,
 )
 from baqueano.printable import typed
 from baqueano.runs.run import Run
@@ -55,7 +55,9 @@ class Shape(NamedTuple):
     shared: tuple[str, ...]  # paths that all runs share
     own: tuple[str, ...]  # paths that each run has for itself: biases
     start: tuple[int, ...]  # entries of STARTS that are free
-    early: tuple[bool, ...]  # per sensor, whether its stamps lie between ticks, or its clock is free
+    sample_fraction: tuple[
+        bool, ...
+    ]  # per sensor, whether its stamps lie between ticks, or its clock is free
     clocks: tuple[str, ...] = ()  # sensors whose clock is free
     slots: int = 0  # rows before the newest that these need
     volts: bool = False  # whether rows end with the battery's voltage
@@ -110,7 +112,7 @@ def unknowns(
     frozen = frozen_columns(list(wanted), u)
     if (wanted and len(frozen) == len(wanted)) or not np.any(u):
         raise UsageError(fault("runs.all-still", typed("runs", "calibrate", runs[0].name)))
-    blocks, wanted = with_room(blocks, list(wanted), rate_hz, u, past_of(runs))
+    blocks, wanted = enable_parameters(blocks, list(wanted), rate_hz, u, past_of(runs))
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
     free = [one for k, one in enumerate(wanted) if k not in frozen]
     shape = shape_of(blocks, free, records, options)
@@ -166,7 +168,10 @@ def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
     if not np.any(record.u[0]) or ends[-1] < 2.0 * late_s:
         return record
     known = (ends > late_s * (1.0 + 1e-9))[:, None]
-    sensors = {name: Measured(z, has * known, early) for name, (z, has, early) in record.sensors.items()}
+    sensors = {
+        name: Measured(z, has * known, sample_fraction)
+        for name, (z, has, sample_fraction) in record.sensors.items()
+    }
     return record._replace(sensors=sensors)
 
 
@@ -192,10 +197,12 @@ def shape_of(
     start = () if options.at_rest and not pieces else kept(blocks.model)
     if any(tells_pose(sensor) for sensor in blocks.sensors):
         start += (3, 4, 5)
-    early = tuple(any(r.sensors[name].early is not None for r in records) for name in names)
+    sample_fraction = tuple(
+        any(r.sensors[name].sample_fraction is not None for r in records) for name in names
+    )
     slots = max(slots_for(record.dt_s) for record in records) if options.clocks else 0
     volts = any(VOLTAGE in record.sensors for record in records)
-    return Shape(paths, tuple(own), start, early, tuple(options.clocks), slots, volts)
+    return Shape(paths, tuple(own), start, sample_fraction, tuple(options.clocks), slots, volts)
 
 
 def first_theta(
@@ -264,7 +271,7 @@ def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray
     paths = (*shape.shared, *shape.own)
 
     def start(theta: np.ndarray) -> Any:
-        there = with_numbers(blocks, paths, theta)
+        there = substitute(blocks, paths, theta)
         given = np.zeros(len(STARTS))
         for k, i in enumerate(shape.start):
             given = given + theta[shape.size - len(shape.start) + k] * np.eye(len(STARTS))[i]
@@ -286,7 +293,7 @@ def beginning(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], tupl
     vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own)
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
-        there, vehicle = with_numbers(blocks, paths, theta), vehicle_at(theta)
+        there, vehicle = substitute(blocks, paths, theta), vehicle_at(theta)
         motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, there.model.gravity(vehicle.eta[2]))
         return vehicle, tuple(begun(sensor, sensor.h(motion)) for sensor in there.sensors)
 

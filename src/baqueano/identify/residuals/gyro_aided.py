@@ -24,10 +24,10 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
-from baqueano.identify.parameters.free import DELAY, with_numbers
+from baqueano.identify.parameters.free import DELAY, substitute
 from baqueano.identify.parameters.setup import Shape, beginning, example, vehicle_at_start
 from baqueano.identify.residuals.noise_level import MAD, profile_of_slow
-from baqueano.identify.residuals.simulation import Residuals, kept_kernel
+from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal, low_pass_s, shown
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
@@ -42,7 +42,7 @@ GAIN = 2.0
 FEWEST = 64  # rows of a piece, below which the gyro leads alone
 
 
-class GuidedMotion(NamedTuple):
+class GyroAidedState(NamedTuple):
     """What the two simulations carry."""
 
     led: Tree  # by the gyro
@@ -59,7 +59,7 @@ class GyroAidedResiduals(Residuals):
     ) -> None:
         records = [_after_the_start(record, blocks, DELAY in shape.shared) for record in records]
         super().__init__(blocks, shape, records, backend)
-        self.scan = kept_kernel(blocks, shape, backend, _traced)
+        self.scan = cached_kernel(blocks, shape, backend, _traced)
         imu = self.names[0]
         self._rows = [
             _led(rows, record, imu, blocks) for rows, record in zip(self._rows, records, strict=True)
@@ -82,7 +82,7 @@ class GyroAidedResiduals(Residuals):
     def _said(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece (N, 3): ν_x of the model that is led, and the gyro and its slope by the commands."""
         if self._speeds is None:
-            self._speeds = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced_said)
+            self._speeds = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_said)
         return [
             np.asarray(self._speeds.run(rows, theta[index])[1])
             for rows, index in zip(self._rows, self._index, strict=True)
@@ -112,20 +112,24 @@ def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: boo
     late_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
     late_s += SETTLED * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
     sensors = {}
-    for name, (z, has, early) in record.sensors.items():
-        sensors[name] = Measured(z, has * (np.cumsum(record.dt_s) > late_s)[:, None], early)
+    for name, (z, has, sample_fraction) in record.sensors.items():
+        sensors[name] = Measured(z, has * (np.cumsum(record.dt_s) > late_s)[:, None], sample_fraction)
     return record._replace(sensors=sensors)
 
 
 def _led(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
     """The rows (N, q) with ω_z and its slope, as they were at the end of each."""
-    z, has, early = record.sensors[imu]
+    z, has, sample_fraction = record.sensors[imu]
     there = has[:, 2] > 0.0
     if np.sum(there) < 2:
         raise UsageError(fault("led.silent-gyro", run=record.name))
     block = blocks.sensors[0]
     late_s = float(block.delay_s) + float(low_pass_s(block))
-    t_s = record.t_s - late_s if early is None else record.t_s - late_s - early * record.dt_s
+    t_s = (
+        record.t_s - late_s
+        if sample_fraction is None
+        else record.t_s - late_s - sample_fraction * record.dt_s
+    )
     omega = np.interp(record.t_s, t_s[there], z[there, 2])
     slope = np.gradient(omega, np.cumsum(record.dt_s))
     out = np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
@@ -135,14 +139,14 @@ def _led(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) ->
 
 def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
-    at_start, early = beginning(blocks, shape), shape.early[0]
+    at_start, sample_fraction = beginning(blocks, shape), shape.sample_fraction[0]
 
-    def start(theta: np.ndarray) -> GuidedMotion:
+    def start(theta: np.ndarray) -> GyroAidedState:
         vehicle, (signal,) = at_start(theta)
-        return GuidedMotion(vehicle, vehicle, (signal, signal), np.zeros(3 if early else 0))
+        return GyroAidedState(vehicle, vehicle, (signal, signal), np.zeros(3 if sample_fraction else 0))
 
-    def step(theta: np.ndarray, state: GuidedMotion, row: np.ndarray) -> tuple[GuidedMotion, np.ndarray]:
-        there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
+    def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
+        there = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
         imu = there.sensors[0]
         at = with_speed(there.model, state.free.nu, state.led.nu[0])
         free, motion = there.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
@@ -150,8 +154,8 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         of_led, accel = shown(imu, state.signals[0], felt, row[0])
         of_free, gyro = shown(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
-        said = h + row[7 + n] * (state.before - h) if early else h
-        moving = GuidedMotion(led, free, (of_led, of_free), h if early else state.before)
+        said = h + row[7 + n] * (state.before - h) if sample_fraction else h
+        moving = GyroAidedState(led, free, (of_led, of_free), h if sample_fraction else state.before)
         return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - said)
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
@@ -167,7 +171,7 @@ def _traced_said(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return at_start(theta), at_start(theta)
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        there = at_voltage(with_numbers(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        there = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
         imu, led, free = there.sensors[0], *state
         at = with_speed(there.model, free.nu, led.nu[0])
         free, motion = there.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
@@ -214,7 +218,7 @@ def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
     return model.init(nu=np.array([v, nu[1], nu[2]])).nu
 
 
-def can_be_led(blocks: FittedBlocks) -> bool:
+def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
     """Whether there is an IMU and nothing else, on a vehicle with a velocity of its own."""
     only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
     return only and optional.of(blocks.model, "turning_arm_m") is not None
@@ -222,7 +226,7 @@ def can_be_led(blocks: FittedBlocks) -> bool:
 
 def _width(shape: Shape, n: int) -> int:
     """q: entries of a row with `n` commands."""
-    return 7 + n + sum(shape.early) + shape.volts + EXTRA
+    return 7 + n + sum(shape.sample_fraction) + shape.volts + EXTRA
 
 
 def slow_part(e: np.ndarray) -> np.ndarray:

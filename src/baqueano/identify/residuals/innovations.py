@@ -22,7 +22,7 @@ from baqueano.estimators.covariance import mirrored
 from baqueano.estimators.kalman import correct, moved
 from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parameters.free import value, with_numbers
+from baqueano.identify.parameters.free import substitute, value
 from baqueano.identify.parameters.setup import Shape, beginning
 from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
 from baqueano.signals import ByName, Motion
@@ -36,7 +36,7 @@ GATE = 4.0  # G of (3): the gate of the other filter, made smooth
 UNSEEN = 1e-9  # a slope below which a sensor does not show the pose
 
 
-class Filtering(NamedTuple):
+class FilterState(NamedTuple):
     """What the filter carries."""
 
     vehicle: VehicleState
@@ -84,17 +84,17 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, axes = sum(sizes), (*shape.shared, *shape.own), axes_of(blocks.model)
-    size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.early) + shape.volts
+    size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.sample_fraction) + shape.volts
 
     start_of = beginning(blocks, shape)
 
-    def start(theta: np.ndarray) -> Filtering:
+    def start(theta: np.ndarray) -> FilterState:
         vehicle, signals = start_of(theta[: shape.size])
-        before = tuple(np.zeros(k if e else 0) for k, e in zip(sizes, shape.early, strict=True))
-        return Filtering(vehicle, np.zeros((size, size)), signals, before)
+        before = tuple(np.zeros(k if e else 0) for k, e in zip(sizes, shape.sample_fraction, strict=True))
+        return FilterState(vehicle, np.zeros((size, size)), signals, before)
 
-    def step(theta: np.ndarray, state: Filtering, row: np.ndarray) -> tuple[Filtering, np.ndarray]:
-        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
+    def step(theta: np.ndarray, state: FilterState, row: np.ndarray) -> tuple[FilterState, np.ndarray]:
+        there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
         noise = theta[shape.size :]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         drivetrain, effort = there.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
@@ -103,10 +103,10 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         y, H = weight * np.concatenate(gaps), weight[:, None] * np.concatenate(slopes)
         seen = np.where(weight > 0.0, 1.0, 0.0)
         found = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
-        signals, before = _remembered(lines, slopes, found.move, shape.early)
+        signals, before = _remembered(lines, slopes, found.move, shape.sample_fraction)
         eta, nu = _moved(ahead, found.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
-        return Filtering(vehicle, found.cov, signals, before), np.concatenate(
+        return FilterState(vehicle, found.cov, signals, before), np.concatenate(
             [found.e, seen * np.log(found.s)]
         )
 
@@ -116,7 +116,7 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def _predicted(
-    model: Tree, state: Filtering, effort: Effort, dt_s: Value, v: dict[int, Any]
+    model: Tree, state: FilterState, effort: Effort, dt_s: Value, v: dict[int, Any]
 ) -> tuple[PredictedState, np.ndarray]:
     """The vehicle one row on, and P̄ (n, n).  (1)"""
     before = state.vehicle
@@ -142,9 +142,9 @@ def _predicted(
 def _innovated(
     sensors: ByName[Tree],
     ahead: PredictedState,
-    state: Filtering,
+    state: FilterState,
     z: np.ndarray,
-    early: np.ndarray,
+    sample_fraction: np.ndarray,
     dt_s: Value,
     shape: Shape,
 ) -> tuple[list[Any], list[Any], list[Any]]:
@@ -153,8 +153,8 @@ def _innovated(
     for k, sensor in enumerate(sensors):
         signal, seen = shown(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
         h = signal.smooth if len(signal.smooth) else sensor.h(ahead.motion(ahead.mean))
-        if shape.early[k]:
-            seen = seen + early[turn] * difference(sensor, state.before[k], seen)
+        if shape.sample_fraction[k]:
+            seen = seen + sample_fraction[turn] * difference(sensor, state.before[k], seen)
             turn += 1
         gaps.append(difference(sensor, z[at : at + sensor.size], seen))
         slope = jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean)
@@ -193,10 +193,12 @@ def _moved(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndar
     return x[:3], x[3:]
 
 
-def _remembered(lines: list[Any], slopes: list[Any], move: np.ndarray, early: tuple[bool, ...]) -> Any:
+def _remembered(
+    lines: list[Any], slopes: list[Any], move: np.ndarray, sample_fraction: tuple[bool, ...]
+) -> Any:
     """The signals and h of this row, corrected too."""
     signals, before = [], []
-    for (signal, h), slope, needed in zip(lines, slopes, early, strict=True):
+    for (signal, h), slope, needed in zip(lines, slopes, sample_fraction, strict=True):
         now = h + slope @ move
         past = np.concatenate([now[None, :], signal.past[1:]]) if signal.past.shape[0] else signal.past
         signals.append(signal._replace(past=past, smooth=now if len(signal.smooth) else signal.smooth))

@@ -72,7 +72,7 @@ def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequen
     return np.maximum(steps / np.sqrt(12.0), np.maximum(SMALLEST * largest, 1e-12))
 
 
-def believed(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
+def sigma_of_few(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
     """(m,) σ of the sensors' own covariance for channels with FEW measurements or less; 0 for the others."""
     count = np.sum([there.sum(axis=0) for there in has], axis=0)
     own = [

@@ -28,7 +28,7 @@ from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import ThetaLayout
 from baqueano.identify.parallel import each
-from baqueano.identify.parameters.free import with_numbers
+from baqueano.identify.parameters.free import substitute
 from baqueano.identify.parameters.setup import Shape, beginning, example, shown_by, vehicle_at_start
 from baqueano.identify.residuals.block_arrow import Evaluation, add, places_of
 from baqueano.identify.residuals.block_arrow import begun as begun_arrow
@@ -47,7 +47,7 @@ _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 K = TypeVar("K")
 
 
-class Moving(NamedTuple):
+class SimulationState(NamedTuple):
     """What the simulation carries."""
 
     vehicle: Tree
@@ -74,7 +74,7 @@ class Residuals:
         self.shape, self.records = shape, tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
-        self.scan = kept_kernel(blocks, shape, backend, _traced, self.difference)
+        self.scan = cached_kernel(blocks, shape, backend, _traced, self.difference)
         self._blocks, self._speeds = blocks, None
         self._rows = each(
             lambda record: _rows(record, self.names, shape),
@@ -247,7 +247,7 @@ class Residuals:
         plain = self.difference is Residuals.difference
         kernel = self.scan
         if not plain:
-            kernel = kept_kernel(self._blocks, self.shape, self.scan.backend, _traced, Residuals.difference)
+            kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced, Residuals.difference)
 
         def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
             rows = _filled(rows, self._weights, 1.0)
@@ -282,15 +282,17 @@ def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
     """(N, q): dt, u, z of all sensors, W of all sensors, early of those that need it."""
     said = [record.sensors[name] for name in names]
     columns = [record.dt_s[:, None], record.u, *(s.z for s in said), *(s.has for s in said)]
-    for s, needed in zip(said, shape.early, strict=True):
+    for s, needed in zip(said, shape.sample_fraction, strict=True):
         if needed:
-            columns.append(np.zeros((len(record.dt_s), 1)) if s.early is None else s.early[:, None])
+            columns.append(
+                np.zeros((len(record.dt_s), 1)) if s.sample_fraction is None else s.sample_fraction[:, None]
+            )
     if shape.volts:
         columns.append(record.sensors[VOLTAGE].z)
     return np.ascontiguousarray(np.concatenate(columns, axis=1))
 
 
-def kept_kernel(
+def cached_kernel(
     blocks: FittedBlocks, shape: Shape, backend: str, traced: Callable[..., K], *more: Callable[..., object]
 ) -> K:
     """Return `traced(blocks, shape, backend, *more)`, kept for the next fit of that structure and those numbers."""
@@ -313,17 +315,23 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable
 
     at_start = beginning(blocks, shape)
 
-    def start(theta: np.ndarray) -> Moving:
+    def start(theta: np.ndarray) -> SimulationState:
         vehicle, signals = at_start(theta)
-        kinds = list(zip(sizes, shape.early, free_clock, strict=True))
+        kinds = list(zip(sizes, shape.sample_fraction, free_clock, strict=True))
         before = tuple(np.zeros(k if e and not c else 0) for k, e, c in kinds)
         lines = tuple(np.zeros((shape.slots if c else 0, k)) for k, _, c in kinds)
-        return Moving(vehicle, signals, before, lines, np.zeros(shape.slots))
+        return SimulationState(vehicle, signals, before, lines, np.zeros(shape.slots))
 
-    def step(theta: np.ndarray, state: Moving, row: np.ndarray) -> tuple[Moving, np.ndarray]:
-        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
+    def step(
+        theta: np.ndarray, state: SimulationState, row: np.ndarray
+    ) -> tuple[SimulationState, np.ndarray]:
+        there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
         dt_s, u = row[0], row[1 : 1 + n]
-        z, weight, early = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m], row[1 + n + 2 * m :]
+        z, weight, sample_fraction = (
+            row[1 + n : 1 + n + m],
+            row[1 + n + m : 1 + n + 2 * m],
+            row[1 + n + 2 * m :],
+        )
         vehicle, motion = there.model.step(state.vehicle, u, dt_s, np.zeros(3))
         felt, signals = shown_by(there.sensors, state.signals, motion, dt_s)
         steps_s = with_newest(state.steps_s, dt_s)
@@ -333,18 +341,18 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable
             if free_clock[k]:
                 offset_s = theta[len(paths) + shape.clocks.index(names[k])]
                 minus = partial(difference, sensor)
-                h = read(h, state.lines[k], steps_s, early[turn] - offset_s, minus)
-            elif shape.early[k]:
-                h = h + early[turn] * difference(sensor, state.before[k], h)
-            turn += shape.early[k]
+                h = read(h, state.lines[k], steps_s, sample_fraction[turn] - offset_s, minus)
+            elif shape.sample_fraction[k]:
+                h = h + sample_fraction[turn] * difference(sensor, state.before[k], h)
+            turn += shape.sample_fraction[k]
             before.append(felt[k] if len(state.before[k]) else state.before[k])
             lines.append(with_newest(state.lines[k], felt[k]))
             span = slice(at, at + sizes[k])
             out.append(weight[span] * residual(sensor, z[span], h))
             at += sizes[k]
-        return Moving(vehicle, signals, tuple(before), tuple(lines), steps_s), np.concatenate(out)
+        return SimulationState(vehicle, signals, tuple(before), tuple(lines), steps_s), np.concatenate(out)
 
-    q = 1 + n + 2 * m + sum(shape.early) + shape.volts
+    q = 1 + n + 2 * m + sum(shape.sample_fraction) + shape.volts
     return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 
@@ -353,11 +361,11 @@ def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
-        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
+        there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
         state, motion = there.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
         return state, motion.nu[0]
 
-    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.early) + shape.volts
+    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.sample_fraction) + shape.volts
     return scan(step, moving, np.zeros(q), example(blocks, shape), backend=backend)
 
 

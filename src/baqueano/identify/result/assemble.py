@@ -11,16 +11,16 @@ from baqueano.identify.covariance.information import COLOUR, covariance_of, inve
 from baqueano.identify.covariance.jackknife import jackknife, no_smaller
 from baqueano.identify.data.added_channels import MOUNT, TRUTH
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import afterwards, widened
+from baqueano.identify.diagnostics import diagnose, widened
 from baqueano.identify.identifiability.advice import missing_command, unobservable, weakly
 from baqueano.identify.identifiability.identifiable import FinishedFit, one_mean
 from baqueano.identify.parallel import each
-from baqueano.identify.parameters.free import DELAY, Free, value, with_numbers
+from baqueano.identify.parameters.free import DELAY, Free, substitute, value
 from baqueano.identify.parameters.setup import STARTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
-from baqueano.identify.result.to_vehicle_file import better_known, envelope_of
-from baqueano.identify.result.verdict import Evidence, judge, noted
+from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
+from baqueano.identify.result.verdict import Evidence, noted, verdict_of
 
 if TYPE_CHECKING:
     pass
@@ -38,7 +38,7 @@ class VerdictBasis(NamedTuple):
     never: tuple[Diagnostic, ...]  # what the vehicle can never show
 
 
-def known_of(end: FinishedFit) -> VerdictBasis:
+def verdict_basis(end: FinishedFit) -> VerdictBasis:
     """Return all that a verdict on a finished search rests on."""
     cov = _covariance(end)
     sd = np.sqrt(np.diagonal(cov))
@@ -49,10 +49,10 @@ def known_of(end: FinishedFit) -> VerdictBasis:
     return VerdictBasis(cov, off, evidence, np.where(far, evidence.bound, 0), never)
 
 
-def only_coloured(known: VerdictBasis) -> bool:
+def only_autocorrelated(known: VerdictBasis) -> bool:
     """Return whether colour and size of the residuals are all that speaks against a fit."""
     doubted = known.evidence._replace(bound=known.held_back)
-    return judge(doubted)[0] == Verdict.WARN and judge(_explained(doubted))[0] == Verdict.USABLE
+    return verdict_of(doubted)[0] == Verdict.WARN and verdict_of(_explained(doubted))[0] == Verdict.USABLE
 
 
 def _explained(evidence: Evidence) -> Evidence:
@@ -63,10 +63,10 @@ def _explained(evidence: Evidence) -> Evidence:
 
 def fit_of(end: FinishedFit, known: VerdictBasis | None = None) -> Fit:
     """Return the Fit of a finished search, of which all may be `known` already."""
-    known = known_of(end) if known is None else known
+    known = verdict_basis(end) if known is None else known
     problem, solution = end.task.problem, end.found.solution
     evidence = _explained(known.evidence) if end.floor else known.evidence
-    verdict, reasons = judge(evidence._replace(bound=known.held_back))
+    verdict, reasons = verdict_of(evidence._replace(bound=known.held_back))
     s = len(problem.shape.shared)
     shared_cov = widened(_spread_out(end, known.cov[:s, :s]), evidence.names, known.off)
     own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(known.cov)))
@@ -99,14 +99,14 @@ def fit_of(end: FinishedFit, known: VerdictBasis | None = None) -> Fit:
         blocks=_fitted(end),
         envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, end.file.command.names),
     )
-    return replace(fit, notes=(*fit.notes, *(one.message for one in better_known(fit))))
+    return replace(fit, notes=(*fit.notes, *(one.message for one in kept_priors(fit))))
 
 
 def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
     """All diagnostics of the fit, and by how much they say that parameters are off."""
     if not end.ask or end.found.stopped or _stopped(end, "asking what is not in the model"):
         return end.doubts, {}
-    found, off = afterwards(end, sd, believed_of(end.blocks))
+    found, off = diagnose(end, sd, sigma_of_file(end.blocks))
     return tuple(found), off
 
 
@@ -116,29 +116,29 @@ def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     s, solution = end.task.problem.layout.shared, end.found.solution
     if not end.ask or end.found.stopped:
         return np.full(s, np.inf)
-    kept, out = np.flatnonzero(end.sight.kept), np.zeros(s)
-    g = solution.at.gradient[kept]
-    if solution.converged and len(kept) and np.isfinite(g).all():
-        moves = np.abs(inverse(end.info.bread[np.ix_(kept, kept)]) @ g) / sd[kept]
-        out[kept[kept < s]] = moves[kept < s]
+    identifiable, out = np.flatnonzero(end.identifiability.mask), np.zeros(s)
+    g = solution.at.gradient[identifiable]
+    if solution.converged and len(identifiable) and np.isfinite(g).all():
+        moves = np.abs(inverse(end.info.bread[np.ix_(identifiable, identifiable)]) @ g) / sd[identifiable]
+        out[identifiable[identifiable < s]] = moves[identifiable < s]
     return out
 
 
 def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Diagnostic, ...]) -> Evidence:
     """What the verdict is judged by."""
     solution, s = end.found.solution, len(end.task.problem.shape.shared)
-    kept = end.sight.kept[:s]
+    identifiable = end.identifiability.mask[:s]
     return Evidence(
         tuple(one.path for one in end.wanted),
-        _placed(end, np.where(kept, solution.theta[:s], np.nan), np.nan),
-        _placed(end, np.where(kept, solution.bound[:s], 0), 0).astype(int),
-        _placed(end, end.sight.weak[:s], False).astype(bool),
+        _placed(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
+        _placed(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
+        _placed(end, end.identifiability.weak[:s], False).astype(bool),
         len(end.frozen),
         unseen,
         _channels(end.task.problem, solution.theta, end.found.sigma, end.info.colour),
         solution.converged,
         end.info.colour,
-        None if end.task.given is not None else believed_of(end.blocks),
+        None if end.task.given is not None else sigma_of_file(end.blocks),
         doubts,
         _weakly(end),
         _moving(end),
@@ -153,17 +153,21 @@ def _stopped(end: FinishedFit, text: str) -> bool:
 
 def _covariance(end: FinishedFit) -> np.ndarray:
     """Of θ (p, p), NaN for what was held."""
-    kept = np.flatnonzero(end.sight.kept)
-    full = np.full((len(end.sight.kept), len(end.sight.kept)), np.nan)
-    if len(kept):
-        cov = covariance_of(end.info, kept)
+    identifiable = np.flatnonzero(end.identifiability.mask)
+    full = np.full((len(end.identifiability.mask), len(end.identifiability.mask)), np.nan)
+    if len(identifiable):
+        cov = covariance_of(end.info, identifiable)
         if not end.filtered:  # the innovations of a filter are white
             problem, theta = end.task.problem, end.found.solution.theta
-            k = int(np.sum(kept < problem.layout.shared))
+            k = int(np.sum(identifiable < problem.layout.shared))
             for by_piece in (False, True):
-                blocks = jackknife(problem, theta, kept, end.info.bread, alike=True, by_piece=by_piece)
+                blocks = jackknife(
+                    problem, theta, identifiable, end.info.bread, alike=True, by_piece=by_piece
+                )
                 cov = no_smaller(problem, cov, blocks, k, by_piece)
-        full[np.ix_(kept, kept)] = cov if end.systematic is None else cov + end.systematic[np.ix_(kept, kept)]
+        full[np.ix_(identifiable, identifiable)] = (
+            cov if end.systematic is None else cov + end.systematic[np.ix_(identifiable, identifiable)]
+        )
     return full
 
 
@@ -257,22 +261,22 @@ def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic,
         said = missing_command(some, end.file.command.names[j], cannot)
         (never if cannot else unseen).append(said)
     for i, one in enumerate(end.free):
-        if not end.sight.kept[i]:
-            ties, near = end.like(end.sight.tied, i), end.like(end.sight.near, i)
+        if not end.identifiability.mask[i]:
+            ties, near = end.like(end.identifiability.collinear, i), end.like(end.identifiability.near, i)
             unseen.append(unobservable(one, ties, float(end.task.first[i]), near))
     return tuple(unseen), tuple(never)
 
 
 def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:
     """What has a large error, and why."""
-    weak = [i for i in range(len(end.free)) if end.sight.weak[i]]
-    return tuple(weakly(end.free[i], end.like(end.sight.near, i)) for i in weak)
+    weak = [i for i in range(len(end.free)) if end.identifiability.weak[i]]
+    return tuple(weakly(end.free[i], end.like(end.identifiability.near, i)) for i in weak)
 
 
 def _moving(end: FinishedFit) -> str:
     """The parameter that a search that did not converge would still move furthest, in its errors; "" if none."""
     solution, s = end.found.solution, len(end.task.problem.shape.shared)
-    may = np.flatnonzero(end.sight.kept[:s] & (solution.bound[:s] == 0))
+    may = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
     A, g = end.info.bread[np.ix_(may, may)], solution.at.gradient[may]
     if solution.converged or not len(may) or not (np.isfinite(A).all() and np.isfinite(g).all()):
         return ""
@@ -327,7 +331,7 @@ def _mount(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     return [note("truth.mount", subject=TRUTH, keys=found)] if found else []
 
 
-def believed_of(blocks: FittedBlocks) -> np.ndarray:
+def sigma_of_file(blocks: FittedBlocks) -> np.ndarray:
     """(m,) standard deviations of the sensors in the file; 0 where it tells none."""
     out = []
     for sensor in blocks.sensors:
@@ -346,4 +350,4 @@ def _fitted(end: FinishedFit) -> FittedBlocks:
     problem, theta = end.task.problem, end.found.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
     own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.own)]
-    return with_numbers(end.blocks, (*shape.shared, *shape.own), [float(x) for x in (*theta[:s], *own)])
+    return substitute(end.blocks, (*shape.shared, *shape.own), [float(x) for x in (*theta[:s], *own)])

@@ -120,9 +120,9 @@ class Fit(Result):
         """The file with the estimates, dated `on`, else today."""
         if self.verdict == Verdict.REFUSED:
             return self.file
-        from baqueano.identify.result.to_vehicle_file import written
+        from baqueano.identify.result.to_vehicle_file import file_of_fit
 
-        return written(self, on)
+        return file_of_fit(self, on)
 
     def rows(self) -> list["TableRow"]:
         """One flat row per parameter; None where it is not known."""
@@ -190,7 +190,7 @@ class Fit(Result):
 
     def _asked_run_by_run(self) -> list[str]:
         """What was asked for run by run; biases and starts go without saying."""
-        said = [row for row in self.run_by_run() if asked_for(row["name"])]
+        said = [row for row in self.run_by_run() if requested(row["name"])]
         if len(self.runs) > LISTED:
             return self._asked_together(said)
         out = []
@@ -265,7 +265,7 @@ class Fit(Result):
         return out
 
 
-def asked_for(name: str) -> bool:
+def requested(name: str) -> bool:
     """Is this own number of a run one that somebody asked for, and no bias or start?"""
     return not name.startswith("start.") and "_bias" not in name
 

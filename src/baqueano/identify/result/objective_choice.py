@@ -27,7 +27,14 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.covariance.jackknife import FEWEST, LEAST, block_of, edges_of, slopes_of
 from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.data.segments import slopes_without_start
-from baqueano.identify.estimation.prediction_error import BETA, Likely, Prediction, Slopes, slope, weight
+from baqueano.identify.estimation.prediction_error import (
+    BETA,
+    MaximumLikelihood,
+    Prediction,
+    Slopes,
+    slope,
+    weight,
+)
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.identify.result.verdict import ABOVE_NOISE
 from baqueano.language import number
@@ -38,7 +45,7 @@ WORSE = 0.05  # chance below which the left-out error of the innovations' answer
 TWO = 0.01  # chance below which two answers are not one
 
 
-class Preferred(NamedTuple):
+class ObjectiveChoice(NamedTuple):
     """The cost to believe, and why."""
 
     cost: str  # "simulation" or "innovations"
@@ -47,26 +54,28 @@ class Preferred(NamedTuple):
     contradicted: bool = False  # the floor, by two answers or by a larger error
 
 
-def preferred(likely: Likely, axes: Sequence[int], both: "LeftOut | None", times: np.ndarray) -> Preferred:
+def choose_objective(
+    likely: MaximumLikelihood, axes: Sequence[int], both: "LeftOutBlocks | None", times: np.ndarray
+) -> ObjectiveChoice:
     """Return which to believe; `times` (m,) is the noise of the sensors without the floor in units of the file's, 0
     where that tells none."""
     odds: JsonObject = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
     if likely.chance >= RARE:
-        return Preferred("simulation", note("cost.floor-still", **odds), False)
+        return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)
     odds["floor"] = _floor(likely, axes)
     if both is None:
-        return Preferred("simulation", note("cost.too-short", **odds), False)
+        return ObjectiveChoice("simulation", note("cost.too-short", **odds), False)
     apart, name = both.furthest
     told = odds | {"apart": apart, "open_loop": _open_loop(both)}
     if apart > both.limit or both.worse:
-        return Preferred("simulation", note("cost.neither", subject=name, **told), False, True)
+        return ObjectiveChoice("simulation", note("cost.neither", subject=name, **told), False, True)
     explains = not likely.info.coloured and not np.any(times > ABOVE_NOISE)
     if both.better:
-        return Preferred("innovations", note("cost.innovations", **told), explains)
-    return Preferred("simulation", note("cost.simulation", **told), explains)
+        return ObjectiveChoice("innovations", note("cost.innovations", **told), explains)
+    return ObjectiveChoice("simulation", note("cost.simulation", **told), explains)
 
 
-def _open_loop(both: "LeftOut") -> Diagnostic:
+def _open_loop(both: "LeftOutBlocks") -> Diagnostic:
     """Return how the answer by the innovations does on segments that were left out."""
     if not np.isfinite(both.percent):
         return note("cost.runs-away")
@@ -74,7 +83,7 @@ def _open_loop(both: "LeftOut") -> Diagnostic:
     return note("cost.smaller", percent=percent) if both.better else note("cost.larger", percent=percent)
 
 
-def _floor(likely: Likely, axes: Sequence[int]) -> str:
+def _floor(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
     """The process noise with its error, axis by axis."""
     said = []
     for axis, v, sd in zip(axes, likely.noise.floor, likely.floor_sd, strict=True):
@@ -88,7 +97,7 @@ def _chance(p: float) -> str:
     return f"{number(p):.2g}" if p >= 1e-6 else "< 1e-6"
 
 
-class LeftOut(NamedTuple):
+class LeftOutBlocks(NamedTuple):
     """Both answers, block by block."""
 
     more: np.ndarray  # (n,) D_b of (2)
@@ -143,30 +152,30 @@ class _Block(NamedTuple):
     of: np.ndarray  # (s,)
 
 
-def left_out(
+def leave_one_out(
     problem: Residuals,
     theta: np.ndarray,
-    kept: np.ndarray,
+    identifiable: np.ndarray,
     prediction: Prediction,
     x: np.ndarray,
     free: np.ndarray,
-) -> LeftOut | None:
+) -> LeftOutBlocks | None:
     """Return θ = `theta` (p,) with the entries `kept`, against `x` with the entries `free`; None of too few blocks."""
     one = list(_of_simulation(problem, theta))
     other = list(_of_innovations(problem, prediction, x))
     if len(one) < FEWEST:
         return None
-    without = _without(one, kept), _without(other, free)
+    without = _without(one, identifiable), _without(other, free)
     cost = [_cost(block, moved) for block, moved in zip(one, without[0], strict=True)]
     more = [_cost(block, moved) for block, moved in zip(other, without[1], strict=True)]
     names = problem.shape.shared
-    both = np.intersect1d(kept, free)
+    both = np.intersect1d(identifiable, free)
     both = both[both < len(names)]
     delta = without[0][:, both] - without[1][:, both]
     n = len(delta)
     sd = np.sqrt((n - 1) / n * np.sum((delta - delta.mean(axis=0)) ** 2, axis=0))
     apart = np.abs(theta[both] - x[both]) / np.maximum(sd, 1e-300)
-    return LeftOut(np.subtract(more, cost), float(np.sum(cost)), apart, [names[k] for k in both])
+    return LeftOutBlocks(np.subtract(more, cost), float(np.sum(cost)), apart, [names[k] for k in both])
 
 
 def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_Block]:
@@ -207,11 +216,14 @@ def _without_start(one: Slopes, problem: Residuals) -> Slopes:
     )
 
 
-def _without(blocks: Sequence[_Block], kept: np.ndarray) -> np.ndarray:
+def _without(blocks: Sequence[_Block], identifiable: np.ndarray) -> np.ndarray:
     """(n, p) by which an answer moves without each block; only the entries `kept` do.  (1)"""
     place = np.full(1 + max(int(max(block.at.max(), block.of.max())) for block in blocks), -1)
-    place[kept] = np.arange(len(kept))
-    g, A = np.zeros((len(blocks), len(kept))), np.zeros((len(blocks), len(kept), len(kept)))
+    place[identifiable] = np.arange(len(identifiable))
+    g, A = (
+        np.zeros((len(blocks), len(identifiable))),
+        np.zeros((len(blocks), len(identifiable), len(identifiable))),
+    )
     for k, block in enumerate(blocks):
         inside = place[block.at] >= 0
         at = place[block.at[inside]]
@@ -219,7 +231,7 @@ def _without(blocks: Sequence[_Block], kept: np.ndarray) -> np.ndarray:
     root = np.sqrt(np.maximum(np.diagonal(A.sum(axis=0)), 1e-300))
     g, A = g / root, A / np.outer(root, root)
     rest, out = A.sum(axis=0) + LEAST * np.eye(len(root)) - A, np.zeros((len(blocks), len(place)))
-    out[:, kept] = np.linalg.solve(rest, g[:, :, None])[:, :, 0] / root
+    out[:, identifiable] = np.linalg.solve(rest, g[:, :, None])[:, :, 0] / root
     return out
 
 

@@ -56,14 +56,14 @@ class Prior(NamedTuple):
         return note(code, subject=self.path, **told)
 
 
-def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
+def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
     """The file with the estimates of `fit`, entries that were not seen as they were."""
     from baqueano.vehicle_file import ParameterCov
 
     on, run = on or date.today(), ", ".join(fit.runs)
     values: JsonObject = {}
     provenance: JsonObject = {}
-    blocks, priors = fit.blocks, better_known(fit)
+    blocks, priors = fit.blocks, kept_priors(fit)
     for one in priors:
         if not one.contradicted:
             blocks = put(blocks, one.path, one.value)
@@ -83,7 +83,7 @@ def written(fit: "Fit", on: date | None = None) -> "VehicleFile":
     return fit.file.with_values(values, provenance, cov, fit.envelope)
 
 
-def better_known(fit: "Fit") -> tuple[Prior, ...]:
+def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
     """Return the biases that the file knows better than the fit.  (1)"""
     out = []
     for path, x, sd in zip(

@@ -69,7 +69,7 @@ class Evidence(NamedTuple):
     )
 
 
-def judge(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
+def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
     """Return the verdict and its reasons."""
     reasons = _refused(e) or _doubts(e) or [note("fit.converged")]
     return Verdict.of(reasons), tuple(reasons)
@@ -208,7 +208,7 @@ def short(name: str) -> str:
     return name.removeprefix("model.")
 
 
-class OfRun(NamedTuple):
+class ChannelOfRun(NamedTuple):
     """One channel in one run, in units of its own noise."""
 
     run: str
@@ -227,9 +227,11 @@ class OfRun(NamedTuple):
         return 1.0 - self.left / self.moved if self.moved > 0.0 else 0.0
 
 
-def by_channel(channels: "Sequence[ChannelFit]", one_mean: np.ndarray | None) -> dict[str, list[OfRun]]:
+def by_channel(
+    channels: "Sequence[ChannelFit]", one_mean: np.ndarray | None
+) -> dict[str, list[ChannelOfRun]]:
     """Per channel its runs; `one_mean` (m,), in the order of the first run, tells whose mean is that of all runs."""
-    out: dict[str, list[OfRun]] = {}
+    out: dict[str, list[ChannelOfRun]] = {}
     labels = list(dict.fromkeys(f"{c.sensor}[{c.entry}]" for c in channels))
     means = np.zeros(len(labels)) if one_mean is None else one_mean
     for label, shared in zip(labels, means, strict=True):
@@ -245,17 +247,17 @@ def by_channel(channels: "Sequence[ChannelFit]", one_mean: np.ndarray | None) ->
             moved = c.predicted[there] + left
             moved = moved - (np.mean(moved) if mean is None else mean)
             left2, moved2 = (float(x @ x) / c.sigma**2 for x in (left, moved))
-            out.setdefault(label, []).append(OfRun(c.run, left2, moved2, len(measured)))
+            out.setdefault(label, []).append(ChannelOfRun(c.run, left2, moved2, len(measured)))
     return out
 
 
-def whole(runs: Sequence[OfRun]) -> OfRun:
+def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     """The sums over all runs of a channel."""
     left, moved, samples = (sum(getattr(one, name) for one in runs) for name in ("left", "moved", "samples"))
-    return OfRun("", left, moved, samples)
+    return ChannelOfRun("", left, moved, samples)
 
 
-def unlike(channels: dict[str, list[OfRun]], hardly: bool) -> list[Diagnostic]:
+def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
     """Runs that are unlike the model in a channel, others of which carry it: those that `hardly` moved, by less than
     the model errs in the others, or those that did and are further off than chance explains."""
     out = []
@@ -279,7 +281,7 @@ def unlike(channels: dict[str, list[OfRun]], hardly: bool) -> list[Diagnostic]:
     return out
 
 
-def _beyond_chance(one: OfRun, rest: list[OfRun], count: int) -> bool:
+def _beyond_chance(one: ChannelOfRun, rest: list[ChannelOfRun], count: int) -> bool:
     """Return True where the residual of a run is larger than the largest of `count` runs is by chance. Two runs do not
     show their scatter: then True.  (1)"""
     g = np.log([max(r.left / r.samples, 1e-300) for r in (one, *rest)])

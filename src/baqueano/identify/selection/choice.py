@@ -71,7 +71,7 @@ class Decision(StrEnum):
     DROPPED = N_("dropped")
 
 
-class JudgedTerm(NamedTuple):
+class TermResult(NamedTuple):
     """One term, judged once: against the model of its round, or in the end against the model without it."""
 
     term: Term
@@ -121,7 +121,7 @@ class JudgedTerm(NamedTuple):
 class Choice:
     """A model with the terms that held-out runs ask for, and the fit of it."""
 
-    judged: tuple[JudgedTerm, ...]  # the last word on each term: taken first, in their order
+    judged: tuple[TermResult, ...]  # the last word on each term: taken first, in their order
     fit: "Fit" = field(repr=False)
     rule: str  # what was held out, and what a term needs
 

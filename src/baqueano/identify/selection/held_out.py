@@ -233,7 +233,8 @@ def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 def _masked(record: FitRecord, kept: np.ndarray) -> FitRecord:
     """The record with the measurements of the rows `kept` (N,) only."""
     sensors: dict[str, Tree] = {
-        name: Measured(said.z, said.has * kept[:, None], said.early) for name, said in record.sensors.items()
+        name: Measured(said.z, said.has * kept[:, None], said.sample_fraction)
+        for name, said in record.sensors.items()
     }
     return record._replace(sensors=sensors)
 

@@ -32,17 +32,24 @@ from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.search import Task, search
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import DELAY, LAG, LEAST_LAG, acts_alone, chosen, with_room
+from baqueano.identify.parameters.free import (
+    DELAY,
+    LAG,
+    LEAST_LAG,
+    acts_alone,
+    enable_parameters,
+    free_parameters,
+)
 from baqueano.identify.parameters.setup import first_theta, for_sensors, records_of, shape_of
 from baqueano.identify.residuals.block_arrow import dense
 from baqueano.identify.residuals.noise_level import smallest_spread
 from baqueano.identify.result.fit_result import Fit
-from baqueano.identify.selection.choice import Choice, Decision, JudgedTerm, channels_of
+from baqueano.identify.selection.choice import Choice, Decision, TermResult, channels_of
 from baqueano.identify.selection.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only
 from baqueano.identify.selection.terms import (
     SHORTEST_LAG_S,
     Term,
-    asked_for,
+    candidate_terms,
     least_free,
     not_separated,
     room_for,
@@ -75,10 +82,10 @@ class Model(NamedTuple):
     score: Score
 
 
-class Tried(NamedTuple):
+class TermTrial(NamedTuple):
     """A term beside a model."""
 
-    judged: JudgedTerm
+    judged: TermResult
     theta: np.ndarray  # (p,)
     score: Score | None  # None: not held against the folds
 
@@ -113,11 +120,11 @@ def choose(
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
-    bare = without_terms(vehicle_file, asked_for(blocks, candidates, any_way, battery))
+    bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, any_way, battery))
     least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
     said(_("fitting the least model"))
     base = how.fit(bare, least)
-    terms = asked_for(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
+    terms = candidate_terms(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
     terms = [
         term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
     ]
@@ -164,9 +171,9 @@ class _Growing:
         blocks = room_for(blocks, terms)
         records = records_of(runs, blocks, only, options)
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
-        wanted = chosen(blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths})
+        wanted = free_parameters(blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths})
         u = np.concatenate([r.u for r in records])
-        blocks, wanted = with_room(blocks, wanted, file.rate_hz, u, past_of(runs))
+        blocks, wanted = enable_parameters(blocks, wanted, file.rate_hz, u, past_of(runs))
         records = with_voltage(records, runs, blocks)
         self.paths = [one.path for one in wanted]
         shape = shape_of(blocks, wanted, records, options)
@@ -214,7 +221,7 @@ class _Growing:
         )
         return f"{judged} {needs}"
 
-    def grown(self) -> tuple[Model, list[JudgedTerm]]:
+    def grown(self) -> tuple[Model, list[TermResult]]:
         """The model, and the last word on each term."""
         model, last, barred = self.model((), self.first), {}, set()
         while True:
@@ -251,7 +258,7 @@ class _Growing:
             terms, found.solution.theta, found.sigma, self._score(found.solution.theta, free, found.sigma)
         )
 
-    def forward(self, model: Model, last: dict[str, JudgedTerm], barred: set[str]) -> Model:
+    def forward(self, model: Model, last: dict[str, TermResult], barred: set[str]) -> Model:
         """The model with all terms that are good, one after the other.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
@@ -271,17 +278,17 @@ class _Growing:
             self.say(text(best.judged.message))
             model = self.model((*model.terms, best.judged.term), best.theta)
 
-    def tried(self, model: Model, term: Term, alpha: float) -> Tried:
+    def tried(self, model: Model, term: Term, alpha: float) -> TermTrial:
         """A term beside a model: fitted to all, then without what is held out."""
         at, free = self._at(term), self._free((*model.terms, term))
         before = self.held_out.all.weighed(model.sigma).evaluate(model.theta).cost
         end = self._from_the_best_start(model, term, free)
         if why := self._excluded(term, end.theta, end.bound, dense(end.at.hessian), free):
-            return Tried(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)
+            return TermTrial(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)
         if not before - end.at.cost > WORTH * len(at):
             gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
             reason = note("term.brings-little", percent=100 * gained)
-            return Tried(
+            return TermTrial(
                 self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0), end.theta, None
             )
         score = self._score(end.theta, free, model.sigma)
@@ -291,7 +298,7 @@ class _Growing:
         reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
         judged = self._judged(term, verdict, reason, model, (score, found), end.theta, found.beyond(alpha))
-        return Tried(judged, end.theta, score)
+        return TermTrial(judged, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
         """The best fit with a term: a few steps from each of its starts, then on from the best; later on from
@@ -308,9 +315,9 @@ class _Growing:
             self.ended[term.name] = (tuple(end.theta[at].tolist()),)
         return end
 
-    def superfluous(self, model: Model, last: dict[str, JudgedTerm]) -> Tried | None:
+    def superfluous(self, model: Model, last: dict[str, TermResult]) -> TermTrial | None:
         """The term that the model needs least, if it does not need it.  (3)"""
-        weakest: Tried | None = None
+        weakest: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
             self.say(_("is {term} still needed?", term=term.name))
             rest = tuple(one for one in model.terms if one is not term)
@@ -324,7 +331,7 @@ class _Growing:
             without = model._replace(score=score)
             judged = self._judged(term, verdict, None, without, (model.score, found), model.theta, needed)
             if verdict == Decision.DROPPED and (weakest is None or found.errors < weakest.judged.errors):
-                weakest = Tried(judged, end.theta, score)
+                weakest = TermTrial(judged, end.theta, score)
             elif verdict == Decision.TAKEN:
                 last[term.name] = judged
         return weakest
@@ -351,7 +358,7 @@ class _Growing:
     def _judged(
         self, term: Term, verdict: Decision, why: Diagnostic | None, model: Model, other: tuple[Score, Paired] | None,
         theta: np.ndarray, needed: float,
-    ) -> JudgedTerm:  # fmt: skip
+    ) -> TermResult:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
         at = self._at(term)
         score, found = other or (model.score, Paired(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
@@ -361,7 +368,7 @@ class _Growing:
         if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
             fall: JsonObject = {"percent": 100 * found.gain, "percent_sd": 100 * found.sd}
             why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
-        return JudgedTerm(
+        return TermResult(
             term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
             found.gain, found.sd, found.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
             float(model.score.one_step[c]), float(score.one_step[c]),
@@ -380,7 +387,7 @@ class _Growing:
         return free
 
 
-def _first_of_the_best(good: list[Tried]) -> Tried:
+def _first_of_the_best(good: list[TermTrial]) -> TermTrial:
     """Of the terms that are not worse than the best beyond the noise between them, the first."""
     best = max(good, key=lambda one: one.judged.gain)
     assert best.score is not None

@@ -35,12 +35,12 @@ from baqueano.identify.parameters.free import (
     LONGEST_DELAY_S,
     OF_WHEELS,
     always_free,
-    asked,
     described,
     entries,
     frozen_columns,
-    said_of,
+    requested_paths,
     value,
+    words_of,
 )
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import compiled, get, put
@@ -71,7 +71,7 @@ def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -
     """Paths, with entries, that the least model fits; `free` are the caller's, u (N, n) all commands."""
     blocks = FittedBlocks(file.vehicle, file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
-    paths = [p for path in asked(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
+    paths = [p for path in requested_paths(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
     wanted = [described(blocks, p, {}) for p in paths if p not in optional]
     frozen = frozen_columns(wanted, u)
     return [one.path for k, one in enumerate(wanted) if k not in frozen]
@@ -102,12 +102,12 @@ def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
     if drivetrain is None:
         return blocks
     changes: JsonObject = {}
-    asked = {path.partition("[")[0] for term in terms for path in term.paths}
-    if LAG in asked and drivetrain.lag_s == 0.0:
+    requested_paths = {path.partition("[")[0] for term in terms for path in term.paths}
+    if LAG in requested_paths and drivetrain.lag_s == 0.0:
         changes["lag_s"] = SHORTEST_LAG_S
     for field in (*DEAD_ZONES, "model.drivetrain.gain"):
         name = field.rpartition(".")[2]
-        if field in asked and len(getattr(drivetrain, name)) < drivetrain.channels:
+        if field in requested_paths and len(getattr(drivetrain, name)) < drivetrain.channels:
             changes[name] = np.repeat(getattr(drivetrain, name), drivetrain.channels)
     return put(blocks, "model.drivetrain", replace(drivetrain, **changes)) if changes else blocks
 
@@ -120,7 +120,7 @@ def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list
     return own + _of_drivetrain(blocks.model, motions, battery) + _cross_talk(blocks, u)
 
 
-def asked_for(
+def candidate_terms(
     blocks: FittedBlocks, candidates: Sequence[str | Term] | None, u: np.ndarray, battery: bool
 ) -> list[Term]:
     """The candidates: all terms of the kind, or those of the names, or paths of the vehicle file."""
@@ -190,7 +190,7 @@ def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Ter
             neutral = value(blocks, path) if p.neutral is None else p.neutral
             starts = tuple(neutral + x for x in p.start) or _sizes(blocks, path, neutral, motions)
             if starts:
-                name = said_of(p.term, described(blocks, path, {}).entry)
+                name = words_of(p.term, described(blocks, path, {}).entry)
                 found.setdefault(name, []).append((path, neutral, starts))
     return [
         Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)))
@@ -225,7 +225,7 @@ def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
             both = [(i, j) for j in moved for i in range(len(matrix)) if i != j]
             paths = tuple(f"{field}[{i},{j}]" for i, j in both)
             start = tuple(0.02 * float(matrix[j, j]) for _, j in both)
-            name = said_of(p.term, ())
+            name = words_of(p.term, ())
             out += [Term(name, paths, (0.0,) * len(paths), (start,))] if paths else []
     return out
 

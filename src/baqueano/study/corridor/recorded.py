@@ -16,8 +16,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
-from baqueano.identify.against_truth import calibrate
 from baqueano.identify.noise.most_likely import example_of, ticks_of
+from baqueano.identify.sensor_calibration import calibrate
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import poses_at
 from baqueano.study.corridor.result import Instant

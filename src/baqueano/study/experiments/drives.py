@@ -5,14 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.design import Room, believed, contained, designed, mean_error
-from baqueano.identify.design.belief import Cloud
+from baqueano.identify.design import Room, contained, designed, mean_error, possible_vehicles
 from baqueano.identify.design.information import NUISANCE_SD, unknowns
 from baqueano.identify.design.room import VEHICLES
 from baqueano.identify.design.signals import KINDS, excitation
+from baqueano.identify.design.vehicle_cloud import Cloud
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, Drawn
-from baqueano.study.identification.bound import beside, bound_of, numbers, with_numbers
+from baqueano.study.identification.bound import beside, bound_of, numbers, substitute
 from baqueano.study.truth import Cars, Robots, drawn, drawn_cars
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -35,7 +35,7 @@ def plans(
     begun = time.perf_counter()
     u = designed(file, room, duration_s, seed=seed, backend=backend).u
     out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - begun)}
-    cloud = Cloud(file, believed(file, vehicles=VEHICLES), seed, backend)
+    cloud = Cloud(file, possible_vehicles(file, vehicles=VEHICLES), seed, backend)
     for kind in KINDS:
         us, slowest = [], 0.0
         for k in range(count):
@@ -56,9 +56,9 @@ def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
         )
     q = q.changed(floor=np.tile(file.vehicle.process_noise_std, (count, 1)))
     draw = np.random.default_rng([seed, 71])
-    paths = [path for path in believed(file, vehicles=2).paths if path in numbers(q)]
+    paths = [path for path in possible_vehicles(file, vehicles=2).paths if path in numbers(q)]
     unit = draw.uniform(-SPREAD, SPREAD, (len(paths), count))
-    return with_numbers(
+    return substitute(
         q, {path: float(file.value(path)) * (1.0 + x) for path, x in zip(paths, unit, strict=True)}
     )
 

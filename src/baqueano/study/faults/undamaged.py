@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.identify.diagnostics import mended
+from baqueano.identify.diagnostics import clean
 from baqueano.runs.run import Run
 from baqueano.vehicle_file import VehicleFile
 
@@ -16,7 +16,7 @@ from baqueano.vehicle_file import VehicleFile
 def undamaged(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
     """The `sound` run with NaN for the readings that are left out of the `damaged` one, and which part they are;
     None where samples came at other times, so that none are the same."""
-    pieces, _ = mended([damaged], file, file.sensors._asdict())
+    pieces, _ = clean([damaged], file, file.sensors._asdict())
     sensors, lost, count = dict(sound.sensors), 0, 0
     for name, channel in sound.sensors.items():
         if not np.array_equal(damaged.sensors[name].arrival_ns, channel.arrival_ns):

@@ -27,7 +27,7 @@ def numbers(vehicles: Robots | Cars) -> dict[str, np.ndarray]:
     return robot_values(vehicles) if isinstance(vehicles, Robots) else car_numbers(vehicles)
 
 
-def with_numbers(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) -> Robots | Cars:
+def substitute(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) -> Robots | Cars:
     """Return the vehicles with these values (n,) of some of their `numbers`."""
     if isinstance(vehicles, Robots):
         return with_values(vehicles, values)
@@ -52,7 +52,7 @@ def beside(vehicle: Robots | Cars) -> Robots | Cars:
         values[path] = numbers(group)[path].copy()
         values[path][2 * k] += step
         values[path][2 * k + 1] -= step
-    return with_numbers(group, values)
+    return substitute(group, values)
 
 
 def bound_of(

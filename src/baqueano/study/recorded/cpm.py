@@ -5,7 +5,7 @@ perfect, the delay is 0, and the model begins bare, with a gain, viscous drag an
 chosen on the run itself (selection/selection.py), the effect of the logged battery among the candidates. Judged is the
 speed of the whole other run, simulated from throttle and servo alone, in the odometer's own unit.
 
-The scale of the gyro and the clock of the camera are calibrated against the camera (identify/against_truth.py),
+The scale of the gyro and the clock of the camera are calibrated against the camera (identify/sensor_calibration.py),
 which begins on its own clock: what the map adds to it is taken off first.
 """
 
@@ -13,10 +13,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from baqueano.identify import FitOptions
-from baqueano.identify.against_truth import Calibration, calibrate
-from baqueano.identify.judged import judge
 from baqueano.identify.selection.choice import Choice, Decision
 from baqueano.identify.selection.selection import choose
+from baqueano.identify.sensor_calibration import Calibration, calibrate
+from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
@@ -70,7 +70,7 @@ def with_raw_clock(name: str) -> "Run":
 
 def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list["TableRow"]:
     """Speed of the other run, the terms, the battery."""
-    figures = {figure.channel: figure for figure in judge(choice.fit, other_run).figures}
+    figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     explained, bar = figures["odometer[0]"].explained, EXPLAINED[name]
     dry = DRY.intersection(choice.taken)
     battery = next(one for one in choice.judged if one.term.name == BATTERY)

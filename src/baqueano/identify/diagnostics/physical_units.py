@@ -19,7 +19,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.diagnostics import axes
+from baqueano.identify.diagnostics import channel_map
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
@@ -92,10 +92,10 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     told = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.told]
     by_file, _, _ = first_theta(end.blocks, told, problem.shape, problem.records, FitOptions())
     at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
-    z, h = axes.measured(problem), axes.predicted(problem, by_file)
+    z, h = channel_map.measured(problem), channel_map.predicted(problem, by_file)
     wheels = [(k, sensors[name]) for name, k in at.items() if has_field(sensors[name], "track_m")]
     turned = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
-    fitted = [axes.predicted(problem, end.found.solution.theta)] if _as_promised(end) else []
+    fitted = [channel_map.predicted(problem, end.found.solution.theta)] if _as_promised(end) else []
     found, cleared = [], True
     for name in (name for name in at if has_field(sensors[name], "gyro_scale")):
         i = at[name] + 2
@@ -111,7 +111,7 @@ def _as_promised(end: "FinishedFit") -> bool:
     """True if a fit left the gains that turn the vehicle, and what they act on, near those of the file. A fit in which
     none of its free gains is identifiable says nothing about them."""
     free = end.free
-    now, kept = end.found.solution.theta[: len(free)], end.sight.kept[: len(free)]
+    now, kept = end.found.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
     was = [value(end.blocks, one.path) if _turns(one) else 0.0 for one in free]
     moved = [x / x_0 for x, x_0, seen in zip(now, was, kept, strict=True) if seen and x_0]
     shown = bool(moved) or not any(was)
@@ -126,7 +126,7 @@ def _turns(one: Free) -> bool:
 
 def _map(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
     """What z (N,) shows of h (N,)."""
-    z, h = (axes.clipped(x[:, None]) for x in (z, h))
+    z, h = (channel_map.clipped(x[:, None]) for x in (z, h))
     return signal_map(z, h, [MappedChannel(1.0 / NEAR, NEAR, units)], NOTHING)[0]
 
 

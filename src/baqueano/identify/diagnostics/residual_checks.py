@@ -4,7 +4,8 @@
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
-Asked are all of features.py, and whether each parameter is another in the first quarter, third, half, two thirds, three
+The terms of unmodelled_terms.py are tested, and changes of each parameter in the first quarter, third, half,
+two thirds, three
 quarters of the time, in each run, forward and backward, left and right, fast and slow, speeding up and slowing down. An
 answer counts if chance gives it in 1 of 40,000 cases (some 250 are asked; a low-pass of the IMU, 1 of 300) and a
 parameter would move by over 2 of its errors and 2 %, or differs in parts by over 5 %. What it would move, and half of
@@ -20,8 +21,14 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics.features import Believed, Said, believed, probes
-from baqueano.identify.diagnostics.probes import Left, ProbeResult, ask, ask_parts, left_over
+from baqueano.identify.diagnostics.score_test import (
+    FitResiduals,
+    ProbeResult,
+    fit_residuals,
+    score_test,
+    score_test_parts,
+)
+from baqueano.identify.diagnostics.unmodelled_terms import FittedMotion, LabelledTerm, fitted_motion, probes
 from baqueano.identify.parameters.free import DELAY
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
@@ -53,20 +60,20 @@ def checked(
     blocks: FittedBlocks,
     problem: Residuals,
     theta: np.ndarray,
-    kept: np.ndarray,
+    identifiable: np.ndarray,
     sd: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
     """Return findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,), and by how much each parameter,
     by path, may be off for them; the problem is weighed with the noise that was found."""
-    index = np.flatnonzero(kept[: problem.layout.shared])
+    index = np.flatnonzero(identifiable[: problem.layout.shared])
     if not len(index):
         return _left(problem, problem.residuals(theta)), {}
-    now = believed(blocks, problem, theta)
+    now = fitted_motion(blocks, problem, theta)
     asked = list if now is None else probes(blocks, problem, now)
-    left = left_over(problem, theta, kept)
+    left = fit_residuals(problem, theta, identifiable)
     here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
     found, parts = _left(problem, left.residuals), _parts(here, now)
-    answers = [pair for said, D in asked() for pair in zip(said, ask(left, D), strict=True)]
+    answers = [pair for said, D in asked() for pair in zip(said, score_test(left, D), strict=True)]
     off: dict[str, float] = {}
     for one in (missing := _missing(here, answers)) + parts:
         for path, by in here.widens(one.by):
@@ -85,7 +92,7 @@ class _Clear(NamedTuple):
 class _Fitted:
     """A fit and what it left."""
 
-    def __init__(self, left: Left, paths: Sequence[str], theta: np.ndarray, sd: np.ndarray) -> None:
+    def __init__(self, left: FitResiduals, paths: Sequence[str], theta: np.ndarray, sd: np.ndarray) -> None:
         self.left, self.paths, self.theta, self.sd = left, paths, theta, sd
         self.names = [path.removeprefix("model.") for path in paths]
 
@@ -108,7 +115,7 @@ class _Fitted:
         return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
 
 
-def _missing(fit: _Fitted, answers: Sequence[tuple[Said, ProbeResult]]) -> list[_Clear]:
+def _missing(fit: _Fitted, answers: Sequence[tuple[LabelledTerm, ProbeResult]]) -> list[_Clear]:
     ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
     for (code, what), answer in ranked:
@@ -129,10 +136,12 @@ def _missing(fit: _Fitted, answers: Sequence[tuple[Said, ProbeResult]]) -> list[
     return out
 
 
-def _parts(fit: _Fitted, now: Believed | None) -> list[_Clear]:
+def _parts(fit: _Fitted, now: FittedMotion | None) -> list[_Clear]:
     worst: list[_Clear] = []
     parts = list(_masks(fit.left, now))
-    for (part, _), answers in zip(parts, ask_parts(fit.left, [mask for _, mask in parts]), strict=True):
+    for (part, _), answers in zip(
+        parts, score_test_parts(fit.left, [mask for _, mask in parts]), strict=True
+    ):
         for k, answer in enumerate(answers):
             if abs(answer.size) > DIFFERS * abs(fit.theta[k]) and fit.clear(answer):
                 said = note(
@@ -144,7 +153,7 @@ def _parts(fit: _Fitted, now: Believed | None) -> list[_Clear]:
     return sorted(worst, key=lambda one: -one.z)
 
 
-def _masks(left: Left, now: Believed | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
+def _masks(left: FitResiduals, now: FittedMotion | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
     n = len(left.run)
     for part in (0.25, 1 / 3, 0.5, 2 / 3, 0.75):
         yield note("part.first", percent=100.0 * part), np.arange(n) < part * n

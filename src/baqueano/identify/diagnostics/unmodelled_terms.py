@@ -1,10 +1,10 @@
-"""What is often not in a model: forces, delays and places of sensors, as columns for probes.py.
+"""What is often not in a model: forces, delays and places of sensors, as columns for score_test.py.
 
 A force that nobody modelled pushes the vehicle along an axis a with an acceleration ε φ(t),
 
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
 
-the derivatives of the vehicle's own step carried along with it, for all φ in one pass: forces.py says which. Delays,
+the derivatives of the vehicle's own step carried along with it, for all φ in one pass: unmodelled_forces.py. Delays,
 lags and clocks, an IMU elsewhere or turned on its mount, and what its low-pass does beside a delay, change the
 readings alone:
 
@@ -23,11 +23,11 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.diagnostics.forces import COMMANDED, Force, commanded, driven, forces, moved
+from baqueano.identify.diagnostics.unmodelled_forces import COMMANDED, Force, commanded, driven, forces, moved
 from baqueano.identify.parallel import ahead, each
-from baqueano.identify.parameters.free import DELAY, with_numbers
+from baqueano.identify.parameters.free import DELAY, substitute
 from baqueano.identify.parameters.setup import Shape, beginning, example, shown_by
-from baqueano.identify.residuals.simulation import Residuals, kept_kernel
+from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
@@ -36,18 +36,20 @@ LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
 SIDEWAYS = np.array([0.0, 1.0, 0.0])
 AXES = (0, 2)  # of all pushes but the last of each, which goes sideways
 
-Said: TypeAlias = tuple[str, Diagnostic]  # name of a probe, and what it asks
-Probes: TypeAlias = tuple[list[Said], np.ndarray]  # and their columns D (K, N m) in standard deviations
+LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # name of a probe, and what it asks
+Probes: TypeAlias = tuple[
+    list[LabelledTerm], np.ndarray
+]  # and their columns D (K, N m) in standard deviations
 
 
-class Going(NamedTuple):
+class SimulatedState(NamedTuple):
     """What the simulation carries."""
 
     vehicle: Tree
     signals: tuple[Signal, ...]
 
 
-class Pushed(NamedTuple):
+class PushedState(NamedTuple):
     """What the one that is pushed carries: θ too, for the slopes are those by ε."""
 
     vehicle: Tree
@@ -70,11 +72,11 @@ class Kernels(NamedTuple):
     pushed: Tree
 
 
-class Believed(NamedTuple):
+class FittedMotion(NamedTuple):
     """The motion that a fit believes in, piece by piece."""
 
     kernels: Kernels
-    starts: list[Pushed]
+    starts: list[PushedState]
     motions: list[Motions]
 
     @property
@@ -88,29 +90,29 @@ class Believed(NamedTuple):
         return np.concatenate([m.nu_dot for m in self.motions])
 
 
-def believed(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> Believed | None:
+def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> FittedMotion | None:
     """None for a model that cannot be pushed."""
     if not has_field(blocks.model, "process_noise_std"):
         return None
-    kernels = kept_kernel(blocks, problem.shape, problem.scan.backend, _traced)
+    kernels = cached_kernel(blocks, problem.shape, problem.scan.backend, _traced)
     begin = beginning(blocks, problem.shape)
     starts, motions = [], []
     for record, index in zip(problem.records, problem.layout.indices, strict=True):
         own = theta[index]
-        starts.append(Pushed(*begin(own), own))
+        starts.append(PushedState(*begin(own), own))
         motions.append(kernels.going.run(_rows(record), own)[1])
-    return Believed(kernels, starts, motions)
+    return FittedMotion(kernels, starts, motions)
 
 
-def probes(blocks: FittedBlocks, problem: Residuals, now: Believed) -> Callable[[], list[Probes]]:
+def probes(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], list[Probes]]:
     """What is asked of the motion that is believed; the long part of it goes ahead until it is called for."""
     of_forces = _of_forces(blocks, problem, now)
     return lambda: [of_forces(), _of_readings(blocks, problem, now)]
 
 
-def _of_readings(blocks: FittedBlocks, problem: Residuals, now: Believed) -> Probes:
+def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Probes:
     """(2)"""
-    said: list[Said] = []
+    said: list[LabelledTerm] = []
     columns = []
     for record, motion, weight in zip(problem.records, now.motions, problem.weights, strict=True):
         found = _readings(blocks, problem, record, motion)
@@ -119,7 +121,7 @@ def _of_readings(blocks: FittedBlocks, problem: Residuals, now: Believed) -> Pro
     return said, np.concatenate(columns, axis=1)
 
 
-def _of_forces(blocks: FittedBlocks, problem: Residuals, now: Believed) -> Callable[[], Probes]:
+def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], Probes]:
     """(1)"""
     channels = [driven(blocks.model, record.u) for record in problem.records]
     most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
@@ -149,7 +151,7 @@ def _of_forces(blocks: FittedBlocks, problem: Residuals, now: Believed) -> Calla
     return found
 
 
-def _words(force: Force) -> Said:
+def _words(force: Force) -> LabelledTerm:
     return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.what
 
 
@@ -167,14 +169,14 @@ def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     n, paths = blocks.model.commands, (*shape.shared, *shape.own)
     begin = beginning(blocks, shape)
 
-    def start(theta: np.ndarray) -> Going:
-        return Going(*begin(theta))
+    def start(theta: np.ndarray) -> SimulatedState:
+        return SimulatedState(*begin(theta))
 
-    def step(theta: np.ndarray, state: Going, row: np.ndarray) -> tuple[Going, Motions]:
-        there = at_voltage(with_numbers(blocks, paths, theta), row, shape.volts)
+    def step(theta: np.ndarray, state: SimulatedState, row: np.ndarray) -> tuple[SimulatedState, Motions]:
+        there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
         vehicle, motion = there.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
         felt, signals = shown_by(there.sensors, state.signals, motion, row[0])
-        return Going(vehicle, signals), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
+        return SimulatedState(vehicle, signals), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
 
     return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
 
@@ -185,7 +187,7 @@ def _pushed(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     channels = driven(blocks.model, np.zeros((1, n))).shape[1]
     c, count = len(COMMANDED) * channels, len(forces(0, channels))
     theta, every = example(blocks, shape), c + len(AXES) * (count - c)
-    start = Pushed(*beginning(blocks, shape)(theta), theta)
+    start = PushedState(*beginning(blocks, shape)(theta), theta)
 
     def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
         for k, axis in enumerate(AXES):
@@ -193,8 +195,8 @@ def _pushed(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
             along = e[:c] @ phi[:c] + e[c:-1] @ of_motion[: count - c - 1]
             yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS
 
-    def step(epsilon: np.ndarray, state: Pushed, row: np.ndarray) -> tuple[Pushed, np.ndarray]:
-        there = at_voltage(with_numbers(blocks, paths, state.theta), row, shape.volts)
+    def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
+        there = at_voltage(substitute(blocks, paths, state.theta), row, shape.volts)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + every]))
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)

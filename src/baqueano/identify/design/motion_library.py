@@ -12,7 +12,7 @@ another parent.
 
 Nothing here knows what a vehicle is: channels with limit 0 are left out, the rest is told by simulation.
 Because a piece begins and ends at rest, what it tells (information.py) and where it takes the possible
-vehicles (belief.py) belong to it, and add up over a sequence.
+vehicles (vehicle_cloud.py) belong to it, and add up over a sequence.
 """
 
 from collections.abc import Sequence

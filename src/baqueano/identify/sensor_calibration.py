@@ -49,7 +49,7 @@ LOOSE = 0.02  # of a scale: a half interval beyond it is a doubt
 CLOCK_LOOSE_S = 0.02
 
 
-class Known(NamedTuple):
+class CalibratedNumber(NamedTuple):
     """One calibrated number."""
 
     name: str  # a path of the vehicle file, or clock.truth, mark.…
@@ -66,7 +66,7 @@ class Calibration:
     """What a truth says of the sensors of a run."""
 
     run: str
-    known: tuple[Known, ...]
+    known: tuple[CalibratedNumber, ...]
     left: dict[str, float]  # what is left of the windows, by equation: rad, m
     all_told: str = N_("the truth tells all")  # where nothing speaks against it
 
@@ -184,7 +184,7 @@ class Windows(NamedTuple):
 Equations = tuple[np.ndarray, np.ndarray, np.ndarray]  # y, slopes, their change per second of offset
 
 
-class Answer(NamedTuple):
+class WindowRegression(NamedTuple):
     """A regression over windows."""
 
     x: np.ndarray  # (p,) linear coefficients
@@ -325,7 +325,9 @@ def _moved(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
     return w.of(w.eta[:, :2]).ravel(), slopes.reshape(-1, 4), change.reshape(-1, 4)
 
 
-def _best(equations: Callable[[float], Equations], w: Windows, offset_s: float | None = None) -> Answer:
+def _best(
+    equations: Callable[[float], Equations], w: Windows, offset_s: float | None = None
+) -> WindowRegression:
     """The offset of least residual, if it is not given, and all else at it."""
     free = offset_s is None
     if offset_s is None:
@@ -345,7 +347,7 @@ def _best(equations: Callable[[float], Equations], w: Windows, offset_s: float |
     batch = np.repeat(w.batch, len(y) // len(w.batch))
     cov = batch_covariance(J, left, weights, batch)
     freedom = max(5, int(w.batch.max()) + 1 - J.shape[1])
-    return Answer(x, offset_s, cov, float(np.sqrt(np.mean(left**2))), freedom)
+    return WindowRegression(x, offset_s, cov, float(np.sqrt(np.mean(left**2))), freedom)
 
 
 def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
@@ -354,22 +356,27 @@ def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
 
 
 def _known(
-    answer: Answer, name: str, told: Callable[[np.ndarray], float], unit: str, was: float | None, said: str
-) -> Known:
+    answer: WindowRegression,
+    name: str,
+    told: Callable[[np.ndarray], float],
+    unit: str,
+    was: float | None,
+    said: str,
+) -> CalibratedNumber:
     """A number that is a function of the coefficients and the offset (p + 1,), with its error bar."""
     x = np.array([*answer.x, answer.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
     slope = np.array([(told(x + h) - told(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
     sd = float(np.sqrt(slope @ answer.cov @ slope)) if np.isfinite(answer.cov).all() else np.inf
-    return Known(name, float(told(x)), sd, students(0.975, answer.freedom) * sd, unit, was, said)
+    return CalibratedNumber(name, float(told(x)), sd, students(0.975, answer.freedom) * sd, unit, was, said)
 
 
-def _clock(answer: Answer) -> list[Known]:
+def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
     said = _("to be added to the truth's stamps")
     return [_known(answer, "clock.truth", lambda x: x[-1], "s", None, said)]
 
 
-def _gyro(answer: Answer, name: str, file: "VehicleFile") -> list[Known]:
+def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     block, path = getattr(file.sensors, name), f"sensors.{name}.gyro"
     said = _("the truth turns {ratio:.4f} of what the gyro says", ratio=float(answer.x[0]))
     return [
@@ -378,7 +385,7 @@ def _gyro(answer: Answer, name: str, file: "VehicleFile") -> list[Known]:
     ]
 
 
-def _odometer(answer: Answer, name: str, file: "VehicleFile") -> list[Known]:
+def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     """The mark's place is told in the body's axes, x the way in which the wheels roll."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
     said = _("the truth goes {ratio:.4f} of what the odometer says", ratio=float(np.hypot(*answer.x[:2])))

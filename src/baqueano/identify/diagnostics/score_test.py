@@ -39,7 +39,7 @@ AT_ONCE = 16  # probes
 UNSEEN = 1e-6  # part of a probe that θ does not imitate, below which there is none
 
 
-class Own(NamedTuple):
+class NuisanceSlopes(NamedTuple):
     """What one run, or one piece of it, has for itself."""
 
     rows: slice  # of N
@@ -49,7 +49,7 @@ class Own(NamedTuple):
     inverse: np.ndarray  # (q, q) of d w dᵀ
 
 
-class Left(NamedTuple):
+class FitResiduals(NamedTuple):
     """What a fit left of all runs, one row after another; k shared entries of θ were told."""
 
     residuals: list[np.ndarray]  # per piece (n, m)
@@ -57,7 +57,7 @@ class Left(NamedTuple):
     w: np.ndarray  # (N m,) 1 where the residual is not clipped and there is one
     d: np.ndarray  # (k, N m) slopes of what the model says, in standard deviations, without what is own
     score: np.ndarray  # (k,) d ψ
-    own: list[Own]
+    own: list[NuisanceSlopes]
     run: np.ndarray  # (N,) the number of the run
     blocks: np.ndarray  # (B,) their first rows
     inverse: np.ndarray  # A⁻¹ (k, k)
@@ -83,7 +83,7 @@ class _Sums(NamedTuple):
     own: list[np.ndarray]  # (K, q) D w dᵀ of what is own
 
 
-def left_over(problem: Residuals, theta: np.ndarray, kept: np.ndarray) -> Left:
+def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
     """What is left at θ; `kept` (p,) bool are the entries of θ that were told."""
     layout, pieces = problem.layout, problem.sensitivities(theta, last=True)
     s, m = layout.shared, len(problem.sigma)
@@ -98,23 +98,23 @@ def left_over(problem: Residuals, theta: np.ndarray, kept: np.ndarray) -> Left:
     ends = np.cumsum([0, *(len(r) for r, _, _ in pieces)])
     count = int(np.clip(len(run) // SHORTEST_BLOCK, 2, BLOCKS))
     first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
-    own: list[Own] = []
+    own: list[NuisanceSlopes] = []
     for k, (a, b) in enumerate(pairwise(ends.tolist())):
-        told = kept[layout.of_starts(k)]
+        told = identifiable[layout.of_starts(k)]
         own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), told, range(q - layout.by_piece))
     for k in range(max(layout.runs) + 1):
         rows = np.flatnonzero(run == k)
-        told = kept[s + k * layout.by_run : s + (k + 1) * layout.by_run]
+        told = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
         at = slice(int(rows[0]), int(rows[-1]) + 1)
         own += _own(flat, w, at, m, range(s, s + layout.by_run), told, range(s))
-    d = flat if kept[:s].all() and q == s else np.ascontiguousarray(flat[:s][kept[:s]].T).T
+    d = flat if identifiable[:s].all() and q == s else np.ascontiguousarray(flat[:s][identifiable[:s]].T).T
     weighted = np.empty((len(w), len(d) + 1)).T
     np.multiply(d, w, out=weighted[:-1])
     weighted[-1] = psi
     both = _product(weighted, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
     left = [r for r, _, _ in pieces]
-    return Left(left, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted, power)
+    return FitResiduals(left, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted, power)
 
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -126,16 +126,22 @@ def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _own(
-    flat: np.ndarray, w: np.ndarray, rows: slice, m: int, entries: range, kept: np.ndarray, others: range
-) -> list[Own]:
+    flat: np.ndarray,
+    w: np.ndarray,
+    rows: slice,
+    m: int,
+    entries: range,
+    identifiable: np.ndarray,
+    others: range,
+) -> list[NuisanceSlopes]:
     """The told ones of `entries` of a run or piece, taken out of the `others` of `flat` (q, N m)."""
-    index = [i for i, told in zip(entries, kept, strict=True) if told]
+    index = [i for i, told in zip(entries, identifiable, strict=True) if told]
     if not index:
         return []
     at = slice(rows.start * m, rows.stop * m)
     d = flat[index, at].copy()
     weighted = d * w[at]
-    own = Own(rows, at, d, weighted, inverse(_product(weighted, d.T)))
+    own = NuisanceSlopes(rows, at, d, weighted, inverse(_product(weighted, d.T)))
     rest = flat[others.start : others.stop, at]
     _take_out(rest, _product(rest, weighted.T) @ own.inverse, d)
     return [own]
@@ -147,17 +153,17 @@ def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
         D[:, at] -= ties @ d[:, at]
 
 
-def ask(left: Left, D: np.ndarray) -> list[ProbeResult]:
+def score_test(left: FitResiduals, D: np.ndarray) -> list[ProbeResult]:
     """Probes D (K, N m), in standard deviations as `left` is: what the model would say more. One that ran away
     asks nothing."""
     sums = _sums(left, D)
     away = ~np.isfinite(sums.whole)
     for part in (sums.whole, sums.total, sums.cross, *sums.own) if away.any() else ():
         part[away] = 0.0
-    return _asked(left, sums, lambda k: D[k])
+    return _score_tests(left, sums, lambda k: D[k])
 
 
-def _sums(left: Left, D: np.ndarray) -> _Sums:
+def _sums(left: FitResiduals, D: np.ndarray) -> _Sums:
     """Of probes (K, N m)."""
     whole, both = np.zeros(len(D)), np.zeros((len(left.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
@@ -170,7 +176,7 @@ def _sums(left: Left, D: np.ndarray) -> _Sums:
         )
 
 
-def ask_parts(left: Left, masks: Sequence[np.ndarray]) -> list[list[ProbeResult]]:
+def score_test_parts(left: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ProbeResult]]:
     """Whether each of the k entries is another in the rows of each mask (N,): D = 1_part d."""
     k, n = len(left.d), len(left.run)
     m, there = len(left.psi) // n, np.array(masks)
@@ -195,7 +201,7 @@ def ask_parts(left: Left, masks: Sequence[np.ndarray]) -> list[list[ProbeResult]
     def column(at: np.ndarray) -> np.ndarray:
         return left.d[at % k] * np.repeat(there[at // k], m, axis=1)
 
-    found = _asked(left, sums, column)
+    found = _score_tests(left, sums, column)
     return [found[i : i + k] for i in range(0, len(found), k)]
 
 
@@ -214,7 +220,9 @@ def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray
     return (there[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
 
 
-def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) -> list[ProbeResult]:
+def _score_tests(
+    left: FitResiduals, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]
+) -> list[ProbeResult]:
     """(1)-(3) of the probes' sums; (4) of those `column`s that may be clear."""
     ties = sums.cross @ left.inverse
     power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
@@ -240,7 +248,7 @@ def _asked(left: Left, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]) 
     return out
 
 
-def _jackknife(left: Left, D: np.ndarray) -> list[tuple[float, float]]:
+def _jackknife(left: FitResiduals, D: np.ndarray) -> list[tuple[float, float]]:
     """z and degrees of freedom of D⊥ (K, N m).  (4)"""
     first = left.blocks * (len(left.psi) // len(left.run))
     S, P = np.add.reduceat(D * left.psi, first, axis=1), np.add.reduceat(D * D * left.w, first, axis=1)

@@ -123,13 +123,13 @@ def _burst(what: str, moved_s: float) -> Diagnostic:
     return note("time.bursts", Severity.WARNING, subject=what, moved_ms=1e3 * moved_s)
 
 
-def _moved(stamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def _moved(timestamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Stamps that belong to ticks `before`, on ticks `after`."""
     origin = int(before[0])
     shift = np.interp(
-        (stamps - origin).astype(float), (before - origin).astype(float), (after - before).astype(float)
+        (timestamps - origin).astype(float), (before - origin).astype(float), (after - before).astype(float)
     )
-    return np.maximum.accumulate(stamps + np.rint(shift).astype(np.int64))
+    return np.maximum.accumulate(timestamps + np.rint(shift).astype(np.int64))
 
 
 def _stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:

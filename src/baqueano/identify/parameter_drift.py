@@ -26,7 +26,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import with_numbers
+from baqueano.identify.parameters.free import substitute
 from baqueano.identify.result.verdict import short
 from baqueano.language import number
 from baqueano.language import translated as _
@@ -46,7 +46,7 @@ WALKS = np.array([0.0, *np.geomspace(0.05, 50.0, 25)])  # q in typical standard 
 EPOCH_NS = 10**18  # stamps above it are dates
 
 
-class Moved(NamedTuple):
+class ParameterChange(NamedTuple):
     """A parameter that is not what it was."""
 
     name: str
@@ -76,7 +76,7 @@ class Moved(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OverTime:
+class ParameterHistory:
     """Parameters run by run."""
 
     names: tuple[str, ...]  # (p,)
@@ -91,7 +91,7 @@ class OverTime:
     smoothed: np.ndarray  # (K, p) from all runs
     smoothed_sd: np.ndarray  # (K, p)
     walk: np.ndarray  # (p,) q: standard deviation of a parameter's change from run to run
-    moved: tuple[Moved, ...]
+    moved: tuple[ParameterChange, ...]
     refused: tuple[str, ...]  # runs whose fit was refused
     last: "Fit"  # of the last run that could be fitted
 
@@ -106,7 +106,7 @@ class OverTime:
         value, sd = self.followed[-1], self.followed_sd[-1]
         known = np.isfinite(value) & np.isfinite(sd)
         paths = [name for name, k in zip(self.names, known, strict=True) if k]
-        blocks = with_numbers(self.last.blocks, paths, [float(x) for x in value[known]])
+        blocks = substitute(self.last.blocks, paths, [float(x) for x in value[known]])
         cov = np.where(np.outer(known, known), self.cov, np.nan)
         return replace(self.last, estimate=value, sd=sd, cov=cov, blocks=blocks, runs=self.runs).vehicle_file
 
@@ -150,9 +150,9 @@ class OverTime:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wear:
-    """What of an `OverTime` moved; its rows are those alone."""
+    """What of an `ParameterHistory` moved; its rows are those alone."""
 
-    followed: OverTime
+    followed: ParameterHistory
 
     @property
     def verdict(self) -> Verdict:
@@ -173,7 +173,7 @@ class Wear:
         return "\n".join(self.followed._sentences())
 
 
-def over_time(
+def parameter_history(
     runs: Sequence["Run"],
     vehicle_file: "VehicleFile",
     free: Sequence[str] | None = None,
@@ -181,7 +181,7 @@ def over_time(
     use: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     say: Callable[[str], object] | None = None,
-) -> OverTime:
+) -> ParameterHistory:
     """The parameters of `vehicle_file` over `runs`, in the order of time (by their stamps where these are dates,
     else as given). `free`, `use` and `options` are those of `identify`. UsageError where fewer than two runs can be
     fitted."""
@@ -204,7 +204,9 @@ def over_time(
     return followed(fits, tuple(refused), [_when(run) for run in runs])
 
 
-def followed(fits: Sequence["Fit"], refused: tuple[str, ...] = (), when: Sequence[str] = ()) -> OverTime:
+def followed(
+    fits: Sequence["Fit"], refused: tuple[str, ...] = (), when: Sequence[str] = ()
+) -> ParameterHistory:
     """(1) and (2) of fits in the order of time."""
     first = fits[0]
     p, runs = len(first.names), tuple(fit.runs[0] for fit in fits)
@@ -223,7 +225,7 @@ def followed(fits: Sequence["Fit"], refused: tuple[str, ...] = (), when: Sequenc
     moved.sort(key=lambda one: -abs(one.z))
     last = [fit for fit in fits if fit.runs[0] not in refused][-1]
     dates = tuple(when) or ("",) * len(fits)
-    return OverTime(
+    return ParameterHistory(
         first.names, first.units, runs, dates, single, single_sd, *filtered, cov, *smoothed, walk,
         tuple(moved), refused, last,
     )  # fmt: skip
@@ -291,7 +293,7 @@ def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
 
 def _moved(
     name: str, unit: str, runs: tuple[str, ...], estimate: np.ndarray, sd: np.ndarray, tests: int
-) -> Moved | None:
+) -> ParameterChange | None:
     """The step or drift of one parameter, None if it stayed.  (2)"""
     at = np.flatnonzero(np.isfinite(estimate) & np.isfinite(sd))
     y, variance = estimate[at], sd[at] ** 2
@@ -314,10 +316,10 @@ def _moved(
         ends = (line[0], line[0] + line[1] * (len(at) - 1))
         z = float(line[1] / line[2])
         first, last = runs[at[0]], runs[at[-1]]
-        return Moved(name, unit, "drift", (first, last), *_pair(ends, variance), z)
+        return ParameterChange(name, unit, "drift", (first, last), *_pair(ends, variance), z)
     z, before, v_before, after, v_after, _, k = best
     between = (runs[at[k - 1]], runs[at[k]])
-    return Moved(
+    return ParameterChange(
         name, unit, "step", between, float(before), float(np.sqrt(v_before)), float(after), float(np.sqrt(v_after)),
         float(z),
     )  # fmt: skip

@@ -30,7 +30,7 @@ from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.setup import POSE_S
-from baqueano.identify.result.fit_result import ChannelFit, Fit, asked_for
+from baqueano.identify.result.fit_result import ChannelFit, Fit, requested
 from baqueano.identify.result.ratios import percent, times
 from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
 from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
@@ -66,7 +66,7 @@ class Figure(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class Validation:
     """All channels of all unseen runs."""
 
     figures: tuple[Figure, ...]
@@ -110,7 +110,7 @@ class Judged:
         )
 
 
-class _Left(NamedTuple):
+class _ChannelError(NamedTuple):
     """What is left of a channel."""
 
     square: float  # mean e²
@@ -120,7 +120,7 @@ class _Left(NamedTuple):
     block_s: float = BLOCK_S
 
 
-def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
+def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     """`fit` on `runs`. UsageError where it was made from one of them, or was refused."""
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
@@ -130,7 +130,7 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
     use = _used(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
-    own = [name for name in fit.own_names if asked_for(name)]
+    own = [name for name in fit.own_names if requested(name)]
     clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
     per_run = [name for name in (*own, *fit.names) if name in own or name.startswith(MOUNT)]
     per_run = [name for name in per_run if not name.startswith("clock.")]
@@ -143,11 +143,11 @@ def judge(fit: Fit, runs: Run | Sequence[Run]) -> Judged:
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
             own = [one for one in fit.channels if (one.sensor, one.entry) == (c.sensor, c.entry)]
-            figure, said = _judged(c, own, channel_unit(file, c.sensor, c.entry))
+            figure, said = _validated(c, own, channel_unit(file, c.sensor, c.entry))
             figures.append(figure)
             found += said
     outside = tuple(flag for run in runs for flag in fit.envelope.flags(run))
-    return Judged(tuple(figures), tuple(channels), tuple(found), outside, _basis(fit, runs, rest))
+    return Validation(tuple(figures), tuple(channels), tuple(found), outside, _basis(fit, runs, rest))
 
 
 def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
@@ -187,18 +187,18 @@ def _used(fit: Fit) -> tuple[str, ...]:
     return (*whole, *(f"{name}[{k}]" for name, k in told if name in sensors and name not in whole))
 
 
-def _judged(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Diagnostic]]:
+def _validated(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Diagnostic]]:
     """The figures of one channel of an unseen run beside those of its `own` runs, and what speaks against it."""
     own, e = [one for one in own if np.isfinite(one.explained)], c.measured - c.predicted
     part = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
     figure = Figure(c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), part, np.nan, unit)
     if not own:
         return figure, []
-    here, there = _both_left(c, own)
+    here, there = _channel_errors(c, own)
     samples = [np.isfinite(one.measured).sum() for one in own]
     said = float(np.average([one.explained for one in own], weights=samples))
     square, white = (
-        np.average([getattr(one, k) for one in there], weights=samples) for k in _Left._fields[:2]
+        np.average([getattr(one, k) for one in there], weights=samples) for k in _ChannelError._fields[:2]
     )
     noise = float(np.sqrt(square + max(0.0, here.white - white)))
     figure = figure._replace(on_own_runs=said, noise=noise)
@@ -225,7 +225,7 @@ def _about(code: str, severity: Severity, figure: Figure, **figures: float | Dia
     return note(code, severity, subject=figure.channel, **told)
 
 
-def _against(figure: Figure, here: _Left, own: np.ndarray) -> list[Diagnostic]:
+def _against(figure: Figure, here: _ChannelError, own: np.ndarray) -> list[Diagnostic]:
     """Return what speaks against the model in one channel of a run, one finding at most.  (3), (4)"""
     noise2, freedom, alpha = figure.noise**2, len(here.g) + len(own) - 2, 0.5 * CHANCE
     told = {
@@ -251,18 +251,18 @@ def _against(figure: Figure, here: _Left, own: np.ndarray) -> list[Diagnostic]:
     return []
 
 
-def _both_left(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_Left, list[_Left]]:
+def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelError, list[_ChannelError]]:
     """What is left of a channel and of those of its `own` runs, in blocks of BLOCK_S if these are ENOUGH."""
     every = np.concatenate([one.measured - one.predicted for one in own])
     spread, tried = float(np.sqrt(np.nanmean(every**2))), []
     for block_s in (BLOCK_S, SHORT_S):
-        here, *there = (_left(one, spread, block_s) for one in (c, *own))
+        here, *there = (_channel_error(one, spread, block_s) for one in (c, *own))
         tried.append((min(len(here.g), sum(len(one.g) for one in there), ENOUGH), here, there))
     _, here, there = max(tried, key=lambda one: one[0])
     return here, there
 
 
-def _left(c: ChannelFit, spread: float, block_s: float) -> _Left:
+def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
     """What is left of a channel in blocks of `block_s`, beyond CLIPPED times `spread` clipped."""
     e, known = c.measured - c.predicted, np.isfinite(c.measured - c.predicted)
     e, t = np.clip(e[known], -CLIPPED * spread, CLIPPED * spread), c.t_s[known]
@@ -272,4 +272,6 @@ def _left(c: ChannelFit, spread: float, block_s: float) -> _Left:
     g = [float(np.log(max(np.mean(e[block == b] ** 2), 1e-300))) for b in told]
     white = 0.5 * float(np.mean(np.diff(e) ** 2)) if len(e) > 1 else 0.0
     begins = [float(t[0] + b * block_s) for b in told]
-    return _Left(float(np.mean(e**2)) if len(e) else 0.0, white, np.array(g), np.array(begins), block_s)
+    return _ChannelError(
+        float(np.mean(e**2)) if len(e) else 0.0, white, np.array(g), np.array(begins), block_s
+    )

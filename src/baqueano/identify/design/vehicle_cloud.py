@@ -37,24 +37,24 @@ WINDOWS = 16  # spans of it that are kept as kernels take them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlannedBelief:
+class VehicleDistribution:
     """The nominal vehicle first, then the others."""
 
     paths: tuple[str, ...]  # (p,) the numbers that are not sure, each with its entry
     theta: np.ndarray  # (L, p)
 
-    def some(self, vehicles: int) -> "PlannedBelief":
+    def some(self, vehicles: int) -> "VehicleDistribution":
         """The nominal vehicle and so many of the others, in pairs if they are."""
         half = (len(self.theta) - 1) // 2
         few = min(vehicles // 2, half)
-        return PlannedBelief(
+        return VehicleDistribution(
             self.paths, self.theta[[0, *range(1, 1 + few), *range(1 + half, 1 + half + few)]]
         )
 
 
-def believed(
+def possible_vehicles(
     vehicle_file: "VehicleFile", relative_std: float = RELATIVE_STD, vehicles: int = VEHICLES, seed: int = 0
-) -> PlannedBelief:
+) -> VehicleDistribution:
     """The vehicles that the file makes possible.  (1), (2)"""
     blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
     fitted = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
@@ -62,7 +62,7 @@ def believed(
     guessed = [p for p in default_free(blocks) if p not in told and value(blocks, p) != 0.0]
     paths = (*told, *guessed)
     mean = np.array([value(blocks, p) for p in paths])
-    half = stream(seed, "believed").standard_normal((vehicles // 2, len(paths)))
+    half = stream(seed, "possible_vehicles").standard_normal((vehicles // 2, len(paths)))
     unit = np.concatenate([np.zeros((1, len(paths))), half, -half])
     theta = mean * np.exp(relative_std * unit)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
@@ -70,7 +70,7 @@ def believed(
     if fit is not None and told:
         k, cov = len(told), fit.cov[np.ix_(fitted, fitted)]
         theta[:, :k] = _drawn(unit[:, :k], mean[:k], cov, low[:k], high[:k])
-    return PlannedBelief(paths, np.clip(theta, low, high))
+    return VehicleDistribution(paths, np.clip(theta, low, high))
 
 
 def _drawn(
@@ -101,7 +101,7 @@ class Cloud:
     """L vehicles under the same command, from tick to tick."""
 
     def __init__(
-        self, vehicle_file: "VehicleFile", belief: PlannedBelief, seed: int = 0, backend: str = "auto"
+        self, vehicle_file: "VehicleFile", belief: VehicleDistribution, seed: int = 0, backend: str = "auto"
     ) -> None:
         self.belief, self.seed, self.rate_hz = belief, seed, vehicle_file.rate_hz
         system = System(vehicle_file.vehicle, vehicle_file.sensors)
@@ -145,7 +145,7 @@ class Cloud:
                 break
             theta = self.belief.theta.copy()
             theta[wild] = 0.5 * (theta[0] + theta[wild])
-            self.belief = PlannedBelief(self.belief.paths, theta)
+            self.belief = VehicleDistribution(self.belief.paths, theta)
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:
         """(L, T, 3) unit normals, those of the nominal vehicle zero; a tick has its own, however many follow."""

@@ -2,7 +2,7 @@
 
 The signal map (runs/diagnostics/signal_map.py) of what was measured and what the model says, of any scale. The gains of
 a fit bend to what was measured, so that an inverted sensor shows only where another one contradicts it; else it is the
-file that does (against_file.py). Where a channel does not follow what the file's own numbers say, the same search is
+file that does (gain_changes.py). Where a channel does not follow what the file's own numbers say, the same search is
 asked with the axes otherwise: swapped, turned by a quarter or a half, one of them inverted,
 
     gain = Σ_c n_c log σ_c(as it is) − Σ_c n_c log σ_c(other way),   over the n of the IMU                 (1)
@@ -19,7 +19,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FitRecord, FittedBlocks, beginning
-from baqueano.identify.diagnostics import against_file
+from baqueano.identify.diagnostics import gain_changes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
@@ -174,5 +174,5 @@ def _left(found: Search, own: slice, n: np.ndarray) -> float:
 
 def _as_in_the_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
     names = task.problem.shape.shared
-    found = against_file.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
+    found = gain_changes.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
     return not any(one.code in AXES for one in found)

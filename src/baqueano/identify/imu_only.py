@@ -31,19 +31,19 @@ from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.identifiability.identifiable import FinishedFit, Seen, without_the_unseen
+from baqueano.identify.identifiability.identifiable import FinishedFit, Identifiability, fix_unidentifiable
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     DELAY,
     Free,
     acts_alone,
-    asked,
-    chosen,
     default_free,
     described,
+    free_parameters,
+    requested_paths,
 )
 from baqueano.identify.parameters.setup import unknowns
-from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_led
+from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_gyro_aided
 from baqueano.identify.residuals.noise_level import smallest_spread, spread
 from baqueano.identify.result.assemble import fit_of
 from baqueano.identify.result.fit_result import Fit
@@ -58,7 +58,7 @@ FOLLOWED = 8  # rounds of the yaw rate that leads
 STILL = 0.1  # standard deviations that a round moves the parameters, all together, in the last of them
 
 
-def without_encoders(
+def fit_imu_only(
     runs: Run | Sequence[Run],
     vehicle_file: "VehicleFile",
     free: Sequence[str] | None = None,
@@ -82,7 +82,7 @@ def without_encoders(
     imu = _imu(vehicle_file, use)
     scales = scales_of(vehicle_file, imu, tolerance or {})
     data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
-    if not can_be_led(data.blocks):
+    if not can_be_gyro_aided(data.blocks):
         kind = type(data.file.vehicle).__name__
         raise UsageError(fault("led.no-dynamics", vehicle=data.file.name, kind=kind))
     zero = zero_of(data.file, imu) if acts_alone(data.file.vehicle) else 0.0
@@ -94,14 +94,14 @@ def without_encoders(
     begin = parameters.first, parameters.low, parameters.high
     task = Task(problem, *begin, floor, None, by_speed=True, say=say, minimise=solver)
     within, found = _settled(task)
-    found, sight, info = without_the_unseen(within, found, parameters.free)
+    found, identifiability, info = fix_unidentifiable(within, found, parameters.free)
     found = bounds_of(task, found)
-    info = _with_all_errors(found, sight, info, (scales, zero))
+    info = _with_all_errors(found, identifiability, info, (scales, zero))
     left = found.problem.left(found.solution.theta)
     found = found._replace(sigma=spread(left, found.problem.has, floor))
     end = FinishedFit(
         data.file, blocks, task._replace(problem=found.problem), list(parameters.wanted), list(parameters.frozen),
-        found, sight, info, data.note, data.findings,
+        found, identifiability, info, data.note, data.findings,
     )  # fmt: skip
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
@@ -146,13 +146,17 @@ def _still(before: np.ndarray, found: Search) -> bool:
 
 
 def _with_all_errors(
-    found: Search, sight: Seen, info: Information, unknown: tuple[np.ndarray, float]
+    found: Search, identifiability: Identifiability, info: Information, unknown: tuple[np.ndarray, float]
 ) -> Information:
     """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
-    problem, theta, kept = found.problem, found.solution.theta, np.flatnonzero(sight.kept)
+    problem, theta, identifiable = (
+        found.problem,
+        found.solution.theta,
+        np.flatnonzero(identifiability.mask),
+    )
     assert isinstance(problem, GyroAidedResiduals)
-    cov = jackknife(problem, theta, kept, info.bread)
-    info = info if cov is None else with_blocks(info, kept, cov)
+    cov = jackknife(problem, theta, identifiable, info.bread)
+    info = info if cov is None else with_blocks(info, identifiable, cov)
     return with_systematic(info, lambda *changed: problem.slope(theta, *changed), *unknown)
 
 
@@ -202,9 +206,9 @@ def _wanted(blocks: FittedBlocks, free: Sequence[str] | None, options: FitOption
     lever = f"sensors.{imu}.{LEVER}"
     held = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if acts_alone(blocks.model):
-        free = asked(free, lambda: [*default_free(blocks), DELAY])
+        free = requested_paths(free, lambda: [*default_free(blocks), DELAY])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
-    wanted = chosen(blocks, free, options.fixed, bounds)
+    wanted = free_parameters(blocks, free, options.fixed, bounds)
     if not held and lever not in [one.path for one in wanted]:
         wanted.append(described(blocks, lever, options.bounds))
     return wanted

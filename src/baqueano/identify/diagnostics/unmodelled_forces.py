@@ -1,4 +1,4 @@
-"""Forces that a model often lacks, as accelerations φ(t) along an axis: what features.py pushes with.
+"""Forces that a model often lacks, as accelerations φ(t) along an axis: what unmodelled_terms.py pushes with.
 
 With w the channels of the drivetrain (left and right wheel, or the commands) and ν what the model says, both over
 their largest value, φ is one of

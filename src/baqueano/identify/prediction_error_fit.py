@@ -20,22 +20,27 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.data.segments import without
 from baqueano.identify.estimation.least_squares import Solution
-from baqueano.identify.estimation.prediction_error import Likely, Prediction, most_likely
+from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, most_likely
 from baqueano.identify.identifiability.identifiable import FinishedFit
 from baqueano.identify.parameters.free import FLOOR, described, value
 from baqueano.identify.residuals.block_arrow import Evaluation, dense
-from baqueano.identify.result.assemble import believed_of, fit_of, known_of, only_coloured
+from baqueano.identify.result.assemble import fit_of, only_autocorrelated, sigma_of_file, verdict_basis
 from baqueano.identify.result.fit_result import Fit
-from baqueano.identify.result.objective_choice import LeftOut, Preferred, left_out, preferred
+from baqueano.identify.result.objective_choice import (
+    LeftOutBlocks,
+    ObjectiveChoice,
+    choose_objective,
+    leave_one_out,
+)
 from baqueano.symbolic import put
 
 
-class Second(NamedTuple):
+class PredictionErrorFit(NamedTuple):
     """The second search, and what it says of the first."""
 
     end: FinishedFit
-    likely: Likely
-    preferred: Preferred
+    likely: MaximumLikelihood
+    choice: ObjectiveChoice
     axes: tuple[int, ...]
     info: Information  # of θ that is known and of the noise, in this order
 
@@ -43,18 +48,18 @@ class Second(NamedTuple):
 def fit_by_simulation(first: FinishedFit) -> Fit:
     """Return the Fit by the first cost. Where colour and size of the residuals are all that speaks against it, the
     second is asked whether a floor that moves explains them."""
-    known, model = known_of(first), first.blocks.model
+    known, model = verdict_basis(first), first.blocks.model
     moves = (
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
     )
-    if first.found.stopped or not moves or not only_coloured(known):
+    if first.found.stopped or not moves or not only_autocorrelated(known):
         return fit_of(first, known)
     second = by_innovations(first)
     if not second.end.found.solution.converged:
         return fit_of(first, known)
-    fit = fit_of(first._replace(floor=second.preferred.explains), known)
-    why = second.preferred.why
-    if second.preferred.cost == "innovations":
+    fit = fit_of(first._replace(floor=second.choice.explains), known)
+    why = second.choice.why
+    if second.choice.cost == "innovations":
         why = note("cost.try-innovations", fix="--cost innovations", cause=why)
     return replace(fit, notes=(why, *fit.notes))
 
@@ -80,16 +85,20 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
         bound=np.concatenate([fit.bound, np.where(floor > 0.0, 0, -1)]),
         weak=np.concatenate([fit.weak, np.zeros(len(paths), bool)]),
         cov=cov,
-        notes=(second.preferred.why, _sensors(second), *fit.notes),
+        notes=(second.choice.why, _sensors(second), *fit.notes),
     )
 
 
-def _covariance(second: Second, fit: Fit) -> np.ndarray:
+def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     """Of the parameters of `fit` and of the floor's standard deviations (p + k, p + k), NaN where one is not known."""
-    p, floor, known = len(fit.names), second.likely.noise.floor, len(second.end.sight.kept)
+    p, floor, known = len(fit.names), second.likely.noise.floor, len(second.end.identifiability.mask)
     k, std = len(floor), np.sqrt(floor)
     cov = np.full((p + k, p + k), np.nan)
-    inside = np.r_[second.end.sight.kept, floor > 0.0, np.ones(len(second.info.bread) - known - k, bool)]
+    inside = np.r_[
+        second.end.identifiability.mask,
+        floor > 0.0,
+        np.ones(len(second.info.bread) - known - k, bool),
+    ]
     inside = np.flatnonzero(inside & (np.diagonal(second.info.bread) > 0.0))
     all_of = covariance_of(second.info, inside)
     shared = np.array(second.end.told)
@@ -102,14 +111,16 @@ def _covariance(second: Second, fit: Fit) -> np.ndarray:
     return cov
 
 
-def by_innovations(first: FinishedFit) -> Second:
+def by_innovations(first: FinishedFit) -> PredictionErrorFit:
     """Return the search by the second cost from where the first ended."""
     problem, theta, task = first.task.problem, first.found.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)
     held = np.zeros(problem.size, bool)
-    held[: len(first.sight.kept)] = ~first.sight.kept
+    held[: len(first.identifiability.mask)] = ~first.identifiability.mask
     likely = most_likely(prediction, theta, task.low, task.high, held, task.floor, task.say)
-    chosen = preferred(likely, prediction.axes, _left_out(first, prediction, likely), _times(first, likely))
+    chosen = choose_objective(
+        likely, prediction.axes, _compare_objectives(first, prediction, likely), _times(first, likely)
+    )
     with_noise, info = _of_parameters(likely, first)
     found, at, p = likely.solution, likely.solution.at, problem.size
     at = Evaluation(at.cost, at.gradient[:p], dense(at.hessian)[:p, :p])
@@ -126,28 +137,32 @@ def by_innovations(first: FinishedFit) -> Second:
     second = first._replace(
         blocks=blocks, found=search, info=info, floor=chosen.explains, filtered=True, doubts=doubts
     )
-    return Second(second, likely, chosen, prediction.axes, with_noise)
+    return PredictionErrorFit(second, likely, chosen, prediction.axes, with_noise)
 
 
-def _left_out(first: FinishedFit, prediction: Prediction, likely: Likely) -> LeftOut | None:
+def _compare_objectives(
+    first: FinishedFit, prediction: Prediction, likely: MaximumLikelihood
+) -> LeftOutBlocks | None:
     """Both answers on segments that neither has used."""
     problem, ends = first.task.problem, first.found.solution
-    told = first.sight.kept
-    kept = np.flatnonzero(told & (ends.bound[: len(told)] == 0))
+    told = first.identifiability.mask
+    identifiable = np.flatnonzero(told & (ends.bound[: len(told)] == 0))
     noise = problem.size + np.flatnonzero(_free(likely))
     free = np.flatnonzero(told & (likely.solution.bound[: len(told)] == 0))
-    return left_out(problem, ends.theta, kept, prediction, likely.solution.theta, np.r_[free, noise])
+    return leave_one_out(
+        problem, ends.theta, identifiable, prediction, likely.solution.theta, np.r_[free, noise]
+    )
 
 
-def _free(likely: Likely) -> np.ndarray:
+def _free(likely: MaximumLikelihood) -> np.ndarray:
     """(k + m,) bool: the entries of the noise that no bound holds."""
     return likely.solution.bound[len(likely.theta) :] == 0
 
 
-def _of_parameters(likely: Likely, first: FinishedFit) -> tuple[Information, Information]:
+def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
     """The information of the identifiable entries of θ with the noise, and of these entries alone. The starts of pieces
     are eliminated from both, the noise from the second: it too is unknown, and correlated with fading motions."""
-    layout, known, info = first.task.problem.layout, len(first.sight.kept), likely.info
+    layout, known, info = first.task.problem.layout, len(first.identifiability.mask), likely.info
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
     order = np.r_[np.arange(known), noise, np.arange(known, layout.size)]
     A, B = info.bread[np.ix_(order, order)], info.meat[np.ix_(order, order)]
@@ -159,14 +174,14 @@ def _of_parameters(likely: Likely, first: FinishedFit) -> tuple[Information, Inf
     return both, info._replace(bread=A, meat=B, channels=info.channels[:, :known])
 
 
-def _times(first: FinishedFit, likely: Likely) -> np.ndarray:
+def _times(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
     """(m,) noise of the sensors without the floor's part in units of the file's, 0 where that tells none."""
-    known = believed_of(first.blocks)
+    known = sigma_of_file(first.blocks)
     found = first.task.problem.sigma * np.exp(likely.noise.sensors)
     return np.where(known > 0.0, found / np.where(known > 0.0, known, 1.0), 0.0)
 
 
-def _sensors(second: Second) -> Diagnostic:
+def _sensors(second: PredictionErrorFit) -> Diagnostic:
     """The noise of the sensors without the floor's part."""
     problem, noise = second.end.task.problem, second.likely.noise
     sigma = problem.sigma * np.exp(noise.sensors)
