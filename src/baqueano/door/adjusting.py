@@ -4,13 +4,14 @@ Only numbers of the controller can be set; the limits of the supervisor clip wha
 runs as it is written, in some 0.1 ms a tick: to compile it would hold up the loop.
 """
 
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.door.frames.descriptions import numbers_in
 from baqueano.drive.budget import BudgetedBlock
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.errors import Invalid
@@ -24,12 +25,6 @@ if TYPE_CHECKING:
     from baqueano.signals import Command, Estimate, Reference
 
 SOURCE, ROOM = "set", "controller"
-
-
-def numbers_in(block: object) -> list[str]:
-    """Return the names of the parameters of a block that are numbers, without the rate of its vehicle."""
-    names = [one.name for one in fields(block)] if is_dataclass(block) else []
-    return [n for n in names if n != "rate_hz" and np.asarray(getattr(block, n)).dtype.kind in "fi"]
 
 
 class Adjustable:

@@ -48,7 +48,9 @@ LOOK_S = 5.0  # at the longest: what is told wakes the door
 BREATH_S = 0.001  # after a turn with many lines: the loop's thread comes first
 SENT_AHEAD = 16 << 10  # bytes that the system takes for one who does not read: frames in there grow old
 HIDDEN_S = 0.3  # silence of a page that drives, which stops the vehicle
-Words = Mapping[str, Callable[[Guest, "JsonObject"], object]]
+Words = Mapping[
+    str, Callable[[object, "JsonObject"], "JsonObject | None"]
+]  # who says it, and what; the answer
 
 
 class Door:
@@ -253,7 +255,8 @@ class Door:
             "set": lambda: self._set(guest, said),
         }
         if what in self._words:
-            self._words[what](guest, said)
+            if (answer := self._words[what](guest, said)) is not None:
+                guest.say(answer)
         elif what in words:
             words[what]()
         else:

@@ -1,12 +1,12 @@
 """The vehicle, its route and its mission, in the words of the door."""
 
 import math
+from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
-from baqueano.door.adjusting import numbers_in
 from baqueano.drive.health import shown
 from baqueano.errors import BaqueanoError
 from baqueano.signals import seconds
@@ -59,6 +59,12 @@ def gains_of(file: "VehicleFile") -> dict[str, float]:
         for name, value in values.items()
         if value.ndim == 0 and math.isfinite(float(value))
     }
+
+
+def numbers_in(block: object) -> list[str]:
+    """Return the names of the parameters of a block that are numbers, without the rate of its vehicle."""
+    names = [one.name for one in fields(block)] if is_dataclass(block) else []
+    return [n for n in names if n != "rate_hz" and np.asarray(getattr(block, n)).dtype.kind in "fi"]
 
 
 def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:

@@ -38,10 +38,9 @@ from baqueano.runs.route_file import write_route
 from baqueano.worlds import SimulatedWorld
 
 if TYPE_CHECKING:
-    from baqueano.door.guests import Guest
     from baqueano.vehicle_file.file import VehicleFile
 
-Word = Callable[["Guest", JsonObject], object]
+Word = Callable[[object, JsonObject], JsonObject | None]
 IDLE_S, TELL_S = 0.02, 0.2
 LOOP = 4.0  # a lesson that is so many times longer than CLOSE_M, and came back, went round
 
@@ -76,7 +75,7 @@ class SimulatedService:
             "pause": lambda guest, said: self._while_holding(guest, self.pace.pause),
             "go": lambda guest, said: self._while_holding(guest, lambda: self.pace.go(int(said.get("ticks", 0)))),
             "pace": lambda guest, said: self._while_holding(guest, lambda: self.pace.set(float(said["factor"]))),
-            "routes": lambda guest, said: guest.say({"is": "routes", "routes": self.routes.rows()}),
+            "routes": lambda guest, said: {"is": "routes", "routes": self.routes.rows()},
         }  # fmt: skip
 
     def run(self) -> None:
