@@ -4,9 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from baqueano.blocks import allowed, check_room, resolve_named
 from baqueano.contracts.blocks import OwnBlock
@@ -19,49 +17,26 @@ from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
 from baqueano.vehicle_file.envelope import Envelope, read_envelope
 from baqueano.vehicle_file.head import (
-    FORMAT,
     TABLES,
     TOP_LEVEL,
-    Channels,
+    CommandSpec,
     Geometry,
     Hardware,
     Simulation,
-    Top,
-)
+    read_command,
+    read_head,
+    read_top,
+)  # fmt: skip
 from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
 from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
-from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing, unknown
+from baqueano.vehicle_file.tables import Sheet, unknown
 from baqueano.vehicle_file.text.toml_text import read_text, tables
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.guides.route import Route
-    from baqueano.vehicles.state import DynamicVehicle
 
 LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
-
-
-class CommandSpec(NamedTuple):
-    """The command u (n,) of a vehicle.
-
-    Attributes
-    ----------
-    names : tuple of str
-        One per entry.
-    unit : str
-        Of all entries.
-    limit : ndarray (n,) [unit of u]
-        Largest size of each entry.
-
-    Examples
-    --------
-    >>> load("small").command.names
-    ('u_x', 'u_y', 'u_psi')
-    """
-
-    names: tuple[str, ...]
-    unit: str
-    limit: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -104,6 +79,8 @@ class VehicleFile:
         Name of the file in messages.
     robot : Hardware
         The table [robot].
+    simulation : Simulation
+        The table [simulation].
     simulation : Simulation
         The table [simulation].
     on_disk : str or None
@@ -342,13 +319,13 @@ def parse(
     """
     sheet = Sheet(name, text)
     data = tables(text, name)
-    top = _top(sheet, data)
-    channels, geometry, hardware, simulation = _head(sheet, data)
+    top = read_top(sheet, data)
+    channels, geometry, hardware, simulation = read_head(sheet, data)
     around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry)
     vehicle = build.vehicle(sheet, data["model"], around)
     sensors = build.sensors(sheet, data.get("sensors", {}), around)
     sheet.finish()
-    command = _command(sheet, channels, vehicle)
+    command = read_command(sheet, channels, vehicle)
     check_body(sheet, vehicle, geometry)
     check_drive(sheet, vehicle, channels, top.rate_hz)
     check_sensors(sheet, sensors, geometry)
@@ -367,57 +344,6 @@ def _folder(path: Path | None, on_disk: str | None) -> str | None:
     if path is not None:
         return str(path.parent)
     return None if on_disk is None else "."  # of the garage: where the user stands
-
-
-def _top(sheet: Sheet, data: "JsonObject") -> Top:
-    """The keys above the first table; a file of another format ends here."""
-    keys = keys_of(Top)
-    if "format" not in data:
-        sheet.wrong(("format",), "vehicle.no-format", expected=FORMAT)
-        sheet.finish()
-    if data["format"] != FORMAT or isinstance(data["format"], bool):
-        newer = isinstance(data["format"], int) and data["format"] > FORMAT
-        code, fix = ("newer-format", "pip install --upgrade baqueano") if newer else ("other-format", "")
-        sheet.wrong(("format",), f"vehicle.{code}", fix, found=repr(data["format"]), expected=FORMAT)
-        sheet.finish()
-    values = arguments(sheet, (), {k: keys[k] for k in TOP_LEVEL}, data, also=TABLES)
-    for name in missing(keys, values):
-        if name not in data:
-            sheet.wrong((name,), "vehicle.no-top-key", example=_example(name))
-    for table in ("command", "model"):
-        if table not in data:
-            sheet.wrong_table((table,), "vehicle.no-table")
-    sheet.finish()
-    return Top(**values)
-
-
-def _example(name: str) -> str:
-    return {"name": 'name = "my vehicle"', "rate_hz": "rate_hz = 100.0"}.get(name, name)
-
-
-def _head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
-    values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
-    if "names" not in values and "names" not in data["command"]:
-        sheet.wrong(("command", "names"), "vehicle.no-command-names")
-    geometry = arguments(sheet, ("geometry",), keys_of(Geometry), data.get("geometry", {}), also=())
-    hardware = arguments(sheet, ("robot",), keys_of(Hardware), data.get("robot", {}), also=())
-    simulation = arguments(sheet, ("simulation",), keys_of(Simulation), data.get("simulation", {}), also=())
-    sheet.finish()
-    return Channels(**values), Geometry(**geometry), Hardware(**hardware), Simulation(**simulation)
-
-
-def _command(sheet: Sheet, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
-    n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
-    if len(names) != n:
-        model = type(vehicle).__name__
-        sheet.wrong(("command", "names"), "vehicle.command-names", found=len(names), model=model, expected=n)
-    if len(set(names)) != len(names):
-        sheet.wrong(("command", "names"), "vehicle.command-name-twice", found=str(list(names)))
-    limit = channels.limit
-    if limit.shape not in ((1,), (n,)):
-        sheet.wrong(("command", "limit"), "vehicle.command-limits", found=len(limit), expected=n)
-    sheet.finish()
-    return CommandSpec(names, channels.unit, np.broadcast_to(limit, (n,)).copy())
 
 
 def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:

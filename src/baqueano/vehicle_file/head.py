@@ -1,10 +1,16 @@
 """The head of a vehicle file: the command's channels and the body's measures."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from baqueano.parameter import INF, parameter
+from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.vehicles.state import DynamicVehicle
 
 FORMAT = 1
 TOP_LEVEL = ("format", "name", "about", "rate_hz")
@@ -112,3 +118,79 @@ def solid_inertia(mass_kg: float, geometry: Geometry) -> float | None:
     if geometry.length_m is not None and geometry.width_m is not None:
         return mass_kg * (geometry.length_m**2 + geometry.width_m**2) / 12.0
     return None
+
+
+class CommandSpec(NamedTuple):
+    """The command u (n,) of a vehicle.
+
+    Attributes
+    ----------
+    names : tuple of str
+        One per entry.
+    unit : str
+        Of all entries.
+    limit : ndarray (n,) [unit of u]
+        Largest size of each entry.
+
+    Examples
+    --------
+    >>> bq.load("small").command.names
+    ('u_x', 'u_y', 'u_psi')
+    """
+
+    names: tuple[str, ...]
+    unit: str
+    limit: np.ndarray
+
+
+def read_top(sheet: Sheet, data: "JsonObject") -> Top:
+    """The keys above the first table; a file of another format ends here."""
+    keys = keys_of(Top)
+    if "format" not in data:
+        sheet.wrong(("format",), "vehicle.no-format", expected=FORMAT)
+        sheet.finish()
+    if data["format"] != FORMAT or isinstance(data["format"], bool):
+        newer = isinstance(data["format"], int) and data["format"] > FORMAT
+        code, fix = ("newer-format", "pip install --upgrade baqueano") if newer else ("other-format", "")
+        sheet.wrong(("format",), f"vehicle.{code}", fix, found=repr(data["format"]), expected=FORMAT)
+        sheet.finish()
+    values = arguments(sheet, (), {k: keys[k] for k in TOP_LEVEL}, data, also=TABLES)
+    for name in missing(keys, values):
+        if name not in data:
+            sheet.wrong((name,), "vehicle.no-top-key", example=_example(name))
+    for table in ("command", "model"):
+        if table not in data:
+            sheet.wrong_table((table,), "vehicle.no-table")
+    sheet.finish()
+    return Top(**values)
+
+
+def _example(name: str) -> str:
+    return {"name": 'name = "my vehicle"', "rate_hz": "rate_hz = 100.0"}.get(name, name)
+
+
+def read_head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
+    """Return the tables command, geometry, robot and simulation."""
+    values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
+    if "names" not in values and "names" not in data["command"]:
+        sheet.wrong(("command", "names"), "vehicle.no-command-names")
+    geometry = arguments(sheet, ("geometry",), keys_of(Geometry), data.get("geometry", {}), also=())
+    hardware = arguments(sheet, ("robot",), keys_of(Hardware), data.get("robot", {}), also=())
+    simulation = arguments(sheet, ("simulation",), keys_of(Simulation), data.get("simulation", {}), also=())
+    sheet.finish()
+    return Channels(**values), Geometry(**geometry), Hardware(**hardware), Simulation(**simulation)
+
+
+def read_command(sheet: Sheet, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
+    """Return names, unit and limits, as many as the vehicle takes."""
+    n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
+    if len(names) != n:
+        model = type(vehicle).__name__
+        sheet.wrong(("command", "names"), "vehicle.command-names", found=len(names), model=model, expected=n)
+    if len(set(names)) != len(names):
+        sheet.wrong(("command", "names"), "vehicle.command-name-twice", found=str(list(names)))
+    limit = channels.limit
+    if limit.shape not in ((1,), (n,)):
+        sheet.wrong(("command", "limit"), "vehicle.command-limits", found=len(limit), expected=n)
+    sheet.finish()
+    return CommandSpec(names, channels.unit, np.broadcast_to(limit, (n,)).copy())
