@@ -90,7 +90,7 @@ def text(said: "Diagnostic | str | None", argument: Callable[[str], object] = Ar
     return f"{before}{said.code}{f' ({shown})' if shown else ''}{f'. Type: {said.fix}' if said.fix else ''}"
 
 
-def english(said: "Diagnostic | str | None") -> str:
+def in_english(said: "Diagnostic | str | None") -> str:
     """Return the English sentence of a diagnostic, as files have it."""
     with language.within("en"):
         return text(said)

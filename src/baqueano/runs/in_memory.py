@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic
 from baqueano.loop import Record
-from baqueano.messages import english
+from baqueano.messages import in_english
 from baqueano.runs.run import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.signals import Motion, measured_ns
 
@@ -64,7 +64,7 @@ class RunInMemory:
     def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:
         """A line for the reader."""
         data = said if isinstance(said, Diagnostic) else None
-        self.events.append(Event(t_ns, level, source, english(said), data))
+        self.events.append(Event(t_ns, level, source, in_english(said), data))
 
     def run(self, name: str) -> Run:
         """All of it as a run."""

@@ -20,7 +20,7 @@ from baqueano.errors import UsageError
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
-from baqueano.messages import english
+from baqueano.messages import in_english
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
@@ -244,4 +244,4 @@ def _stopped(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
     if not 0 < code < len(REASONS):
         return ()
     why = numbered(code)
-    return (Event(t_ns, "error", "supervisor", english(why), why),)
+    return (Event(t_ns, "error", "supervisor", in_english(why), why),)

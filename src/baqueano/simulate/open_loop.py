@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.messages import english
+from baqueano.messages import in_english
 from baqueano.runs.container.writer import versions
 from baqueano.runs.run import Channel, Event, Run, TruthLog
 from baqueano.signals import NANOSECONDS, ByName, Motion, Slot
@@ -128,7 +128,7 @@ def simulate(
 def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
     """Return an event for each command and measurement that leaves what the fit of the file saw."""
     flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
-    return tuple(Event(int(run.t_ns[-1]), "warning", "model", english(said), said) for said in flags)
+    return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(said), said) for said in flags)
 
 
 @lru_cache(maxsize=32)

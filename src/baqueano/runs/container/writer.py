@@ -23,7 +23,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, Invalid, UsageError
-from baqueano.messages import english
+from baqueano.messages import in_english
 from baqueano.printable import typed
 from baqueano.runs.container.messages import LAST_NS
 from baqueano.runs.container.packing import Packing
@@ -118,7 +118,7 @@ class RunWriter:
         """A line for the reader; level is one of LEVELS."""
         data = said if isinstance(said, Diagnostic) else None
         level = level if level in LEVELS else "warning"
-        self._say("event", self._packing.event, Event(t_ns, level, source, english(said), data))
+        self._say("event", self._packing.event, Event(t_ns, level, source, in_english(said), data))
 
     def close(self) -> None:
         """Write the buffered rest and the index. FileError with the saved part if the disk refused."""
