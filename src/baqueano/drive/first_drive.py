@@ -144,12 +144,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
 
 
 def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
-    """The run of a first drive, before anything is said of it; options and errors as in `first_drive`.
-
-    >>> from baqueano.vehicle_file import load
-    >>> careful_drive(load("small")).metadata["kind"]
-    'first drive'
-    """
+    """The run of a first drive, before anything is said of it; options and errors as in `first_drive`."""
     if "imu" not in vehicle_file.sensors._fields:
         raise UsageError(fault("first-drive.no-imu", name=vehicle_file.name))
     pulses = Careful(directions(vehicle_file))

@@ -67,8 +67,9 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
     Examples
     --------
     >>> from baqueano.controllers import PdFeedforward
-    >>> check(PdFeedforward).verdict, check("dead_reckoning").room
-    (<Verdict.USABLE: 'USABLE'>, 'estimator')
+    >>> checked = check(PdFeedforward)
+    >>> checked.room, str(checked.verdict)
+    ('controller', 'USABLE')
     """
     file = load("small") if vehicle_file is None else vehicle_file
     kind = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
