@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from baqueano.cli.page.motion import Motion, in_motion
+from baqueano.cli.page.motion import PageOfDrives, in_motion
 from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
 from baqueano.web import share
 from baqueano.web.lab.handle import Lab
-from baqueano.web.lab.playback import Playback, read
+from baqueano.web.lab.playback import RunPlayer, read
 from baqueano.web.lab.recorded import recorded
 from tests.web.page_client import drive, folder_of, run_page
 
@@ -32,7 +32,7 @@ def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
     async def job():
         lab = Lab()
         words = await played(
-            Playback(lab, 20.0), [folder / "circle.mcap", note("web.demo-done", verdict="USABLE")]
+            RunPlayer(lab, 20.0), [folder / "circle.mcap", note("web.demo-done", verdict="USABLE")]
         )
         await lab.close()
         kinds = [word["is"] for word in words]
@@ -50,7 +50,7 @@ def test_a_stop_and_a_pause_hold_it_and_the_pace_changes(tmp_path):
 
     async def job():
         lab = Lab()
-        playback, words = Playback(lab, 0.5), []
+        playback, words = RunPlayer(lab, 0.5), []
         playback.put(folder / "circle.mcap")
         playback.put(None)
         playing = asyncio.create_task(playback.hear(words.append))
@@ -83,7 +83,7 @@ def test_nobody_is_waited_for_twice(tmp_path, monkeypatch):
 
     async def job():
         lab = Lab()
-        playback = Playback(lab, 1.0)
+        playback = RunPlayer(lab, 1.0)
         playback.viewers = lambda: 0
         words = await played(playback, 2 * [folder / "circle.mcap"])
         assert not any(word["is"] == "frame" for word in words)
@@ -127,4 +127,4 @@ def test_a_page_that_has_gone_does_not_end_the_work():
         stdin = io.BytesIO()
 
     Gone.stdin.close()
-    Motion(Gone()).say(note("web.demo-done", verdict="USABLE"))
+    PageOfDrives(Gone()).say(note("web.demo-done", verdict="USABLE"))

@@ -12,7 +12,7 @@ from baqueano.cli.terminal import talk
 from baqueano.diagnostics import Diagnostic, note
 
 
-class Motion:
+class PageOfDrives:
     """A page process that is told what to show; one that has gone is told nothing."""
 
     def __init__(self, program: "subprocess.Popen[bytes] | None") -> None:
@@ -34,19 +34,19 @@ class Motion:
 
 
 @contextmanager
-def in_motion(folder: Path, wanted: bool | None, pace: float) -> Iterator[Motion]:
+def in_motion(folder: Path, wanted: bool | None, pace: float) -> Iterator[PageOfDrives]:
     """Open a page for the runs of `folder`, at a pace; wait at the end until whoever watches has seen them. `wanted`
     None: where there is a display."""
     if wanted is None:
         wanted = _display()
     if not wanted:
-        yield Motion(None)
+        yield PageOfDrives(None)
         return
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "baqueano.web.lab.playback", str(folder), "--pace", str(pace)]
     program = subprocess.Popen(command, stdin=subprocess.PIPE)
     try:
-        yield Motion(program)
+        yield PageOfDrives(program)
         assert program.stdin is not None
         program.stdin.close()
         if program.poll() is None:

@@ -34,7 +34,7 @@ ROWS = 4096  # that are asked for at once
 COMES_S = 10.0  # in which a browser that was opened may come
 
 
-class Playback:
+class RunPlayer:
     """A service whose drives are recorded."""
 
     def __init__(self, lab: Lab, pace: float = PACE) -> None:
@@ -153,14 +153,14 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     from baqueano.web.run import Served, show_vehicle
 
     lab = Lab()
-    playback = Playback(lab, pace)
+    playback = RunPlayer(lab, pace)
     loop = asyncio.get_running_loop()
     reading = loop.run_in_executor(
         None, read, sys.stdin.buffer, partial(loop.call_soon_threadsafe, playback.put)
     )
     say = partial(print, file=sys.stderr, flush=True)
 
-    async def start() -> Playback:
+    async def start() -> RunPlayer:
         return playback
 
     def meet(viewers: Callable[[], int]) -> None:
