@@ -22,7 +22,7 @@ SAME = 1e-3  # of the size of an answer; times that became floats on the way cos
 
 
 def a_sensor() -> SensorBlocks:
-    """What an estimator is tried with when nobody says: an IMU."""
+    """Return the default sensors of a test of an estimator: an IMU."""
     imu = Imu(accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.01)
     return sensor_slots(("imu",))(imu)
 
@@ -79,7 +79,7 @@ def _believe(trial: Trial, belief: Tree, tick: Tick, when: Diagnostic) -> tuple[
 
 
 def heard(sensors: SensorBlocks, k: int) -> Any:
-    """What the sensors say in a circle of 0.3 m/s."""
+    """Return the readings of the sensors in a circle at 0.3 m/s."""
     psi = wrap(TURN * DT_S * (k + 1))
     motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, TURN]), np.zeros(3), np.zeros(2))
     slots = sensor_slots(tuple(sensors._fields))

@@ -1,4 +1,4 @@
-"""What a block's file may not do: read a clock, a file, a random number; print. Read from its syntax."""
+"""Calls that a block's file may not make: clocks, files, random numbers, print. They are read from its syntax."""
 
 import ast
 import inspect

@@ -67,7 +67,7 @@ class Trial:
         return first
 
     def _again(self, verb: str, when: Diagnostic) -> bool:
-        """Whether to ask the same once more: the first times, and then now and then."""
+        """Return True where a call is to be repeated: the first calls, then some of them."""
         count = self._asked[verb, when] = self._asked.get((verb, when), 0) + 1
         return count <= 5 or count % 10 == 0
 

@@ -41,7 +41,7 @@ AT_REST_STD = np.array([1e-3, 1e-3, 1e-3, 1e-2, 1e-2])  # of ν and d at rest
 
 
 class AugmentedBelief(NamedTuple):
-    """What the filter carries from tick to tick."""
+    """State of the filter from tick to tick."""
 
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (n,) of (1); biases and scales as differences from the file's

@@ -116,7 +116,7 @@ def sensors_of(
 
 
 def _nothing_in_common(known: Sequence[str], runs: list[Run]) -> UsageError:
-    """What is said where no sensor of the file, of all that are `known`, is read in every run."""
+    """Return the error for runs in which no sensor of the file, all of them `known`, is read in every run."""
     read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
     name = max(known, key=lambda one: sum(one in has for has in read), default="")
     without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]

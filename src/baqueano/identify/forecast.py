@@ -62,10 +62,10 @@ class Ahead(NamedTuple):
     def message(self) -> Diagnostic:
         """Return it as a message."""
         code = "forecast.lost" if self.heading_rad > LOST_RAD else "forecast.off"
-        told = {"drive": self.drive, "duration_s": self.duration_s, "way_m": self.way_m}
+        details = {"drive": self.drive, "duration_s": self.duration_s, "way_m": self.way_m}
         degrees = float(np.degrees(self.heading_rad))
         heading = f"{number(degrees):.2g}" if degrees < 10.0 else f"{number(degrees):.0f}"
-        return note(code, **told, position=_length(self.position_m), heading_deg=heading)
+        return note(code, **details, position=_length(self.position_m), heading_deg=heading)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -63,7 +63,7 @@ class ParameterChange(NamedTuple):
     def message(self) -> Diagnostic:
         """Return it as a warning."""
         percent = 100.0 * (self.after - self.before) / abs(self.before) if self.before else float("inf")
-        told = {
+        details = {
             "before": self.before,
             "before_sd": self.before_sd,
             "after": self.after,
@@ -71,8 +71,8 @@ class ParameterChange(NamedTuple):
         }
         runs = {"first": self.between[0], "second": self.between[1]}
         code = "over-time.step" if self.how == "step" else "over-time.drift"
-        told |= {"percent": percent, "z": abs(self.z)}
-        return note(code, Severity.WARNING, subject=self.name, **told, **runs, unit=self.unit)
+        details |= {"percent": percent, "z": abs(self.z)}
+        return note(code, Severity.WARNING, subject=self.name, **details, **runs, unit=self.unit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,13 +150,13 @@ class ParameterHistory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wear:
-    """What of an `ParameterHistory` moved; its rows are those alone."""
+    """Parameters of a `ParameterHistory` that moved; its rows are those alone."""
 
     followed: ParameterHistory
 
     @property
     def verdict(self) -> Verdict:
-        """That of the whole."""
+        """Return the verdict of the whole history."""
         return self.followed.verdict
 
     def rows(self) -> list["TableRow"]:

@@ -101,7 +101,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     ]
     inside = np.flatnonzero(inside & (np.diagonal(second.info.bread) > 0.0))
     all_of = covariance_of(second.info, inside)
-    shared = np.array(second.end.told)
+    shared = np.array(second.end.in_theta)
     where = np.r_[shared, np.full(known - len(shared), -1), p + np.arange(k)]
     scale = np.r_[np.ones(known), 1.0 / np.maximum(2.0 * std, 1e-300)]
     of = [n for n, i in enumerate(inside) if i < known + k and where[i] >= 0]
@@ -145,10 +145,10 @@ def _compare_objectives(
 ) -> LeftOutBlocks | None:
     """Both answers on segments that neither has used."""
     problem, ends = first.task.problem, first.found.solution
-    told = first.identifiability.mask
-    identifiable = np.flatnonzero(told & (ends.bound[: len(told)] == 0))
+    mask = first.identifiability.mask
+    identifiable = np.flatnonzero(mask & (ends.bound[: len(mask)] == 0))
     noise = problem.size + np.flatnonzero(_free(likely))
-    free = np.flatnonzero(told & (likely.solution.bound[: len(told)] == 0))
+    free = np.flatnonzero(mask & (likely.solution.bound[: len(mask)] == 0))
     return leave_one_out(
         problem, ends.theta, identifiable, prediction, likely.solution.theta, np.r_[free, noise]
     )

@@ -1,19 +1,13 @@
-"""Gyro, odometer and clocks calibrated against a truth, without a model of the vehicle.
+"""Calibration of gyro, odometer and clocks against a truth, without a model of the vehicle.
 
-A camera says where the vehicle was, (p, ψ) at t_i on its own clock; T later, for many windows [t_i, t_i + T],
+A camera gives the pose (p, ψ) at t_i on its own clock. For many windows [t_i, t_i + T], T = 2 s:
 
     ψ(t_i + T) − ψ(t_i) = a ∫ z_g(t + o) dt − c T                    a = 1/scale, c = bias/scale           (1)
     p(t_i + T) − p(t_i) = ∫ R(ψ(t)) (k_x, k_y) z_o(t + o) dt + (R(ψ(t_i + T)) − R(ψ(t_i))) l              (2)
 
-o is what has to be added to the truth's stamps, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is
-1/scale, turned by the angle between the mark and the way the wheels roll; l is the mark ahead and to the left
-of the point that does not slip sideways. Both are linear but in o, whose slope is the change of the signal
-over the window: Gauss-Newton from the best of a grid. Without a gyro, o comes from (2).
-
-T = 2 s: far longer than the filters inside a gyro and a camera, which shift and shrink what changes fast, and
-short enough that a minute has many windows. Error bars: clusters.py, batches of 5 s or an eighth of the run.
-A path length of the camera against that of the odometer would be simpler and wrong: the camera's noise makes
-its path longer, frame by frame.
+o is the offset of the truth's stamps, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is 1/scale, turned by
+the angle between the mark and the rolling direction. l is the place of the mark from the point without side slip.
+Both equations are linear except in o: Gauss-Newton starts from the best offset of a grid. Error bars: clusters.py.
 """
 
 from collections.abc import Callable
@@ -63,7 +57,7 @@ class CalibratedNumber(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a truth says of the sensors of a run."""
+    """Calibration of the sensors of a run against a truth."""
 
     run: str
     known: tuple[CalibratedNumber, ...]
@@ -76,7 +70,7 @@ class Calibration:
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """What keeps the verdict from being USABLE."""
+        """Return the reasons why the verdict is not USABLE."""
         out = []
         for one in self.known:
             if one.name.endswith("scale") and not one.half < LOOSE * one.value:
@@ -358,7 +352,7 @@ def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
 def _known(
     answer: WindowRegression,
     name: str,
-    told: Callable[[np.ndarray], float],
+    of: Callable[[np.ndarray], float],
     unit: str,
     was: float | None,
     said: str,
@@ -366,9 +360,9 @@ def _known(
     """A number that is a function of the coefficients and the offset (p + 1,), with its error bar."""
     x = np.array([*answer.x, answer.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
-    slope = np.array([(told(x + h) - told(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
+    slope = np.array([(of(x + h) - of(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
     sd = float(np.sqrt(slope @ answer.cov @ slope)) if np.isfinite(answer.cov).all() else np.inf
-    return CalibratedNumber(name, float(told(x)), sd, students(0.975, answer.freedom) * sd, unit, was, said)
+    return CalibratedNumber(name, float(of(x)), sd, students(0.975, answer.freedom) * sd, unit, was, said)
 
 
 def _clock(answer: WindowRegression) -> list[CalibratedNumber]:

@@ -111,7 +111,7 @@ class Validation:
 
 
 class _ChannelError(NamedTuple):
-    """What is left of a channel."""
+    """Residuals of one channel, in blocks."""
 
     square: float  # mean e²
     white: float  # w² of (2)
@@ -158,8 +158,8 @@ def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
         if not count:
             out.append(note("unseen-runs.still", Severity.UNKNOWN, subject=name, needed_s=needed_s))
         elif count < ENOUGH_PIECES:
-            told = {"pieces": count, "least": ENOUGH_PIECES, "needed_s": needed_s}
-            out.append(note("unseen-runs.too-few", Severity.UNKNOWN, subject=name, **told))
+            details = {"pieces": count, "least": ENOUGH_PIECES, "needed_s": needed_s}
+            out.append(note("unseen-runs.too-few", Severity.UNKNOWN, subject=name, **details))
     return out
 
 
@@ -180,11 +180,11 @@ def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
 
 
 def _used(fit: Fit) -> tuple[str, ...]:
-    """What the fit believed, as `use` takes it; no tape lies in unseen runs."""
-    told = dict.fromkeys((c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained))
+    """Return the sensors of the fit, as `use` takes them; tape measurements are left out."""
+    used = dict.fromkeys((c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained))
     sensors = [name for name in fit.sigma if name not in KINDS]
-    whole = [name for name in sensors if all((name, k) in told for k in range(len(fit.sigma[name])))]
-    return (*whole, *(f"{name}[{k}]" for name, k in told if name in sensors and name not in whole))
+    whole = [name for name in sensors if all((name, k) in used for k in range(len(fit.sigma[name])))]
+    return (*whole, *(f"{name}[{k}]" for name, k in used if name in sensors and name not in whole))
 
 
 def _validated(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Diagnostic]]:
@@ -221,17 +221,17 @@ def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic
 
 def _about(code: str, severity: Severity, figure: Figure, **figures: float | Diagnostic) -> Diagnostic:
     """Return a finding on one channel of one unseen run."""
-    told: JsonObject = {"run": figure.run, "error": figure.error, "unit": figure.unit} | figures
-    return note(code, severity, subject=figure.channel, **told)
+    details: JsonObject = {"run": figure.run, "error": figure.error, "unit": figure.unit} | figures
+    return note(code, severity, subject=figure.channel, **details)
 
 
 def _against(figure: Figure, here: _ChannelError, own: np.ndarray) -> list[Diagnostic]:
     """Return what speaks against the model in one channel of a run, one finding at most.  (3), (4)"""
     noise2, freedom, alpha = figure.noise**2, len(here.g) + len(own) - 2, 0.5 * CHANCE
-    told = {
+    details = {
         "times": figure.times, "explained": 100 * max(figure.explained, 0.0), "of_own": 100 * figure.on_own_runs,
     }  # fmt: skip
-    worse = _about("unseen-runs.off", Severity.WARNING, figure, **told)
+    worse = _about("unseen-runs.off", Severity.WARNING, figure, **details)
     if here.square > WORSE * noise2 and (freedom < 1 or not min(len(here.g), len(own))):
         return [_about("unseen-runs.off-perhaps", Severity.WARNING, figure, off=worse)]
     if here.square > WORSE * noise2:
@@ -252,7 +252,7 @@ def _against(figure: Figure, here: _ChannelError, own: np.ndarray) -> list[Diagn
 
 
 def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelError, list[_ChannelError]]:
-    """What is left of a channel and of those of its `own` runs, in blocks of BLOCK_S if these are ENOUGH."""
+    """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S if these are ENOUGH."""
     every = np.concatenate([one.measured - one.predicted for one in own])
     spread, tried = float(np.sqrt(np.nanmean(every**2))), []
     for block_s in (BLOCK_S, SHORT_S):
@@ -263,15 +263,15 @@ def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelE
 
 
 def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
-    """What is left of a channel in blocks of `block_s`, beyond CLIPPED times `spread` clipped."""
+    """Return the residuals of a channel in blocks of `block_s`, clipped at CLIPPED times `spread`."""
     e, known = c.measured - c.predicted, np.isfinite(c.measured - c.predicted)
     e, t = np.clip(e[known], -CLIPPED * spread, CLIPPED * spread), c.t_s[known]
     block = ((t - t[0]) // block_s).astype(int) if len(t) else np.zeros(0, int)
     numbers, counts = np.unique(block, return_counts=True)
-    told = [b for b, n in zip(numbers, counts, strict=True) if n >= LEAST]
-    g = [float(np.log(max(np.mean(e[block == b] ** 2), 1e-300))) for b in told]
+    counted = [b for b, n in zip(numbers, counts, strict=True) if n >= LEAST]
+    g = [float(np.log(max(np.mean(e[block == b] ** 2), 1e-300))) for b in counted]
     white = 0.5 * float(np.mean(np.diff(e) ** 2)) if len(e) > 1 else 0.0
-    begins = [float(t[0] + b * block_s) for b in told]
+    begins = [float(t[0] + b * block_s) for b in counted]
     return _ChannelError(
         float(np.mean(e**2)) if len(e) else 0.0, white, np.array(g), np.array(begins), block_s
     )

@@ -41,7 +41,7 @@ LEADING = 2.5  # times as far as any other number a gyro may be from the model: 
 
 
 class Layout(NamedTuple):
-    """What a filter with these sensors estimates."""
+    """Layout of the state of a filter with these sensors."""
 
     names: tuple[str, ...]  # the sensors
     at: tuple[tuple[int, ...], ...]  # of each sensor the numbers that correct

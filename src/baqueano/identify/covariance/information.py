@@ -1,4 +1,4 @@
-"""How sure a robust fit is of its parameters.
+"""Covariance of the parameters of a robust fit.
 
     A = Σ ψ'(r) ∂r ∂rᵀ,   B = Σ ψ(r)² ∂r ∂rᵀ,   cov = A⁻¹ B A⁻¹ N/(N − p)                                  (1)
 
@@ -41,7 +41,7 @@ COLOUR = 0.15  # of the variance: the least sum of autocorrelation that counts a
 
 
 class Information(NamedTuple):
-    """What the data say about θ."""
+    """Information of the data on θ."""
 
     bread: np.ndarray  # A (p, p)
     meat: np.ndarray  # B (p, p)
@@ -117,8 +117,8 @@ def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     if info.scores is not None:
         count = len(info.scores)
         moves = np.linalg.solve(A, (info.scores[:, identifiable] / scale).T)
-        told = np.sum(moves**2, axis=1) * (count / (count - info.shared))
-        wider = np.sqrt(np.maximum(told / np.maximum(np.diagonal(cov), 1e-300), 1.0))
+        spread = np.sum(moves**2, axis=1) * (count / (count - info.shared))
+        wider = np.sqrt(np.maximum(spread / np.maximum(np.diagonal(cov), 1e-300), 1.0))
         cov = cov * np.outer(wider, wider)
     return cov / np.outer(scale, scale)
 

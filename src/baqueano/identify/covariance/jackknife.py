@@ -118,7 +118,7 @@ def slopes_of(problem: Residuals, theta: np.ndarray) -> Iterator[tuple[np.ndarra
 
 
 def _cut(problem: Residuals) -> bool:
-    """Whether runs are in pieces."""
+    """Return True where runs are cut into segments."""
     return len(problem.records) > max(problem.layout.runs) + 1
 
 
@@ -130,7 +130,8 @@ def _driven_s(problem: Residuals) -> float:
 def _known_by_one(
     A_b: np.ndarray, left: np.ndarray, between: np.ndarray, own: np.ndarray, most: float
 ) -> bool:
-    """Whether a block tells more than `most` of what is known of any direction of the shared entries; `own` (k, k)
+    """Return True where a block holds more than `most` of the information on a direction of the shared entries;
+    `own` (k, k)
     is their covariance, `between` (q, k) that of the entries of this run with them."""
     more = between.T @ np.linalg.solve(left, A_b @ between)  # of `own`, without the block
     room = most / (1.0 - most) * own - 0.5 * (more + more.transpose(0, 2, 1))
@@ -154,13 +155,13 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
 
 
 def no_smaller(
-    problem: Residuals, cov: np.ndarray, told: np.ndarray | None, k: int, by_piece: bool = False
+    problem: Residuals, cov: np.ndarray, other: np.ndarray | None, k: int, by_piece: bool = False
 ) -> np.ndarray:
     """`cov` (p, p) with the errors of `told` (p, p) where these are larger, of the k shared entries, which come first,
     if the blocks, or the pieces if `by_piece`, disagree.  (4)"""
-    if told is None or not k:
+    if other is None or not k:
         return cov
-    shared, blocks = cov[:k, :k], told[:k, :k]
+    shared, blocks = cov[:k, :k], other[:k, :k]
     n = len(problem.records) if by_piece else min(MOST, int(_driven_s(problem) / BLOCK_S))
     disagree = np.trace(np.linalg.solve(shared, blocks)) / k
     if not disagree > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
@@ -177,9 +178,9 @@ def with_blocks(info: Information, identifiable: np.ndarray, cov: np.ndarray) ->
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     inverse = np.linalg.inv(A / np.outer(root, root))
     own = inverse @ (meat[at] / np.outer(root, root)) @ inverse
-    told = np.diagonal(cov) * root**2
-    most = np.maximum(told, np.maximum(np.diagonal(own), np.diagonal(inverse)))
-    D = np.sqrt(most / np.maximum(told, 1e-300))
+    variance = np.diagonal(cov) * root**2
+    most = np.maximum(variance, np.maximum(np.diagonal(own), np.diagonal(inverse)))
+    D = np.sqrt(most / np.maximum(variance, 1e-300))
     other = A @ (cov * np.outer(D, D)) @ A
     meat[at] = 0.5 * (other + other.T)
     return info._replace(meat=meat)

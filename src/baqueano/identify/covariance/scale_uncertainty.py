@@ -1,4 +1,4 @@
-"""What scales and a zero that are not fitted do to a fit.
+"""Effect of fixed scales and a fixed gyro bias on the covariance of a fit.
 
     θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε                                                       (1)
     B ← B + Σ_c σ_c² g_c g_cᵀ                                                                             (2)
@@ -55,8 +55,8 @@ def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | No
         raise UsageError(fault("tolerance.keys", given=given, keys=SHEET))
     sd = []
     for kind, field, entry in CHANNELS:
-        told = None if kind in given else _told(file, f"sensors.{imu}.{field}", entry)
-        sd.append(of_tolerance(given.get(kind, SHEET[kind])) if told is None else told)
+        measured = None if kind in given else _told(file, f"sensors.{imu}.{field}", entry)
+        sd.append(of_tolerance(given.get(kind, SHEET[kind])) if measured is None else measured)
     return np.array(sd)
 
 
@@ -90,8 +90,8 @@ def _told(file: "VehicleFile", path: str, entry: int) -> float | None:
     if origin is None or origin.sd is None:
         return None
     sd, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, get(file, path)))
-    told = float(sd[min(entry, len(sd) - 1)] / abs(value[min(entry, len(value) - 1)]))
-    return told if np.isfinite(told) else None
+    relative = float(sd[min(entry, len(sd) - 1)] / abs(value[min(entry, len(value) - 1)]))
+    return relative if np.isfinite(relative) else None
 
 
 def zero_of(file: "VehicleFile", imu: str) -> float:

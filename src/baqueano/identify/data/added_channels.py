@@ -18,7 +18,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
+from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.parameter import parameter
 from baqueano.runs.run import Channel, Run
 from baqueano.sensors import Pose
@@ -80,7 +80,7 @@ def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: Fitt
     out = []
     for record in records:
         volts = _volts(record, runs[record.run], drivetrain)
-        measured = Measured(volts[:, None], np.zeros((len(volts), 1)), None)
+        measured = Measurements(volts[:, None], np.zeros((len(volts), 1)), None)
         out.append(record._replace(sensors={**record.sensors, VOLTAGE: measured}))
     return out
 

@@ -1,4 +1,4 @@
-"""What was measured by hand: with a tape from the mark where the run began, and the angle that it turned.
+"""Measurements by hand: with a tape from the mark where the run began, and the angle that it turned.
 
     d = √(x² + y²),   (x, y) = (0, 0) back on the mark,   (cos ψ, sin ψ)                                  (1)
     σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN,   d_0 without noise                                          (2)
@@ -114,22 +114,24 @@ def with_tape(
     out, sensors = list(runs), blocks.sensors._asdict()
     for line in measured:
         at, parts = read(line, runs)
-        for told in parts:
-            block = KINDS[told.kind](sd=float(np.hypot(told.sd, drift(blocks.model, runs[at], told))))
-            name = told.kind
+        for measurement in parts:
+            block = KINDS[measurement.kind](
+                sd=float(np.hypot(measurement.sd, drift(blocks.model, runs[at], measurement)))
+            )
+            name = measurement.kind
             while name in sensors:
                 name += "_"
             sensors[name] = block
-            heard = [[told] if k == at else [] for k in range(len(out))]
+            heard = [[measurement] if k == at else [] for k in range(len(out))]
             out = [_heard(run, name, some, block) for run, some in zip(out, heard, strict=True)]
     return out, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
 
 
-def drift(vehicle: Tree, run: Run, told: HandMeasurement) -> float:
-    """How far the floor takes the vehicle from its simulation until then, in the unit of the measurement.  (2)"""
+def drift(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
+    """Return the spread of the vehicle about its simulation, by process noise, in the unit of the measurement.  (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
-    ticks = int(np.searchsorted(run.t_ns, told.t_ns)) + 1
+    ticks = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1
     dt_s = seconds(np.diff(run.t_ns[:ticks], prepend=2 * run.t_ns[0] - run.t_ns[1]))
     fixed = np.column_stack([dt_s, np.nan_to_num(run.applied[:ticks])])
     n = 1 + vehicle.commands
@@ -142,9 +144,11 @@ def drift(vehicle: Tree, run: Run, told: HandMeasurement) -> float:
     rng, ends = np.random.default_rng(0), []
     for noise in (np.zeros((ticks, 3)), *rng.standard_normal((DRAWN, ticks, 3))):
         eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([fixed, noise])))[1])[-1]
-        ends.append(KINDS[told.kind]().h(Motion(eta, np.zeros(3), np.zeros(3), np.zeros(2))))
+        ends.append(KINDS[measurement.kind]().h(Motion(eta, np.zeros(3), np.zeros(3), np.zeros(2))))
     away = np.array(ends[1:]) - ends[0]
-    per_entry = 1 if told.kind == "turned" else len(told.z)  # along a circle all of it is one angle
+    per_entry = (
+        1 if measurement.kind == "turned" else len(measurement.z)
+    )  # along a circle all of it is one angle
     return float(np.sqrt(np.sum(away**2) / (DRAWN * per_entry)))
 
 
@@ -193,8 +197,8 @@ def _part(part: str, line: str, t_ns: int) -> HandMeasurement:
     return HandMeasurement("tape", t_ns, np.array([x]), sd or LENGTH_STD_M)
 
 
-def _heard(run: Run, kind: str, told: list[HandMeasurement], block: Tree) -> Run:
-    told = sorted(told, key=lambda one: one.t_ns)
-    t_ns = np.array([one.t_ns for one in told], dtype=np.int64)
-    z = np.array([one.z for one in told]) if told else np.zeros((0, block.size))
+def _heard(run: Run, kind: str, measurement: list[HandMeasurement], block: Tree) -> Run:
+    measurement = sorted(measurement, key=lambda one: one.t_ns)
+    t_ns = np.array([one.t_ns for one in measurement], dtype=np.int64)
+    z = np.array([one.z for one in measurement]) if measurement else np.zeros((0, block.size))
     return replace(run, sensors={**run.sensors, kind: Channel(t_ns, t_ns, z)})

@@ -32,7 +32,7 @@ LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on i
 CLOCK_S = 0.25  # the largest offset of a clock that a fit looks for
 
 
-class Measured(NamedTuple):
+class Measurements(NamedTuple):
     """One sensor's measurements, row by row."""
 
     z: np.ndarray  # (N, m), 0 where there is none
@@ -50,7 +50,7 @@ class FitRecord(NamedTuple):
     t_s: np.ndarray  # (N,) end of each row, from the first tick on
     dt_s: np.ndarray  # (N,)
     u: np.ndarray  # (N, n)
-    sensors: dict[str, Measured]
+    sensors: dict[str, Measurements]
     notes: tuple[Diagnostic, ...]
     run: int = 0  # which of the runs of a fit
     lead: int = 0  # rows at the beginning that belong to the piece before
@@ -121,7 +121,7 @@ def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
 def beginning(record: FitRecord, rows: int) -> FitRecord:
     """The first rows of it."""
     sensors = {
-        name: Measured(z[:rows], has[:rows], None if sample_fraction is None else sample_fraction[:rows])
+        name: Measurements(z[:rows], has[:rows], None if sample_fraction is None else sample_fraction[:rows])
         for name, (z, has, sample_fraction) in record.sensors.items()
     }
     return record._replace(t_s=record.t_s[:rows], dt_s=record.dt_s[:rows], u=record.u[:rows], sensors=sensors)
@@ -141,7 +141,7 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
 
 def _measured(
     run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], late_s: float
-) -> Measured:
+) -> Measurements:
     """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
     channel = run.sensors.get(name)
     if channel is None:
@@ -170,8 +170,8 @@ def _measured(
         age_s = np.zeros(rows)
         age_s[at] = seconds(run.t_ns[tick[inside]], channel.t_ns[inside])
         has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * CLOCK_S))])] = 0.0  # line not full
-        return Measured(z, has, age_s)
-    return Measured(z, has, _early(run, channel.t_ns[inside], tick[inside], at, rows))
+        return Measurements(z, has, age_s)
+    return Measurements(z, has, _early(run, channel.t_ns[inside], tick[inside], at, rows))
 
 
 def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: int) -> np.ndarray | None:

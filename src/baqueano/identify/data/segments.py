@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.data.record import FitRecord, Measured
+from baqueano.identify.data.record import FitRecord, Measurements
 
 LEAST = 1e-9  # of the largest eigenvalue of a start's information: below it that direction is not seen
 
 
 class ThetaLayout(NamedTuple):
-    """Where the entries of a piece stand in θ."""
+    """Places of the entries of each segment in θ."""
 
     shared: int
     by_run: int
@@ -31,7 +31,7 @@ class ThetaLayout(NamedTuple):
 
     @property
     def starts(self) -> int:
-        """Where the starts begin."""
+        """Return the index of the first start."""
         return self.shared + self.by_run * (max(self.runs) + 1)
 
     @property
@@ -79,7 +79,7 @@ def _piece(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
     for name, (z, has, sample_fraction) in record.sensors.items():
         has = has[begin:last].copy()
         has[: first - begin] = 0.0
-        sensors[name] = Measured(
+        sensors[name] = Measurements(
             z[begin:last], has, None if sample_fraction is None else sample_fraction[begin:last]
         )
     t_s, dt_s, u = (a[begin:last] for a in (record.t_s, record.dt_s, record.u))

@@ -7,11 +7,11 @@ safe = contained(u, file, room)           # any other signal, kept inside by the
 
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.plan import Plan, designed
-from baqueano.identify.design.room import Contained, Room, body_radius, contained, room_of
+from baqueano.identify.design.room import ContainedSignal, Room, body_radius, contained, room_of
 from baqueano.identify.design.vehicle_cloud import VehicleDistribution, possible_vehicles
 
 __all__ = [
-    "Contained",
+    "ContainedSignal",
     "Informant",
     "Plan",
     "Room",

@@ -115,7 +115,7 @@ class Composer:
             pose = moved(pose, self.path[k, :, -1])
 
     def _sort(self) -> None:
-        """What leaves the position unsure comes last, if that order stays inside too: the sum is the same."""
+        """Put pieces that leave the position unsure last, if that order stays inside too: the sum is the same."""
         order = sorted(self.chosen, key=lambda k: self.price[k])
         if self._inside(self._start(), np.array(order[:1]), order[1:])[0]:
             self.chosen = order

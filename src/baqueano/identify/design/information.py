@@ -1,4 +1,4 @@
-"""What a drive tells about the parameters: the Fisher information, exact, before it is driven.
+"""Fisher information of a drive on the parameters, exact, before it is driven.
 
     F = Σ_k Hᵀ Q⁻¹ H,   H_k = ∂h(x_k)/∂(θ, b, ν₀)      along the simulation                               (1)
     S = F_θθ − F_θn F_nn⁻¹ F_nθ                         what is left of it for θ                          (2)
@@ -53,7 +53,7 @@ class Unknowns(NamedTuple):
 
 
 def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
-    """What a fit of this vehicle has to find."""
+    """Return the parameters and the nuisance that a fit of this vehicle estimates."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     wanted = [described(blocks, p, {}) for p in default_free(blocks)]
     frozen = frozen_columns(wanted, np.asarray(vehicle_file.command.limit)[None])

@@ -45,7 +45,7 @@ class MotionPiece(NamedTuple):
 
 
 class PieceShape(NamedTuple):
-    """What all pieces have in common."""
+    """Length, coast and limits that all pieces share."""
 
     ticks: int
     coast: int  # of them, without command

@@ -141,9 +141,9 @@ class PlanSearch:
         self.room, self.rng = room, stream(seed, "pieces")
         self.informant = Informant(vehicle_file, backend)
         with ThreadPoolExecutor(1) as thread:  # both kernels compile at once
-            told = thread.submit(self.informant.information, np.zeros((2, vehicle_file.vehicle.commands)))
+            informed = thread.submit(self.informant.information, np.zeros((2, vehicle_file.vehicle.commands)))
             self.cloud = Cloud(vehicle_file, belief.some(SCOUTS), seed, backend)
-            told.result()
+            informed.result()
         self.all = Cloud(vehicle_file, belief, seed, backend)
         others = possible_vehicles(vehicle_file, vehicles=VEHICLES, seed=seed + 1)
         self.judges = Cloud(vehicle_file, others, seed + 1, backend)
@@ -232,13 +232,13 @@ class PlanSearch:
         return each(what, at, us, rows=self.cloud.size * sum(map(len, us)))
 
     def _weighed(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
-        """Whether the piece (T, n) is slow enough, its poses (L, S, 3) and, if it is, its information (M, q, q)."""
+        """Return if the piece (T, n) is slow enough, its poses (L, S, 3) and, if it is, its information (M, q, q)."""
         slow, path = self._path(self.cloud, tick, u, 4)
         F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if slow else None
         return slow, path, F
 
     def _path(self, cloud: Cloud, tick: int, u: np.ndarray, each: int) -> tuple[bool, np.ndarray]:
-        """Whether a cloud keeps to the limits of speed in the piece (T, n), and its poses (L, S, 3) in `each`
+        """Return if a cloud keeps to the limits of speed in the piece (T, n), and its poses (L, S, 3) in `each`
         sample, the last where it comes to rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         rest, eta = cloud.drive(cloud.at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)

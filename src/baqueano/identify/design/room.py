@@ -104,7 +104,8 @@ class Room:
 
 
 def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """How far from the middle a vehicle may come of a cloud whose positions have these extremes and mean, (…,) each.
+    """Return the largest distance from the middle of a vehicle of a cloud with these extremes and mean,
+    (…,) each.
     (3)"""
     return np.maximum(np.abs(mean + TAIL * (low - mean)), np.abs(mean + TAIL * (high - mean)))
 
@@ -148,7 +149,7 @@ def _upper(x: np.ndarray) -> np.ndarray:
     return np.max(x.mean(axis=-2) + DEVIATIONS * x.std(axis=-2), axis=-1)
 
 
-class Contained(NamedTuple):
+class ContainedSignal(NamedTuple):
     """A signal that stays in a room."""
 
     u: np.ndarray  # (N, n)
@@ -165,7 +166,7 @@ def contained(
     cloud: Cloud | None = None,
     seed: int = 0,
     backend: str = "auto",
-) -> Contained:
+) -> ContainedSignal:
     """`u` (N, n), one row a tick, with all that could leave `room` replaced.  (1)
 
     `cloud`: the vehicles that it might be, else those of `vehicle_file`, drawn by `seed`. UsageError for another shape;
@@ -199,7 +200,7 @@ def contained(
         raise AnswerNo(
             fault("room.too-small", width_m=room.width_m, height_m=room.height_m, beyond_m=-margin)
         )
-    return Contained(out, margin, changed / len(poses), eta)
+    return ContainedSignal(out, margin, changed / len(poses), eta)
 
 
 def alternatives(asked: np.ndarray) -> np.ndarray:

@@ -58,17 +58,17 @@ def possible_vehicles(
     """The vehicles that the file makes possible.  (1), (2)"""
     blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
     fitted = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
-    told = [] if fit is None else [fit.names[k] for k in fitted]
-    guessed = [p for p in default_free(blocks) if p not in told and value(blocks, p) != 0.0]
-    paths = (*told, *guessed)
+    names = [] if fit is None else [fit.names[k] for k in fitted]
+    guessed = [p for p in default_free(blocks) if p not in names and value(blocks, p) != 0.0]
+    paths = (*names, *guessed)
     mean = np.array([value(blocks, p) for p in paths])
     half = stream(seed, "possible_vehicles").standard_normal((vehicles // 2, len(paths)))
     unit = np.concatenate([np.zeros((1, len(paths))), half, -half])
     theta = mean * np.exp(relative_std * unit)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     low, high = np.array([bounds(system, p) for p in paths]).T
-    if fit is not None and told:
-        k, cov = len(told), fit.cov[np.ix_(fitted, fitted)]
+    if fit is not None and names:
+        k, cov = len(names), fit.cov[np.ix_(fitted, fitted)]
         theta[:, :k] = _drawn(unit[:, :k], mean[:k], cov, low[:k], high[:k])
     return VehicleDistribution(paths, np.clip(theta, low, high))
 

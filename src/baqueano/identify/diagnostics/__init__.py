@@ -60,7 +60,7 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 
 
 def diagnose(
-    end: "FinishedFit", sd: np.ndarray, told: np.ndarray
+    end: "FinishedFit", sd: np.ndarray, file_sigma: np.ndarray
 ) -> tuple[list[Diagnostic], dict[str, float]]:
     """Return all that a finished search leaves to doubt, its data too, with the errors `sd` (p,)
     of θ and the noise `told` (m,) by the file; and by how much each parameter, by path, may be off for it."""
@@ -86,7 +86,9 @@ def diagnose(
         return before + channel_map.with_mount(end, found), {}
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.found.sigma
-    found += gain_changes.checked(end.blocks, problem.shape.shared, estimate, sd[:s], told, sigma, labels)
+    found += gain_changes.checked(
+        end.blocks, problem.shape.shared, estimate, sd[:s], file_sigma, sigma, labels
+    )
     findings_of_residuals, off = residual_checks.checked(end.blocks, problem, theta, identifiable, sd)
     return before + channel_map.with_mount(end, found + findings_of_residuals), off
 

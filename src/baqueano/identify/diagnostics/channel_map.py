@@ -53,7 +53,7 @@ def checked(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 
 
 def of_sensor(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """What the channels of a sensor measured, and what the model says of them (n, m)."""
+    """Return the measurements of the channels of a sensor, and their predictions, (n, m) each."""
     k = problem.names.index(name)
     span = slice(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
     z, h = measured(problem)[:, span], predicted(problem, theta)[:, span]
@@ -63,12 +63,12 @@ def of_sensor(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndar
 
 
 def measured(problem: Residuals) -> np.ndarray:
-    """What was measured in all pieces (N, m), NaN where nothing was."""
+    """Return the measurements of all segments (N, m), NaN where there are none."""
     return np.where(np.concatenate(problem.has) > 0.0, np.concatenate(problem.z), np.nan)
 
 
 def predicted(problem: Residuals, theta: np.ndarray) -> np.ndarray:
-    """What the model says of all pieces (N, m), NaN where it ran away."""
+    """Return the predictions of all segments (N, m), NaN where the model diverged."""
     h = np.concatenate(problem.predictions(theta))
     return np.where(np.abs(h) < RAN_AWAY, h, np.nan)
 

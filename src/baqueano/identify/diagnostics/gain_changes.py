@@ -37,24 +37,24 @@ def checked(
     names: Sequence[str],
     estimate: np.ndarray,
     sd: np.ndarray,
-    told: np.ndarray,
+    file_sigma: np.ndarray,
     sigma: np.ndarray,
     labels: Sequence[str],
 ) -> list[Diagnostic]:
     """`file` as it was before the fit; `estimate`, `sd` (p,) of `names`; noise (m,) of the channels `labels`:
     `told` by the file, 0 for none, and `sigma` found."""  # fmt: skip
-    return gains(file, names, estimate, sd) + _noise(told, sigma, labels)
+    return gains(file, names, estimate, sd) + _noise(file_sigma, sigma, labels)
 
 
 def gains(file: FittedBlocks, names: Sequence[str], estimate: np.ndarray, sd: np.ndarray) -> list[Diagnostic]:
-    """What commands do, against what they do by the `file`."""
+    """Return findings on fitted gains that disagree with those of the `file`."""
     numbers = {n: (float(e), float(s)) for n, e, s in zip(names, estimate, sd, strict=True) if np.isfinite(e)}
     return _gains(file, numbers) + _matrix(file, numbers)
 
 
-def _noise(told: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
+def _noise(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
     out = []
-    for label, known, found in zip(labels, told, sigma, strict=True):
+    for label, known, found in zip(labels, file_sigma, sigma, strict=True):
         if known > 0.0 and SILENT < found / known < QUIET:
             shown: JsonObject = {"sigma": float(found), "times": float(found / known)}
             out.append(

@@ -89,8 +89,8 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     search, and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
     explains it with the file's own gains. Where the search began tells nothing of it.  (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    told = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.told]
-    by_file, _, _ = first_theta(end.blocks, told, problem.shape, problem.records, FitOptions())
+    freed = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
+    by_file, _, _ = first_theta(end.blocks, freed, problem.shape, problem.records, FitOptions())
     at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = channel_map.measured(problem), channel_map.predicted(problem, by_file)
     wheels = [(k, sensors[name]) for name, k in at.items() if has_field(sensors[name], "track_m")]
@@ -125,7 +125,7 @@ def _turns(one: Free) -> bool:
 
 
 def _map(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
-    """What z (N,) shows of h (N,)."""
+    """Return the signal map from h (N,) to z (N,)."""
     z, h = (channel_map.clipped(x[:, None]) for x in (z, h))
     return signal_map(z, h, [MappedChannel(1.0 / NEAR, NEAR, units)], NOTHING)[0]
 
@@ -178,8 +178,8 @@ def _commands(run: Run, file: "VehicleFile") -> list[Diagnostic]:
             found.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=most))
             continue
         guess = next((what for low, high, what in FULL if low <= most <= high), "V")
-        told = {"most": most, "limit": float(limit), "of_file": file.command.unit, "guess": guess}
-        found.append(note("command.unit", Severity.ERROR, subject=name, **told))
+        details = {"most": most, "limit": float(limit), "of_file": file.command.unit, "guess": guess}
+        found.append(note("command.unit", Severity.ERROR, subject=name, **details))
     return found
 
 
@@ -205,13 +205,13 @@ def _gravity(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     rest = ~np.any(run.applied != 0.0, axis=1)[tick]
     where = rest if rest.sum() >= FEW_AT_REST else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad
-    told = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
+    expected = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
     found = []
     for i in range(2):
         x = channel.z[where, i]
         x = x[np.isfinite(x)]
-        tilted = np.count_nonzero(np.abs(x - told[i]) > TILTED_M_S2)  # fewer than half move no median
-        off = float(np.median(x)) - float(told[i]) if tilted and 2 * tilted >= len(x) else 0.0
+        tilted = np.count_nonzero(np.abs(x - expected[i]) > TILTED_M_S2)  # fewer than half move no median
+        off = float(np.median(x)) - float(expected[i]) if tilted and 2 * tilted >= len(x) else 0.0
         if abs(off) > TILTED_M_S2:
             whole = abs(abs(off) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY and rest.sum() >= FEW_AT_REST
             code = "gravity.at-rest" if rest.sum() >= FEW_AT_REST else "gravity.all-the-time"

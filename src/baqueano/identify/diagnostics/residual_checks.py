@@ -1,4 +1,4 @@
-"""What a fit left over, and whether that could have moved its parameters.
+"""Structure in the residuals of a fit, and its effect on the parameters.
 
     share_c = √γ_c(1) / spread of what the model says of channel c                                        (1)
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
@@ -97,7 +97,7 @@ class _Fitted:
         self.names = [path.removeprefix("model.") for path in paths]
 
     def clear(self, answer: ProbeResult) -> bool:
-        """Whether chance hardly gives it."""
+        """Return True where chance does not explain it."""
         if abs(answer.z) <= SURE[-1][1]:
             return False
         dof = [-1.0 / d for d, _ in SURE]

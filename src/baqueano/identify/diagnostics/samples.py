@@ -75,7 +75,7 @@ def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.nda
 
 
 def _together(name: str, m: int, found: list[Diagnostic]) -> list[Diagnostic]:
-    """What is the same of all m channels is said once."""
+    """Return the findings, one for all m channels where these agree."""
     out: list[Diagnostic] = []
     for one in found:
         same = [o for o in found if (o.code, o.figures) == (one.code, one.figures)]
@@ -180,7 +180,8 @@ def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[D
 
 
 def _beyond(y: np.ndarray, at: np.ndarray, most: float, sigma: float) -> np.ndarray:
-    """Where the signal itself, not its noise, is at the end `most` of the range: (M,) bool.  (3)"""
+    """Return the samples at which the signal itself, not its noise, is at the end
+    `most` of the range: (M,) bool.  (3)"""
     padded = np.pad(y, AROUND // 2, mode="edge")
     middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
     near = middle > most - 2.0 * sigma

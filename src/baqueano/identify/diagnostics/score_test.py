@@ -40,7 +40,7 @@ UNSEEN = 1e-6  # part of a probe that θ does not imitate, below which there is 
 
 
 class NuisanceSlopes(NamedTuple):
-    """What one run, or one piece of it, has for itself."""
+    """Nuisance slopes of one run, or of one segment."""
 
     rows: slice  # of N
     at: slice  # of N m
@@ -50,7 +50,7 @@ class NuisanceSlopes(NamedTuple):
 
 
 class FitResiduals(NamedTuple):
-    """What a fit left of all runs, one row after another; k shared entries of θ were told."""
+    """Residuals of all runs, row after row; k shared entries of θ are identifiable."""
 
     residuals: list[np.ndarray]  # per piece (n, m)
     psi: np.ndarray  # (N m,)
@@ -84,7 +84,7 @@ class _Sums(NamedTuple):
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
-    """What is left at θ; `kept` (p,) bool are the entries of θ that were told."""
+    """Return the residuals at θ; `identifiable` (p,) bool marks the entries of θ that the data determine."""
     layout, pieces = problem.layout, problem.sensitivities(theta, last=True)
     s, m = layout.shared, len(problem.sigma)
     has = np.concatenate(problem.has).ravel() > 0.0
@@ -100,13 +100,13 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
     own: list[NuisanceSlopes] = []
     for k, (a, b) in enumerate(pairwise(ends.tolist())):
-        told = identifiable[layout.of_starts(k)]
-        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), told, range(q - layout.by_piece))
+        shown = identifiable[layout.of_starts(k)]
+        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), shown, range(q - layout.by_piece))
     for k in range(max(layout.runs) + 1):
         rows = np.flatnonzero(run == k)
-        told = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
+        shown = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
         at = slice(int(rows[0]), int(rows[-1]) + 1)
-        own += _own(flat, w, at, m, range(s, s + layout.by_run), told, range(s))
+        own += _own(flat, w, at, m, range(s, s + layout.by_run), shown, range(s))
     d = flat if identifiable[:s].all() and q == s else np.ascontiguousarray(flat[:s][identifiable[:s]].T).T
     weighted = np.empty((len(w), len(d) + 1)).T
     np.multiply(d, w, out=weighted[:-1])
@@ -135,7 +135,7 @@ def _own(
     others: range,
 ) -> list[NuisanceSlopes]:
     """The told ones of `entries` of a run or piece, taken out of the `others` of `flat` (q, N m)."""
-    index = [i for i, told in zip(entries, identifiable, strict=True) if told]
+    index = [i for i, is_shown in zip(entries, identifiable, strict=True) if is_shown]
     if not index:
         return []
     at = slice(rows.start * m, rows.stop * m)
@@ -177,7 +177,7 @@ def _sums(left: FitResiduals, D: np.ndarray) -> _Sums:
 
 
 def score_test_parts(left: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ProbeResult]]:
-    """Whether each of the k entries is another in the rows of each mask (N,): D = 1_part d."""
+    """Test if each of the k entries differs in the rows of each mask (N,): D = 1_part d."""
     k, n = len(left.d), len(left.run)
     m, there = len(left.psi) // n, np.array(masks)
     rows = left.weighted[:-1].T.reshape(n, m, k)

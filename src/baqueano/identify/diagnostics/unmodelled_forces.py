@@ -39,7 +39,7 @@ class Force(NamedTuple):
 
 
 def forces(axis: int, channels: int) -> list[Force]:
-    """What is asked along `axis`, 0 or 2, and, last, one thing sideways, in the order of `commanded`
+    """Return the forces along `axis`, 0 or 2, and, last, one sideways, in the order of `commanded`
     and `moved`."""
     of_commands = [
         Force(f"{code} of channel {j}", _term(code), axis, j) for code in COMMANDED for j in range(channels)

@@ -1,4 +1,4 @@
-"""What is often not in a model: forces, delays and places of sensors, as columns for score_test.py.
+"""Terms that models often lack: forces, delays and places of sensors, as columns for score_test.py.
 
 A force that nobody modelled pushes the vehicle along an axis a with an acceleration ε φ(t),
 
@@ -42,15 +42,15 @@ Probes: TypeAlias = tuple[
 ]  # and their columns D (K, N m) in standard deviations
 
 
-class SimulatedState(NamedTuple):
-    """What the simulation carries."""
+class MotionState(NamedTuple):
+    """State of the simulation."""
 
     vehicle: Tree
     signals: tuple[Signal, ...]
 
 
 class PushedState(NamedTuple):
-    """What the one that is pushed carries: θ too, for the slopes are those by ε."""
+    """State of the simulation with a push; it carries θ, because the slopes are by ε."""
 
     vehicle: Tree
     signals: tuple[Signal, ...]
@@ -58,7 +58,7 @@ class PushedState(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """What it shows, tick by tick."""
+    """Motion and predictions, tick by tick."""
 
     h: np.ndarray  # (N, m)
     nu: np.ndarray  # (N, 3)
@@ -105,7 +105,7 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
 
 
 def probes(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], list[Probes]]:
-    """What is asked of the motion that is believed; the long part of it goes ahead until it is called for."""
+    """Return a function that gives the probes of a fitted motion; their long part runs ahead on another core."""
     of_forces = _of_forces(blocks, problem, now)
     return lambda: [of_forces(), _of_readings(blocks, problem, now)]
 
@@ -169,14 +169,14 @@ def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     n, paths = blocks.model.commands, (*shape.shared, *shape.own)
     begin = beginning(blocks, shape)
 
-    def start(theta: np.ndarray) -> SimulatedState:
-        return SimulatedState(*begin(theta))
+    def start(theta: np.ndarray) -> MotionState:
+        return MotionState(*begin(theta))
 
-    def step(theta: np.ndarray, state: SimulatedState, row: np.ndarray) -> tuple[SimulatedState, Motions]:
+    def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
         there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
         vehicle, motion = there.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
         felt, signals = shown_by(there.sensors, state.signals, motion, row[0])
-        return SimulatedState(vehicle, signals), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
+        return MotionState(vehicle, signals), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
 
     return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
 

@@ -32,7 +32,7 @@ STEEP, NEAR = 1e-2, 1e-3  # standard deviations: of a slope that is asked, and t
 
 
 class Solution(NamedTuple):
-    """Where the search ended."""
+    """End of a search."""
 
     theta: np.ndarray  # (p,)
     at: Evaluation
@@ -137,7 +137,7 @@ def _at_kinks(
 
 
 def _finite(at: Evaluation) -> bool:
-    """Whether the model runs away: a robust cost may be finite where its slopes are not."""
+    """Return False where the model diverges: a robust cost may be finite where its slopes are not."""
     H = at.hessian
     return bool(np.isfinite(at.cost) and (H.finite if isinstance(H, BlockArrow) else np.isfinite(H).all()))
 

@@ -45,7 +45,7 @@ R = TypeVar("R")
 
 
 class FloorNoise(NamedTuple):
-    """What the filter believes of the floor and of the sensors."""
+    """Process noise and sensor noise of the filter."""
 
     floor: np.ndarray  # (k,) v of each axis, per second
     sensors: np.ndarray  # (m,) ½ log q: logarithm of the factor on σ of each channel
@@ -74,7 +74,7 @@ class MaximumLikelihood(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """What a piece of a run says of x, measurement by measurement."""
+    """Innovations of one segment and their slopes by x, measurement by measurement."""
 
     e: np.ndarray  # (N, m), 0 where there is no measurement
     log_s: np.ndarray  # (N, m)

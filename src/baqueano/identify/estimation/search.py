@@ -32,7 +32,7 @@ AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, where the search begin
 
 
 class Task(NamedTuple):
-    """What is searched, and where."""
+    """A search: its residuals, bounds and noise."""
 
     problem: Residuals
     first: np.ndarray  # (p,) θ at the start
@@ -48,7 +48,7 @@ class Task(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Where a search ended."""
+    """Result of a search."""
 
     problem: Residuals  # weighed by the noise that was found
     solution: Solution
@@ -59,12 +59,12 @@ class Search(NamedTuple):
     stopped: bool = False  # from outside: not converged if there was more to do
 
     def sound(self, signal: np.ndarray) -> bool:
-        """Whether there is nothing left to look for, in channels of size `signal` (m,)."""
+        """Return True where the search needs no other start, in channels of size `signal` (m,)."""
         lacking = (np.abs(self.colour) > COLOUR) & (self.sigma > LACKING * signal)
         return self.solution.converged and not lacking.any()
 
     def badness(self, counts: np.ndarray) -> float:
-        """What is compared between searches: the logarithm of what is left, over all samples."""
+        """Return the logarithm of the residual spread over all samples, by which searches are compared."""
         left = float(counts @ np.log(self.sigma))
         return left if np.isfinite(left) and np.isfinite(self.solution.at.cost) else np.inf
 

@@ -1,1 +1,1 @@
-"""What the data show, and what they do not."""
+"""Identifiable parameters, and advice on the others."""

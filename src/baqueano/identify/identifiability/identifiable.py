@@ -1,4 +1,4 @@
-"""What the data show, found in the information matrix, and the search once more with the rest held where it was.
+"""Identifiable parameters by the information matrix, and the search again with the others fixed.
 
     C_ij = A_ij / √(A_ii A_jj)                   information in units of each parameter's own effect      (1)
     s_i  = √((E_c − 30) / A_ii^c)                the change of θ_i that is as large as a signal itself    (2)
@@ -41,11 +41,11 @@ LOADING = 0.3  # part of the largest entry of a direction, above which a paramet
 
 
 class Identifiability(NamedTuple):
-    """What can be told, and what cannot."""
+    """Identifiable, weak, collinear and correlated entries of θ."""
 
-    mask: np.ndarray  # (p,) bool: entries of θ that were told
-    weak: np.ndarray  # (p,) bool: told, but hardly
-    collinear: dict[int, tuple[int, ...]]  # a held entry → the entries that it cannot be told from
+    mask: np.ndarray  # (p,) bool: entries of θ that the data determine
+    weak: np.ndarray  # (p,) bool: identifiable, but with a large error
+    collinear: dict[int, tuple[int, ...]]  # a fixed entry → the entries that it is collinear with
     near: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or held entry → those it is hardly told from
 
 
@@ -53,13 +53,13 @@ def identifiability_of(
     info: Information,
     energy: np.ndarray,
     theta: np.ndarray,
-    told: Sequence[Free],
+    shared: Sequence[Free],
     held: np.ndarray,
     span: np.ndarray | None = None,
 ) -> Identifiability:
-    """Which entries of θ (p,) the data show, of which those `told` are parameters of the vehicle, first; `held` (p,)
+    """Which entries of θ (p,) the data show, of which those `shared` are parameters of the vehicle, first; `held` (p,)
     bool are out of the question already, `span` (p,) is how far apart their bounds are."""
-    by_hand = [k < len(told) and told[k].of.measured_by != "" for k in range(len(theta))]
+    by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
     identifiable, collinear, near = ~held & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.channels, energy)
     while identifiable.any():
@@ -69,13 +69,13 @@ def identifiability_of(
         part = np.abs(direction) / np.max(np.abs(direction))
         inside = np.flatnonzero(part >= LOADING).tolist()
         touched, known = np.flatnonzero(part >= TOUCHED), np.diagonal(info.bread)
-        rank = [(by_hand[i], round(part[i], 1), -known[i] if i >= len(told) else 0.0) for i in touched]
+        rank = [(by_hand[i], round(part[i], 1), -known[i] if i >= len(shared) else 0.0) for i in touched]
         out = int(touched[max(range(len(touched)), key=rank.__getitem__)])
         collinear[out] = tuple(i for i in inside if i != out)
         identifiable[out] = False
-    of_vehicle = np.arange(len(theta)) < len(told)
+    of_vehicle = np.arange(len(theta)) < len(shared)
     signal = signal if span is None else np.minimum(signal, span)
-    scales = np.array([k < len(told) and told[k].of.role == "scale" for k in range(len(theta))])
+    scales = np.array([k < len(shared) and shared[k].of.role == "scale" for k in range(len(theta))])
     signal = np.where(scales, np.minimum(signal, TOLERANCE / BLIND), signal)
     weak = np.zeros(len(theta), bool)
     while identifiable.any():
@@ -131,24 +131,24 @@ def fix_unidentifiable(
     """The same search with all that the data do not show held where it was; `free` are the first entries of θ."""
     problem = found.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
-    told = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
-    held, ties = np.zeros(told, bool), {}
+    count = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
+    held, ties = np.zeros(count, bool), {}
     while True:
         problem, theta = found.problem, found.solution.theta
         info = information(problem, theta)
         if not whole:
             A, B = without_starts(info.bread, info.meat, problem.layout)
-            info = info._replace(bread=A, meat=B, channels=info.channels[:, :told])
+            info = info._replace(bread=A, meat=B, channels=info.channels[:, :count])
         if task.believed is not None:  # a tape has no signal to compare with
             info = info._replace(channels=info.channels * (task.believed == 0.0)[:, None])
-        span = (task.high - task.low)[:told]
+        span = (task.high - task.low)[:count]
         span[[k for k, one in enumerate(free) if one.path == DELAY]] = np.inf
-        identifiability = identifiability_of(info, energy(problem, theta), theta[:told], free, held, span)
+        identifiability = identifiability_of(info, energy(problem, theta), theta[:count], free, held, span)
         ties |= identifiability.collinear
         if np.array_equal(~identifiability.mask, held):
             return found, identifiability._replace(collinear=ties), info
         held = ~identifiability.mask
-        still = np.concatenate([held, np.zeros(problem.size - told, bool)])
+        still = np.concatenate([held, np.zeros(problem.size - count, bool)])
         again = search(task, np.where(still, task.first, theta), still, found)
         found = again._replace(evaluations=found.evaluations + again.evaluations)
 
@@ -171,9 +171,11 @@ def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
 
 def one_mean(problem: Residuals) -> np.ndarray:
     """(m,) True for channels whose mean no piece explains for itself: by a start, a bias, or where it is."""
-    told = {name.split(".")[1] for name in problem.shape.by_run}
+    by_run = {name.split(".")[1] for name in problem.shape.by_run}
     sensors = problem._blocks.sensors._asdict()
-    alone = [not (problem.shape.start or name in told or tells_pose(sensors[name])) for name in problem.names]
+    alone = [
+        not (problem.shape.start or name in by_run or tells_pose(sensors[name])) for name in problem.names
+    ]
     return np.repeat(alone, problem.sizes)
 
 
@@ -196,15 +198,15 @@ class FinishedFit(NamedTuple):
     systematic: np.ndarray | None = None  # (p, p) covariance of θ by what was held where it was measured
 
     @property
-    def told(self) -> list[int]:
+    def in_theta(self) -> list[int]:
         """Which of `wanted` are in θ; they are its first entries, in order."""
         return [k for k in range(len(self.wanted)) if k not in self.frozen]
 
     @property
     def free(self) -> list[Free]:
         """Return those of `wanted` that are in θ."""
-        return [self.wanted[k] for k in self.told]
+        return [self.wanted[k] for k in self.in_theta]
 
     def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
         """The shared parameters that entry i of θ is like, by `which` of its sight."""
-        return [self.free[j] for j in which.get(i, ()) if j < len(self.told)]
+        return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]

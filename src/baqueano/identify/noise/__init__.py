@@ -1,4 +1,4 @@
-"""How far sensors and model are off: Q and R for the filter, and what a sensor at rest is like.
+"""Noise of sensors and model: Q and R for the filter, and sensors at rest.
 
 noise = measure_noise(fit, run)          # Q in motion and at rest, R
 compare_noise(fit, {"truth": noise, …}, unseen_run).best

@@ -38,7 +38,7 @@ STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
 
 
 class FilterBelief(StrEnum):
-    """How far the noise of a filter may be believed."""
+    """Verdict on the noise of a filter."""
 
     TRUE = "true"
     TOO_SURE = "too sure"
@@ -70,7 +70,7 @@ class NormalisedSquare(NamedTuple):
         return self.verdict in (FilterBelief.TOO_SURE, FilterBelief.TOO_CAREFUL)
 
 
-class Accepted(NamedTuple):
+class Acceptance(NamedTuple):
     """Verdict of held-out runs on the noise that is written."""
 
     message: Diagnostic
@@ -79,13 +79,13 @@ class Accepted(NamedTuple):
 
 def accepted(
     ekf: AugmentedEkf, found_again: Callable[[], AugmentedEkf], unseen: Sequence[Run], backend: str = "auto"
-) -> tuple[AugmentedEkf, Accepted]:
+) -> tuple[AugmentedEkf, Acceptance]:
     """Return the filter whose noise is to be written: `ekf` if the `unseen` runs agree with it, else that of
     `found_again()`, the noise over all runs; and one sentence."""
     runs, kernel = ", ".join(run.name for run in unseen), _filtered(ekf, backend)
     judged = [one for one in nis_of(ekf, unseen, kernel) if one.verdict != FilterBelief.CANNOT_TELL]
     if not judged:
-        return ekf, Accepted(note("noise.too-short", runs=runs), False)
+        return ekf, Acceptance(note("noise.too-short", runs=runs), False)
     off, code = [one for one in judged if one.disagrees], "noise.holds"
     figures: JsonObject = {"runs": runs, "nis": _figures(judged)}
     if off:
@@ -94,16 +94,16 @@ def accepted(
         then = [one for one in nis_of(ekf, unseen, kernel) if one.name in names or one.disagrees]
         figures |= {"nis": _figures(off), "again": _figures(then)}
         if still := [one for one in then if one.disagrees]:
-            return ekf, Accepted(
+            return ekf, Acceptance(
                 note("noise.still-off", Severity.WARNING, **figures, **_by_belief(still)), True
             )
     nees = nees_of(ekf, unseen[0], kernel)
     if wrong := [one for one in nees if one.disagrees]:
         figures = {"nees": _figures(nees), **_by_belief(wrong)}
-        return ekf, Accepted(note("noise.nees-off", Severity.WARNING, **figures), True)
+        return ekf, Acceptance(note("noise.nees-off", Severity.WARNING, **figures), True)
     if nees and not off:
         code, figures = "noise.holds-simulated", figures | {"nees": _figures(nees)}
-    return ekf, Accepted(note(code, **figures), False)
+    return ekf, Acceptance(note(code, **figures), False)
 
 
 def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[NormalisedSquare]:

@@ -1,4 +1,4 @@
-"""What a sensor is like while the vehicle stands: bias, scatter, Allan deviation, and what warmth does to it.
+"""Sensors at rest: bias, scatter, Allan deviation, and change with temperature.
 
 The longest time in which nothing was commanded is looked at, from REST_S after the last command. The bias has the
 error that the Allan deviation says an average of that length has, not σ/√N: the bias of a cheap sensor wanders.
@@ -99,8 +99,8 @@ class AtRest:
             head + f" {_('per °C'):>20}",
         ]
         for c in self.channels:
-            told = zip(c.coefficients.value, c.coefficients.seen, strict=True)
-            parts = " ".join(f"{number(value):>10.3g}" if seen else f"{'-':>10}" for value, seen in told)
+            pairs = zip(c.coefficients.value, c.coefficients.seen, strict=True)
+            parts = " ".join(f"{number(value):>10.3g}" if seen else f"{'-':>10}" for value, seen in pairs)
             warm = "" if c.slope is None else f"{number(c.slope):.2g} ± {number(c.slope_sd):.1g}"
             lines.append(
                 f"{c.sensor}[{c.entry}]".ljust(16)

@@ -32,7 +32,7 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import COLOUR
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import standing
-from baqueano.identify.noise.acceptance import Accepted, accepted
+from baqueano.identify.noise.acceptance import Acceptance, accepted
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
@@ -71,7 +71,7 @@ class Noise(Result):
     units: dict[str, str] = field(default_factory=dict)  # of the numbers of the sensors, by "imu[0]"
     fields: dict[str, np.ndarray] = field(default_factory=dict)  # of the recommended filter: filter_noise.py
     speed: SpeedChannels | None = None  # of the recommended filter with an accelerometer
-    accepted: Accepted | None = None  # of the recommended filter, by held-out runs
+    accepted: Acceptance | None = None  # of the recommended filter, by held-out runs
 
     @property
     def verdict(self) -> Verdict:

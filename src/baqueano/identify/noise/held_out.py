@@ -46,7 +46,7 @@ class NoiseTrial(NamedTuple):
 
     @property
     def consistent(self) -> str:
-        """What the NIS says of the filter."""
+        """Return the verdict of the NIS on the filter."""
         if self.low > 1.0:
             return "too sure"
         return "too careful" if self.high < 1.0 else "consistent"
@@ -159,11 +159,11 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:
-        told, at = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
+        tuned, at = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
         for name, m in zip(ekf.use, sizes, strict=True):
             q = theta[at : at + m * m].reshape(m, m)
-            told, at = put(told, f"sensors.{name}.measurement_noise_cov", q), at + m * m
-        belief, estimate = told.row(belief, tick)
+            tuned, at = put(tuned, f"sensors.{name}.measurement_noise_cov", q), at + m * m
+        belief, estimate = tuned.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None
         assert cov is not None

@@ -114,8 +114,8 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(q: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
-        told = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
-        belief, estimate = told.row(belief, tick)
+        tuned = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
+        belief, estimate = tuned.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None
         assert cov is not None

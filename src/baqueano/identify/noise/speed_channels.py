@@ -70,10 +70,10 @@ def speed_channels(
     if not np.isfinite(high):
         pieces = {"pieces": len(without), "least": FEWEST, "block_s": BLOCK_S}
         return SpeedChannels((), note("speed.too-short", runs=runs, **pieces))
-    told = {"channels": best, "ratio": ratio, "low": low, "high": high, "by": by, "runs": runs}
+    details = {"channels": best, "ratio": ratio, "low": low, "high": high, "by": by, "runs": runs}
     if high < 1.0:
-        return SpeedChannels(best, note("speed.corrected", **told))
-    return SpeedChannels((), note("speed.left", **told))
+        return SpeedChannels(best, note("speed.corrected", **details))
+    return SpeedChannels((), note("speed.left", **details))
 
 
 def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:

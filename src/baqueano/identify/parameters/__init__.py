@@ -1,1 +1,1 @@
-"""What is free in a fit, and what θ means."""
+"""Free parameters of a fit, and the layout of θ."""

@@ -15,7 +15,7 @@ from baqueano.identify.data.record import (
     CLOCK_S,
     FitRecord,
     FittedBlocks,
-    Measured,
+    Measurements,
     past_of,
     record_of,
     slots_for,
@@ -89,7 +89,7 @@ class Parameters:
 
     @property
     def free(self) -> list[Free]:
-        """Those of `wanted` that are in θ; they are its first entries, in order."""
+        """Return the parameters of `wanted` that are in θ; they are its first entries, in order."""
         return [one for k, one in enumerate(self.wanted) if k not in self.frozen]
 
 
@@ -169,7 +169,7 @@ def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
         return record
     known = (ends > late_s * (1.0 + 1e-9))[:, None]
     sensors = {
-        name: Measured(z, has * known, sample_fraction)
+        name: Measurements(z, has * known, sample_fraction)
         for name, (z, has, sample_fraction) in record.sensors.items()
     }
     return record._replace(sensors=sensors)
@@ -183,10 +183,10 @@ def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) ->
 
 
 def shape_of(
-    blocks: FittedBlocks, told: Sequence[Free], records: Sequence[FitRecord], options: FitOptions
+    blocks: FittedBlocks, shared: Sequence[Free], records: Sequence[FitRecord], options: FitOptions
 ) -> Shape:
-    """What θ means: the shared numbers `told`, what each run has for itself, and the start of each piece."""
-    paths, names = tuple(one.path for one in told), blocks.sensors._fields
+    """Return the meaning of θ: the `shared` numbers, those of each run, and the start of each segment."""
+    paths, names = tuple(one.path for one in shared), blocks.sensors._fields
     own = [p for path in options.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
         known = BIASES[:1] if acts_alone(blocks.model) else BIASES

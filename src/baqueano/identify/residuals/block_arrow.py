@@ -26,7 +26,7 @@ ENOUGH = 48  # entries of pieces, from which on (2) is faster than to solve all 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """Where in a vector (p,) the parts of (1) stand."""
+    """Places of the parts of (1) in a vector (p,)."""
 
     common: np.ndarray  # (s,) entries of x
     own: np.ndarray  # (K, q) entries of y_k
@@ -79,7 +79,7 @@ class BlockArrow:
 
     @property
     def finite(self) -> bool:
-        """Whether all of it are numbers."""
+        """Return True where all entries are finite."""
         return all(np.isfinite(part).all() for part in (self.corner, self.border, self.blocks))
 
     def diagonal(self) -> np.ndarray:

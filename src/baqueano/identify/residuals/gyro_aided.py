@@ -23,7 +23,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import at_voltage
-from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
+from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.parameters.free import DELAY, substitute
 from baqueano.identify.parameters.setup import Shape, beginning, example, vehicle_at_start
 from baqueano.identify.residuals.noise_level import MAD, profile_of_slow
@@ -43,7 +43,7 @@ FEWEST = 64  # rows of a piece, below which the gyro leads alone
 
 
 class GyroAidedState(NamedTuple):
-    """What the two simulations carry."""
+    """State of the two simulations."""
 
     led: Tree  # by the gyro
     free: Any  # of it
@@ -113,7 +113,7 @@ def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: boo
     late_s += SETTLED * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
     sensors = {}
     for name, (z, has, sample_fraction) in record.sensors.items():
-        sensors[name] = Measured(z, has * (np.cumsum(record.dt_s) > late_s)[:, None], sample_fraction)
+        sensors[name] = Measurements(z, has * (np.cumsum(record.dt_s) > late_s)[:, None], sample_fraction)
     return record._replace(sensors=sensors)
 
 
@@ -219,7 +219,7 @@ def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
 
 
 def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
-    """Whether there is an IMU and nothing else, on a vehicle with a velocity of its own."""
+    """Return True for an IMU as the only sensor of a vehicle whose velocity is a state."""
     only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
     return only and optional.of(blocks.model, "turning_arm_m") is not None
 

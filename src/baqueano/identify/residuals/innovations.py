@@ -37,7 +37,7 @@ UNSEEN = 1e-9  # a slope below which a sensor does not show the pose
 
 
 class FilterState(NamedTuple):
-    """What the filter carries."""
+    """State of the filter."""
 
     vehicle: VehicleState
     cov: np.ndarray  # (n, n) of ν, or of (η, ν)
@@ -56,7 +56,7 @@ class PredictedState(NamedTuple):
     mean: np.ndarray  # x̄ (n,)
 
     def motion(self, x: np.ndarray) -> Motion:
-        """What a sensor sees of the state x (n,)."""
+        """Return the motion at the state x (n,), as sensors read it."""
         eta, nu = (self.eta, x) if len(x) == 3 else (x[:3], x[3:])
         return arrived(self.model, self.before, eta, nu, self.before.drivetrain, self.effort, self.dt_s)[1]
 
@@ -70,7 +70,7 @@ def axes_of(model: Tree) -> tuple[int, ...]:
 
 
 def shows_pose(blocks: FittedBlocks) -> bool:
-    """Whether a sensor shows where the vehicle is."""
+    """Return True where a sensor measures the pose."""
     rng = np.random.default_rng(0)
     nu, nu_dot, eta = rng.normal(size=(3, 3))
     slopes = [jacobian(lambda x, s=s: s.h(Motion(x, nu, nu_dot, np.zeros(2))))(eta) for s in blocks.sensors]

@@ -48,7 +48,7 @@ K = TypeVar("K")
 
 
 class SimulationState(NamedTuple):
-    """What the simulation carries."""
+    """State of the simulation."""
 
     vehicle: Tree
     signals: tuple[Signal, ...]  # per sensor, what went before

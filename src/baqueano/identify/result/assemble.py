@@ -125,7 +125,7 @@ def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
 
 
 def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Diagnostic, ...]) -> Evidence:
-    """What the verdict is judged by."""
+    """Return the evidence for the verdict."""
     solution, s = end.found.solution, len(end.task.problem.shape.shared)
     identifiable = end.identifiability.mask[:s]
     return Evidence(
@@ -195,19 +195,19 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 def _placed(end: FinishedFit, values: np.ndarray, rest: float) -> np.ndarray:
     """Values of the shared entries of θ in the order of `wanted`, `rest` for the frozen ones."""
     out = np.full(len(end.wanted), rest, dtype=float)
-    out[end.told] = values
+    out[end.in_theta] = values
     return out
 
 
 def _spread_out(end: FinishedFit, cov: np.ndarray) -> np.ndarray:
     out = np.full((len(end.wanted), len(end.wanted)), np.nan)
-    out[np.ix_(end.told, end.told)] = cov
+    out[np.ix_(end.in_theta, end.in_theta)] = cov
     return out
 
 
 def _start(end: FinishedFit) -> np.ndarray:
     start = np.array([value(end.blocks, one.path) for one in end.wanted])
-    start[end.told] = end.task.first[: len(end.told)]
+    start[end.in_theta] = end.task.first[: len(end.in_theta)]
     return start
 
 
@@ -249,7 +249,7 @@ def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
 
 
 def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """What a better run would show, and what no run of this vehicle can."""
+    """Return findings on parameters that a better run would show, and on those that no run can."""
     unseen, never = [], []
     columns: dict[int, list[Free]] = {}
     for one in (end.wanted[k] for k in end.frozen):
@@ -268,7 +268,7 @@ def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic,
 
 
 def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:
-    """What has a large error, and why."""
+    """Return findings on parameters with a large error."""
     weak = [i for i in range(len(end.free)) if end.identifiability.weak[i]]
     return tuple(weakly(end.free[i], end.like(end.identifiability.near, i)) for i in weak)
 

@@ -189,7 +189,7 @@ class Fit(Result):
         ]
 
     def _asked_run_by_run(self) -> list[str]:
-        """What was asked for run by run; biases and starts go without saying."""
+        """Return lines on the numbers of each run that the user requested; biases and starts are left out."""
         said = [row for row in self.run_by_run() if requested(row["name"])]
         if len(self.runs) > LISTED:
             return self._asked_together(said)
@@ -243,10 +243,10 @@ class Fit(Result):
 
     def _channels_together(self) -> list[str]:
         """One line per channel, of all runs: the middle one, and the one that is explained least."""
-        out, told = [], [c for c in self.channels if np.isfinite(c.explained)]
-        for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in told):
+        out, explained = [], [c for c in self.channels if np.isfinite(c.explained)]
+        for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in explained):
             same = sorted(
-                (c for c in told if (c.sensor, c.entry) == (sensor, entry)), key=lambda c: c.explained
+                (c for c in explained if (c.sensor, c.entry) == (sensor, entry)), key=lambda c: c.explained
             )
             middle, least = same[len(same) // 2], same[0]
             noise = f"{number(middle.sigma):.3g} {channel_unit(self.file, sensor, entry)}".rstrip()

@@ -66,13 +66,13 @@ def choose_objective(
     if both is None:
         return ObjectiveChoice("simulation", note("cost.too-short", **odds), False)
     apart, name = both.furthest
-    told = odds | {"apart": apart, "open_loop": _open_loop(both)}
+    details = odds | {"apart": apart, "open_loop": _open_loop(both)}
     if apart > both.limit or both.worse:
-        return ObjectiveChoice("simulation", note("cost.neither", subject=name, **told), False, True)
+        return ObjectiveChoice("simulation", note("cost.neither", subject=name, **details), False, True)
     explains = not likely.info.coloured and not np.any(times > ABOVE_NOISE)
     if both.better:
-        return ObjectiveChoice("innovations", note("cost.innovations", **told), explains)
-    return ObjectiveChoice("simulation", note("cost.simulation", **told), explains)
+        return ObjectiveChoice("innovations", note("cost.innovations", **details), explains)
+    return ObjectiveChoice("simulation", note("cost.simulation", **details), explains)
 
 
 def _open_loop(both: "LeftOutBlocks") -> Diagnostic:

@@ -51,9 +51,9 @@ class Prior(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return what is written, and why."""
-        told: JsonObject = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
+        details: JsonObject = {"value": self.value, "std": self.std, "unit": self.unit, "sd": self.sd}
         code = "bias.contradicts-file" if self.contradicted else "bias.file-knows-better"
-        return note(code, subject=self.path, **told)
+        return note(code, subject=self.path, **details)
 
 
 def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
@@ -113,13 +113,13 @@ def _index(path: str) -> tuple[int, ...]:
 def _fields(fit: "Fit", kept: Sequence[str]) -> "JsonObject":
     """Path of a field → standard errors in its shape, NaN for entries that were not told, and for those `kept`."""
     said = dict(zip(fit.names, fit.sd, strict=True))
-    told = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
+    estimated = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
     for name, sd in zip(fit.own_names, np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True):
         if name.startswith("sensors.") and np.isfinite(sd) and name not in kept:
             said[name] = sd
-            told.add(name)
+            estimated.add(name)
     out: dict[str, Tree] = {}
-    for path in (path for path in told if not path.startswith(MOUNT)):
+    for path in (path for path in estimated if not path.startswith(MOUNT)):
         field, bracket, _ = path.partition("[")
         if not bracket:
             out[field] = float(said[path])

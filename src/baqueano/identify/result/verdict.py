@@ -49,7 +49,7 @@ CHANCE = 0.01  # α, of a run that is called unlike the others, where it is not
 
 
 class Evidence(NamedTuple):
-    """What a verdict rests on."""
+    """Evidence for a verdict."""
 
     names: tuple[str, ...]  # (p,)
     estimate: np.ndarray  # (p,)
@@ -143,9 +143,9 @@ def _doubts(e: Evidence) -> list[Diagnostic]:
     out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
     if e.unobservable:
         out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
-    told = {one.subject for one in e.found if one.code == "residual.coloured"}
+    subjects = {one.subject for one in e.found if one.code == "residual.coloured"}
     for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False):
-        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in told:
+        if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in subjects:
             out.append(note("residual.lacking", WARNING, subject=label))
     return out + _loud(e)
 
@@ -160,13 +160,13 @@ def _loud(e: Evidence) -> list[Diagnostic]:
             out.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
     for label, (n, above, below) in zip(labels, _beyond(e), strict=True):
         far = (above + below) / max(n, 1)
-        told: JsonObject = {"subject": label, "percent": 100.0 * far, "beyond": OUTLIER}
+        details: JsonObject = {"subject": label, "percent": 100.0 * far, "beyond": OUTLIER}
         if far > OUTLIERS and n == 1:
             out.append(_one_far(e, label))
         elif far > OUTLIERS:
-            out.append(note("outliers.many", WARNING, **told))
+            out.append(note("outliers.many", WARNING, **details))
         elif _lean(above, below) and far > OUTLIER_CHANCE:
-            out.append(note("outliers.one-side", WARNING, **told, above=above, below=below))
+            out.append(note("outliers.one-side", WARNING, **details, above=above, below=below))
     return out
 
 

@@ -28,14 +28,14 @@ NO_EVIDENCE = N_(
 
 
 class ChannelLabel(NamedTuple):
-    """What a channel is called when its error is told."""
+    """Name and unit of a channel."""
 
     name: str  # "speed"
     unit: str
 
 
 def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
-    """What the entries of all sensors are called, in order."""
+    """Return the labels of the entries of all sensors, in order."""
     out = []
     for name, sensor in blocks.sensors._asdict().items():
         if has_field(sensor, "gyro_scale"):
@@ -63,7 +63,7 @@ def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
 
 
 class Decision(StrEnum):
-    """What becomes of a term."""
+    """Decision on a term."""
 
     TAKEN = N_("taken")
     LEFT_OUT = N_("left out")
@@ -92,18 +92,18 @@ class TermResult(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return the choice and its figures."""
-        told: JsonObject = {"errors": self.errors, "needed": self.needed}
+        details: JsonObject = {"errors": self.errors, "needed": self.needed}
         part = {"percent": 100 * self.gain, "percent_sd": 100 * self.gain_sd}
         name = self.term.name
         if self.verdict == Decision.TAKEN:
-            told |= {"channel": self.channel.name, "unit": self.channel.unit}
-            return note("choose.taken", subject=name, before=self.without, after=self.with_, **told)
+            details |= {"channel": self.channel.name, "unit": self.channel.unit}
+            return note("choose.taken", subject=name, before=self.without, after=self.with_, **details)
         if self.verdict == Decision.DROPPED:
-            return note("choose.dropped", subject=name, **part, **told)
+            return note("choose.dropped", subject=name, **part, **details)
         if self.why is not None:
             code = "choose.refused" if self.verdict == Decision.REFUSED else "choose.left-out-for"
             return note(code, subject=name, why=self.why)
-        return note("choose.left-out", subject=name, **part, **told)
+        return note("choose.left-out", subject=name, **part, **details)
 
     def row(self) -> "JsonObject":
         """Flat."""
@@ -137,7 +137,7 @@ class Choice:
 
     @property
     def verdict(self) -> str:
-        """That of the fit."""
+        """Return the verdict of the fit."""
         return self.fit.verdict
 
     @property

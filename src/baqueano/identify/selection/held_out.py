@@ -22,7 +22,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.data.record import FitRecord, FittedBlocks, Measured
+from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.setup import Shape
@@ -43,7 +43,7 @@ LEAST = int(np.ceil(-np.log2(CHANCE)))
 
 
 class Score(NamedTuple):
-    """What a model says of data that it was not fitted to."""
+    """Prediction errors of a model on held-out data."""
 
     loss: np.ndarray  # (B, m) of (1)
     samples: np.ndarray  # (B, m) how many
@@ -63,7 +63,7 @@ class Score(NamedTuple):
         return self.sigma * np.sqrt(self.ahead / np.maximum(self.pairs, 1.0))
 
 
-class Paired(NamedTuple):
+class PairedComparison(NamedTuple):
     """Two models on the same blocks."""
 
     gain: float  # part by which the error of a block falls, mean g
@@ -78,7 +78,7 @@ class Paired(NamedTuple):
 
 
 class Fold(NamedTuple):
-    """What is fitted to, and what is held out."""
+    """Data of one fold: those of the fit, and those held out."""
 
     train: Residuals
     held: Residuals
@@ -148,8 +148,8 @@ class HeldOut:
         """Its part of loss, samples, one-step errors and pairs, and its shared parameters."""
         loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
         ahead, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
-        told = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
-        found = self.fitted(theta, told, sigma, fold.train).theta
+        movable = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
+        found = self.fitted(theta, movable, sigma, fold.train).theta
         shared = found[self.shared]
         if self.whole_runs:
             found = np.where(self.still, 0.0, found)
@@ -172,20 +172,20 @@ def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
 
 
-def paired(without: Score, with_: Score) -> Paired:
-    """Whether a model is better than another one, block by block.  (2), (3)"""
+def paired(without: Score, with_: Score) -> PairedComparison:
+    """Compare two models block by block.  (2), (3)"""
     used = without.samples.sum(axis=1) > 0.0
     before, after = without.loss[used], with_.loss[used]
     floor = FLOOR * without.samples[used].sum(axis=1)
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
-        return Paired(-np.inf, np.inf, -np.inf, 0, len(floor))
+        return PairedComparison(-np.inf, np.inf, -np.inf, 0, len(floor))
     g = 0.5 * np.log((before.sum(axis=1) + floor) / (after.sum(axis=1) + floor))
     mean, se = float(g.mean()), float(g.std(ddof=1) / np.sqrt(len(g)))
     errors = mean / se if se > 1e-12 else 0.0
     if not after.sum() < before.sum():
         errors = min(errors, 0.0)
     channel = int(np.argmax(np.abs((before - after).sum(axis=0))))
-    return Paired(mean, se, errors, channel, len(g))
+    return PairedComparison(mean, se, errors, channel, len(g))
 
 
 def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
@@ -233,7 +233,7 @@ def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 def _masked(record: FitRecord, kept: np.ndarray) -> FitRecord:
     """The record with the measurements of the rows `kept` (N,) only."""
     sensors: dict[str, Tree] = {
-        name: Measured(said.z, said.has * kept[:, None], said.sample_fraction)
+        name: Measurements(said.z, said.has * kept[:, None], said.sample_fraction)
         for name, said in record.sensors.items()
     }
     return record._replace(sensors=sensors)

@@ -45,7 +45,15 @@ from baqueano.identify.residuals.block_arrow import dense
 from baqueano.identify.residuals.noise_level import smallest_spread
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.choice import Choice, Decision, TermResult, channels_of
-from baqueano.identify.selection.held_out import GAP_S, HeldOut, Paired, Score, jackknife, paired, unseen_only
+from baqueano.identify.selection.held_out import (
+    GAP_S,
+    HeldOut,
+    PairedComparison,
+    Score,
+    jackknife,
+    paired,
+    unseen_only,
+)
 from baqueano.identify.selection.terms import (
     SHORTEST_LAG_S,
     Term,
@@ -113,10 +121,10 @@ def choose(
         raise UsageError(fault("choose.options", options=others))
     runs, said = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
     unseen_only(held_out, runs)
-    told = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
-    if not sum(map(len, told)):
+    commands = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
+    if not sum(map(len, commands)):
         raise UsageError(fault("choose.no-command"))
-    u, how = np.concatenate(told), How(runs, use, options, tuple(held_out))
+    u, how = np.concatenate(commands), How(runs, use, options, tuple(held_out))
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
@@ -135,7 +143,7 @@ def choose(
 
 
 class How(NamedTuple):
-    """What every fit of a choice has in common."""
+    """Runs and options that every fit of a choice shares."""
 
     runs: list[Run]
     use: Sequence[str] | None
@@ -356,12 +364,12 @@ class _Growing:
         return None
 
     def _judged(
-        self, term: Term, verdict: Decision, why: Diagnostic | None, model: Model, other: tuple[Score, Paired] | None,
+        self, term: Term, verdict: Decision, why: Diagnostic | None, model: Model, other: tuple[Score, PairedComparison] | None,  # noqa: E501
         theta: np.ndarray, needed: float,
     ) -> TermResult:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
         at = self._at(term)
-        score, found = other or (model.score, Paired(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
+        score, found = other or (model.score, PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
         c = found.channel
         sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)

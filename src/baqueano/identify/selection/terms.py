@@ -1,4 +1,4 @@
-"""What a model of a vehicle may have besides the least that it needs, each with its neutral value and starts.
+"""Optional terms of a vehicle model, each with its neutral value and its starts.
 
 The least model of a kind has forces (or velocities) of the commands and viscous friction; of a car also what
 steers it. Everything else is a term: dry friction, of the body and of each wheel, dead zones, quadratic drag, drag of
@@ -217,7 +217,7 @@ def _track(blocks: FittedBlocks) -> float:
 
 
 def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
-    """What a command does besides its own axis."""
+    """Return the terms by which a command acts on other axes."""
     moved, out = np.flatnonzero(np.any(u != 0.0, axis=0)), []
     for field, p in all_parameters(blocks.model, "model"):
         if p.term and p.role == "gain":
