@@ -7,11 +7,7 @@
     until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3)
     where one fell, forward once more without it
 
-Error, folds and t are those of held_out.py; α = 5 %, and a vehicle without any term gets one less often. Refused,
-whatever they gain: a term that ends at its bound, or that cannot be told from what M has (SINGULAR). Left out: one that
-ends at its neutral value, or improves the fit by no more than noise would. Terms stand in the order of what is believed
-where the vehicle has not been. Greedy, so deterministic and short: two terms that help only together are missed, but
-for a dead zone's two ways (terms.py).
+Error, folds and t are those of held_out.py; α = 5 %. A term at its bound, or collinear with M, is refused.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -111,10 +107,8 @@ def choose(
 ) -> Choice:
     """The model of the kind of `vehicle_file` with those terms that the runs ask for, and its fit.
 
-    `candidates` are names of terms (terms.py) or paths, else all that the kind has; what the file says of them
-    is not used. `free`, `use`, and of `options` those in TAKEN, are those of `identify`. With runs `held_out` all
-    `runs` are fitted to, and the terms are chosen by those. UsageError for a name that is none, runs that are too
-    short, a pose that is to be believed, a run that is to be fitted to and held out.
+    `candidates` are names of terms (terms.py) or paths, else all that the kind has. `free`, `use`, and of `options`
+    those in TAKEN, are those of `identify`. Runs `held_out` decide the terms. UsageError for an unknown name.
     """
     others = [name for name in options.changed if name not in TAKEN]
     if others:
