@@ -4,9 +4,8 @@
     forward: of all terms, each fitted beside those of M, those are good whose held-out error is lower than
              M's beyond its noise, t > t_{1 − α/n}, n terms in question; the best of them joins M, and of
     those that are not worse than it beyond the noise, t ≤ t_{1 − α}, the first                           (2)
-    until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3)
+    until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3);
     where one fell, forward once more without it
-
 Error, folds and t are those of held_out.py; α = 5 %. A term at its bound, or collinear with M, is refused.
 """
 
@@ -390,7 +389,7 @@ class _Growing:
 
 
 def _first_of_the_best(good: list[TermTrial]) -> TermTrial:
-    """Of the terms that are not worse than the best beyond the noise between them, the first."""
+    """Of the terms not worse than the best beyond the noise between them, the first."""
     best = max(good, key=lambda one: one.judged.gain)
     assert best.score is not None
     for one in good:
