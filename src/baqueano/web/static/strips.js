@@ -38,7 +38,7 @@ export class Strip {
     const X = w / (to - from), Y = (v) => h - 3 - ((v - low) / span) * (h - 6);
     this.#axes(c, w, h, Y, from, to, X);
     const time = record.t;
-    if (sd) band(c, time, sd, first, last, from, X, Y, w);
+    if (sd) band(c, time, sd, first, last, from, X, Y, w, true);
     this.traces.forEach(({ line }, k) => {
       if (!columns[k]) return;
       const style = LINES[line];
@@ -51,6 +51,7 @@ export class Strip {
     });
     c.globalAlpha = 1;
     c.setLineDash([]);
+    if (sd) band(c, time, sd, first, last, from, X, Y, w, false);
     if (cursor !== null) {
       const x = (cursor - from) * X;
       c.strokeStyle = colours.ink;
@@ -69,11 +70,9 @@ export class Strip {
       if (!v) continue;
       for (let i = first; i < last; i++) { const x = v[i]; if (x < low) low = x; if (x > high) high = x; }
     }
-    if (sd) {
-      let most = 0;
-      for (let i = first; i < last; i += 8) if (sd[i] > most) most = sd[i];
-      most = Math.min(1.96 * most, 1.5 * Math.max(-low, high)); // the band of the first moments may be far wider than what came
-      if (most > 0) { high = Math.max(high, most); low = Math.min(low, -most); }
+    if (sd && last > first) {
+      const half = Math.min(1.96 * sd[last - 1], 3 * Math.max(-low, high)); // that of now: the band of the first moments may be far wider
+      if (half > 0) { high = Math.max(high, half); low = Math.min(low, -half); }
     }
     if (!(low <= high)) { if (Number.isFinite(this.low)) return; [this.low, this.high] = [NaN, NaN]; return; }
     if (low > 0 && low < 0.5 * high) low = 0;
@@ -127,14 +126,14 @@ function trace(c, time, v, first, last, from, X, Y, w) {
   c.stroke();
 }
 
-/** ± 1.96 standard deviations about zero; where nothing was predicted there is none. */
-function band(c, time, sd, first, last, from, X, Y, w) {
+/** ± 1.96 standard deviations about zero, as an area or as its two edges; where nothing was predicted there is none. */
+function band(c, time, sd, first, last, from, X, Y, w, area) {
   const every = Math.max(1, Math.floor((last - first) / w)), upper = [];
-  c.fillStyle = colours.band;
   c.beginPath();
   const close = () => {
-    for (let k = upper.length - 2; k >= 0; k -= 2) c.lineTo(upper[k], Y(-upper[k + 1]));
-    c.closePath();
+    if (area) for (let k = upper.length - 2; k >= 0; k -= 2) c.lineTo(upper[k], Y(-upper[k + 1]));
+    else for (let k = 0; k < upper.length; k += 2) c[k ? "lineTo" : "moveTo"](upper[k], Y(-upper[k + 1]));
+    if (area) c.closePath();
     upper.length = 0;
   };
   for (let i = first; i < last; i += every) {
@@ -144,7 +143,12 @@ function band(c, time, sd, first, last, from, X, Y, w) {
     upper.push(x, half);
   }
   if (upper.length) close();
-  c.fill();
+  if (area) { c.fillStyle = colours.band; c.fill(); return; }
+  c.strokeStyle = colours.model;
+  c.lineWidth = 1.2;
+  c.setLineDash([2, 2]);
+  c.stroke();
+  c.setLineDash([]);
 }
 
 /** Return the strips of a vehicle in three groups: measurement against model, innovation in its band, command. */
