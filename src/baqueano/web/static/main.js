@@ -170,6 +170,7 @@ function meters() {
   if (!$("meter-battery")) return;
   const { record } = page;
   const battery = record.value("battery"), late = record.value("late_ms");
+  show($("meter-battery").parentElement, Number.isFinite(battery));
   write($("meter-battery"), `${num(battery, 2)} V`);
   write($("meter-link"), page.link_ms === undefined ? "–" : `${num(page.link_ms, 0)} ms`);
   write($("meter-loop"), `${num(late, 1)} ms`);
@@ -243,7 +244,8 @@ function draw(now_ms) {
   page.screen.draw?.(now_ms);
   page.link.drawn();
   page.hand.beat(now_ms);
-  const live = page.hello.mode === "live", age = page.link.age_ms, old = live && (age > OLD_MS || !page.link.up) && page.link.came_ms > 0;
+  const live = page.hello.mode === "live", age = page.link.age_ms, moves = ["MISSION", "MANUAL"].includes(page.state.state) && !page.state.paused; // who stands sends no rows
+  const old = live && ((moves && age > OLD_MS) || !page.link.up) && page.link.came_ms > 0;
   show($("age"), old);
   if (old) write($("age"), t("age", { s: num(age / 1000, 1) }));
   if (live) meters();

@@ -158,14 +158,20 @@ export class Map2D {
     for (let k = 2; k - 2 < end - 1; k += 2) { // a quadrangle for two steps: half as many, and as smooth
       const a = p[k - 2], b = p[Math.min(k, end - 1)];
       if (Math.hypot(a[0] - b[0], a[1] - b[1]) > 20 * trail.step_m) continue;
-      const q = [a[0] + a[3], a[1] + a[4], b[0] + b[3], b[1] + b[4], b[0] - b[3], b[1] - b[4], a[0] - a[3], a[1] - a[4]];
-      const turn = (q[2] - q[0]) * (q[7] - q[1]) - (q[6] - q[0]) * (q[3] - q[1]) > 0;
-      const order = turn ? [0, 2, 4, 6] : [0, 6, 4, 2]; // all the same way round, so that none cuts a hole in another
-      c.moveTo(this.X(q[0]), this.Y(q[1]));
-      for (const j of order.slice(1)) c.lineTo(this.X(q[j]), this.Y(q[j + 1]));
-      c.closePath();
+      const left = [a[0] + a[3], a[1] + a[4]], right = [a[0] - a[3], a[1] - a[4]], leftNext = [b[0] + b[3], b[1] + b[4]], rightNext = [b[0] - b[3], b[1] - b[4]];
+      this.#triangle(c, left, leftNext, rightNext); // where the turn is tighter than the corridor is wide, the sides cross
+      this.#triangle(c, left, rightNext, right);
     }
     c.fill();
+  }
+
+  /** Add a triangle, all the same way round, so that none cuts a hole in another. */
+  #triangle(c, p, q, r) {
+    const turn = (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1]) > 0, [second, third] = turn ? [q, r] : [r, q];
+    c.moveTo(this.X(p[0]), this.Y(p[1]));
+    c.lineTo(this.X(second[0]), this.Y(second[1]));
+    c.lineTo(this.X(third[0]), this.Y(third[1]));
+    c.closePath();
   }
 
   #trail(c, { trail, style, row }) {

@@ -42,7 +42,7 @@ export function three(value) {
 
 /** Return a length [m] as [number, unit]: centimetres below a metre. */
 export function length(metres) {
-  if (!Number.isFinite(metres)) return ["–", "cm"];
+  if (!Number.isFinite(metres)) return ["–", ""];
   return Math.abs(metres) < 0.995 ? [num(metres * 100, 1), "cm"] : [num(metres, 2), "m"];
 }
 
