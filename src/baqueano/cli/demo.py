@@ -40,15 +40,25 @@ def free_folder() -> Path:
     "--pace", type=click.FloatRange(0.05, 50.0), default=4.0, show_default=True,
     help="Simulated seconds that the page shows in a second.",
 )  # fmt: skip
+@click.option(
+    "--animation",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.svg",
+    help="Also write fit and drive as a moving picture.",
+)
 @options.seed
 @options.backend
 @options.as_json
 def command(
-    out: Path | None, shown: bool | None, pace: float, seed: int, backend: str, as_json: bool
+    out: Path | None, shown: bool | None, pace: float, animation: Path | None, seed: int, backend: str,
+    as_json: bool,
 ) -> None:
     from baqueano.cli.page.motion import in_motion
+    from baqueano.report.animation import picture_file
+    from baqueano.report.page import save_text
     from baqueano.study.demo import demo
 
+    moves = None if animation is None else picture_file(animation)
     out = out or free_folder()
     with in_motion(out, shown, pace) as motion:
         with steps() as begin:
@@ -56,5 +66,7 @@ def command(
         answer(found, as_json)
         with busy(note("cli.drawing")):
             page = found.page().save(out / "report.html")
+            if moves is not None:
+                save_text(moves, found.animation(backend))
         motion.say(note("web.demo-done", verdict=str(found.verdict)))
     talk(note("cli.demo", page=page, program=typed_here()))

@@ -178,12 +178,17 @@ class Page:
 
     def save(self, path: str | Path) -> Path:
         """Write the page; a reader never sees half of it."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = path.with_name(path.name + ".part")
-        unfinished.write_text(self.html(), encoding="utf-8", newline="\n")
-        os.replace(unfinished, path)
-        return path
+        return save_text(path, self.html())
+
+
+def save_text(path: str | Path, text: str) -> Path:
+    """Write a file that appears whole, in place of what had its name, and return its path."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(path.name + ".part")
+    unfinished.write_text(text, encoding="utf-8", newline="\n")
+    os.replace(unfinished, path)
+    return path
 
 
 def cell(value: object, key: str = "") -> str:

@@ -24,9 +24,11 @@ from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.report import Headline, Page, Section, Table
+from baqueano.report.animation import animation, bars, scene
 from baqueano.report.of_estimate import errors, paths
 from baqueano.report.of_fit import sections_of_fit
 from baqueano.report.of_run import driving, headlines
+from baqueano.runs import read_run
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import chosen
 from baqueano.tune import TuneResult, tune
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
-LAPS = 3
+LAPS, EXPERIMENT = 3, "1-experiment.mcap"
 GUESS = {  # what a person would write who has a scale, a tape measure and no data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
@@ -53,6 +55,7 @@ GUESS = {  # what a person would write who has a scale, a tape measure and no da
 GAINS = {
     name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "at_limit")
 }
+STAGES_S = 15.0, 30.0  # of the experiment, before the whole of it: the fits of the moving picture
 SCALE = 1.015  # of the gyro in truth: nothing on board tells it, and its data sheet allows twice that
 
 
@@ -145,6 +148,22 @@ class Demo:
         wide = max(16, *map(len, said))
         return [f"{label:{wide}} {one}" for label, one in said.items()]
 
+    def animation(self, backend: str = "auto") -> str:
+        """Return the moving picture: the intervals narrow as data come in, and the taught path is driven again."""
+        drawn = {
+            "model.actuator_matrix[0,0]": _("motor force"),
+            "model.friction.linear[0]": _("viscous friction"),
+            "model.friction.linear[1]": _("tyres, sideways"),
+            "model.friction.coulomb[0]": _("dry friction"),
+            "model.actuator_matrix[0,2]": _("unequal motors"),
+        }
+        run = read_run(self.folder / EXPERIMENT)
+        guess, options = load("small").with_values(GUESS), FitOptions(backend=backend)
+        fits = [(s, identify(run.cut(0.0, s), guess, options=options)) for s in STAGES_S]
+        truth = dict(zip(self.fit.names, self.true_values, strict=True))
+        stages = bars([*fits, (run.duration_s, self.fit)], list(drawn), [truth[name] for name in drawn])
+        return animation(scene(self.repeated), stages, list(drawn.values()))
+
     def page(self) -> Page:
         """The report."""
         judged = self.judged.rows()[0]
@@ -204,6 +223,8 @@ def demo(
     run = experiment(believed, u, seed=seed, path=folder / "1-experiment.mcap", truth=truth, backend=once)
     show(folder / "1-experiment.mcap")
     say(_("2/6 identify    the model from commands and IMU"))
+    run = experiment(believed, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
+    say("2/6 identify    the model from commands and IMU")
     fit = identify(run, believed, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("demo.refused", cause=joined(fit.reasons)))

@@ -27,6 +27,12 @@ from baqueano.diagnostics import note
 @click.option(
     "--width", metavar="column|page|MM", help="Of these figures: of a column, of a page, or in millimetres."
 )
+@click.option(
+    "--animation",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.svg",
+    help="Also write the run as a moving picture, for a page or a talk.",
+)
 def command(
     run: str,
     align: str,
@@ -35,14 +41,21 @@ def command(
     figures: Path | None,
     file_format: str,
     width: str | None,
+    animation: Path | None,
 ) -> None:
+    from baqueano.report import animation as moving
     from baqueano.report import report
+    from baqueano.report.page import save_text
+
+    moves = None if animation is None else moving.picture_file(animation)
 
     found = options.find_runs((run,), folder)[0]
     with busy(note("cli.drawing")):
         path = out if out is not None else Path(f"{found.name}.html")
         page = report(found, path, alignment=align)
         files = [] if figures is None else page.save_figures(figures, file_format, _width(width))
+        if moves is not None:
+            files.append(save_text(moves, moving.animation(moving.scene(found))))
     for written in (path, *files):
         tell(str(written))
 

@@ -22,6 +22,8 @@ TEMPLATES: dict[str, str] = {
     "front.card-forecast": "Forecast",
     "front.plot-unknown": "A {result} does not have the drawing {found}. {near}.",
     "front.nothing-to-draw": "This {result} does not hold the data for a drawing{kind}.",
+    "report.animation-ending": "{found}: expected a name that ends in .svg. Type: {fix}",
+    "report.nothing-moves": "Run {name} holds neither an estimate nor a truth, so nothing in it moves. Type: {fix}",
     "front.no-page": "A report takes a run or a fit. {found} was given.",
     "front.format-unknown": "Figures cannot be written as {found}. {near}.",
     "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",

@@ -1,0 +1,34 @@
+"""The intervals of a fit that narrow as data come in: one fit for each length of the drive."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Verdict
+
+if TYPE_CHECKING:
+    from baqueano.identify import Fit
+
+QUANTILE_95 = 1.96
+
+
+class Stage(NamedTuple):
+    """What a fit to the first seconds of a drive knows."""
+
+    seconds: float
+    verdict: Verdict
+    off: np.ndarray  # (p,) estimate over the truth, minus 1; NaN where the fit has no estimate
+    half: np.ndarray  # (p,) half-width of the 95 % interval, in parts of the truth
+
+
+def bars(fits: Sequence[tuple[float, "Fit"]], names: Sequence[str], truth: Sequence[float]) -> list[Stage]:
+    """Return a stage per (seconds, fit), of the parameters `names` with the true values `truth`, none of them 0."""
+    out = []
+    for seconds, fit in fits:
+        rows = {row["name"]: row for row in fit.rows()}
+        known = [(rows[name]["estimate"], rows[name]["sd"]) for name in names]
+        value, sd = np.array([[np.nan if x is None else x for x in pair] for pair in known]).T
+        true = np.asarray(truth)
+        out.append(Stage(seconds, fit.verdict, value / true - 1.0, QUANTILE_95 * sd / np.abs(true)))
+    return out

@@ -1,0 +1,75 @@
+"""The motion of a run at a few hundred instants: where the vehicle was, where it believed to be, how sure it was."""
+
+import tomllib
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.compare.corridor import corridor_of
+from baqueano.diagnostics import fault
+from baqueano.errors import AnswerNo
+from baqueano.runs import Run
+from baqueano.runs.interpolated import poses_at
+from baqueano.signals import NANOSECONDS, seconds
+
+A_LAP, MOST = 72, 216  # instants of a lap, of a run
+RADIUS_M = 0.07  # of the body, where the vehicle file has no size
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Poses (M, 3) at M instants of equal distance; what a run does not have is None."""
+
+    t_s: np.ndarray  # (M,) since the first tick
+    believed: np.ndarray | None  # (M, 3)
+    true: np.ndarray | None  # (M, 3)
+    half_m: np.ndarray | None  # (M,) half-width of the corridor, 95 %; NaN where the vehicle is lost
+    route: np.ndarray | None  # (K, 2) one lap of what it was to drive
+    laps: int
+    radius_m: float
+
+    @property
+    def shown(self) -> np.ndarray:
+        """(M, 3) where the vehicle is drawn: where it was, else where it believed to be."""
+        poses = self.believed if self.true is None else self.true
+        assert poses is not None
+        return poses
+
+
+def scene(run: Run) -> Scene:
+    """Return what moves in a run.  AnswerNo where nothing says where the vehicle went."""
+    if run.estimate is None and run.truth is None:
+        raise AnswerNo(fault("report.nothing-moves", f"baqueano replay {run.name}", name=run.name))
+    found = corridor_of(run) if run.estimate is not None else None
+    end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
+    lap_s = found.lap_s if found is not None and np.isfinite(found.lap_s) else end_s
+    laps = max(1, round(end_s / lap_s))
+    t_s = np.linspace(0.0, end_s, min(A_LAP * laps, MOST) + 1)
+    t_ns = run.t_ns[0] + np.round(t_s * NANOSECONDS).astype(np.int64)
+    logs = [
+        None if log is None else _filled(poses_at(t_ns, log.t_ns, log.eta))
+        for log in (run.estimate, run.truth)
+    ]
+    half = None
+    if found is not None and len(found.t_s) > 1:
+        half = np.interp(t_s, found.t_s, found.across_m, right=np.nan)
+    route = None
+    if run.asked is not None and len(run.asked.t_ns) > 1:
+        first = seconds(run.asked.t_ns, run.asked.t_ns[0]) <= lap_s
+        route = run.asked.eta[first, :2][:: max(1, int(first.sum()) // 160)]
+    return Scene(t_s, logs[0], logs[1], half, route, laps, _radius_m(run))
+
+
+def _filled(poses: np.ndarray) -> np.ndarray:
+    """Return the poses with what a gap of the log hides taken from the instant before; at the start, after."""
+    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    at = np.clip(np.searchsorted(known, np.arange(len(poses)), side="right") - 1, 0, None)
+    return poses[known[at]]
+
+
+def _radius_m(run: Run) -> float:
+    """Return half the width of the body, by the vehicle file in the run."""
+    geometry = tomllib.loads(run.vehicle_text).get("geometry", {})
+    if "radius_m" in geometry:
+        return float(geometry["radius_m"])
+    return float(geometry.get("width_m", geometry.get("track_m", 2 * RADIUS_M))) / 2

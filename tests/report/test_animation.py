@@ -1,0 +1,119 @@
+"""A run as a moving picture: it moves without a script, stands still where it is asked to, and shows the run."""
+
+import re
+import xml.etree.ElementTree as tree
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import baqueano as bq
+from baqueano.cli import baqueano
+from baqueano.diagnostics import Verdict
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.guides.shapes import circle
+from baqueano.report.animation import Stage, animation, picture_file, scene
+from baqueano.runs import write_run
+
+LARGEST = 300_000  # bytes
+
+
+@pytest.fixture(scope="module")
+def run():
+    small = bq.load("small")
+    return bq.repeat(small, circle(0.4, 0.3), laps=2, truth=small.with_values({"model.mass_kg": 0.7}))
+
+
+@pytest.fixture(scope="module")
+def svg(run):
+    return animation(scene(run))
+
+
+def elements(svg, kind):
+    found = tree.fromstring(svg).iter("{http://www.w3.org/2000/svg}" + kind)
+    return list(found)
+
+
+def test_the_picture_is_one_small_file_without_script_or_network(svg):
+    assert len(svg.encode()) < LARGEST
+    assert not elements(svg, "script")
+    assert not [
+        link for link in re.findall(r"https?://[^\"' ]+", svg) if link != "http://www.w3.org/2000/svg"
+    ]
+
+
+def test_every_motion_that_is_played_exists_and_begins_and_ends(svg):
+    played = set(re.findall(r"animation:(\w+) ", svg))
+    frames = dict(re.findall(r"@keyframes (\w+)\{((?:[\d.]+%\{[^}]*\})+)\}", svg))
+    assert played == frames.keys()
+    for name, steps in frames.items():
+        parts = [float(part) for part in re.findall(r"([\d.]+)%\{", steps)]
+        assert parts == sorted(parts), name
+        assert parts[0] < 10.0, name
+        assert parts[-1] <= 100.0, name
+
+
+def test_it_stands_still_on_demand_and_suits_a_dark_page(svg):
+    assert "@media(prefers-reduced-motion:reduce){*{animation:none!important}}" in svg
+    assert "@media(prefers-color-scheme:dark)" in svg
+    hidden = [one for one in elements(svg, "g") if one.get("class") == "gone"]
+    trail = [one for one in elements(svg, "g") if "backwards" in (one.get("style") or "")]
+    still = [one for one in trail if one.get("class") != "gone"]
+    assert 0.4 * len(trail) < len(still) < 0.6 * len(trail), "of two laps the last stays"
+    assert hidden
+
+
+def test_the_vehicle_goes_where_it_was(run, svg):
+    moved = re.search(r"@keyframes v\{(.*?)\}\}", svg)
+    assert moved is not None
+    px = np.array(re.findall(r"translate\((-?[\d.]+)px,(-?[\d.]+)px\)", moved.group()), dtype=float)
+    true = scene(run).shown[:, :2]
+    fit, *_ = np.linalg.lstsq(np.column_stack([true, np.ones(len(true))]), px, rcond=None)
+    assert np.abs(np.column_stack([true, np.ones(len(true))]) @ fit - px).max() < 0.1, "the same shape"
+    assert fit[0, 0] == pytest.approx(-fit[1, 1], rel=1e-3), "y up, no direction longer than the other"
+    assert (px > 0.0).all()
+    assert (px < [450.0, 430.0]).all()
+
+
+def test_intervals_of_a_fit_narrow_beside_it(run):
+    stages = [Stage(10.0, Verdict.WARN, np.array([0.1, np.nan]), np.array([0.5, np.nan])),
+              Stage(60.0, Verdict.USABLE, np.array([0.0, 0.01]), np.array([0.05, 0.02]))]  # fmt: skip
+    drawn = animation(scene(run), stages, ["a < b", "c"])
+    first = re.search(r"@keyframes b0\{(.*?)\}\}", drawn)
+    assert first is not None
+    widths = [float(x) for x in re.findall(r"scaleX\(([\d.]+)\)", first.group(1))]
+    assert widths[0] > 3.0 * widths[-1]
+    assert max(widths) <= 96.0, "no bar leaves its axis"
+    assert "a &lt; b" in drawn
+    assert tree.fromstring(drawn) is not None
+
+
+def test_a_run_of_which_nobody_knows_the_way_is_refused(run):
+    from dataclasses import replace
+
+    with pytest.raises(AnswerNo) as refused:
+        scene(replace(run, estimate=None, truth=None))
+    assert refused.value.diagnostic.code == "report.nothing-moves"
+    with pytest.raises(UsageError) as other:
+        picture_file("a.gif")
+    assert other.value.diagnostic.code == "report.animation-ending"
+
+
+def test_a_run_without_truth_or_without_estimate_still_moves(run):
+    from dataclasses import replace
+
+    assert "@keyframes v" in animation(scene(replace(run, truth=None)))
+    assert "@keyframes v" in animation(scene(replace(run, estimate=None)))
+
+
+def test_the_report_writes_the_picture_beside_the_page(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_run(run, tmp_path / "lap.mcap")
+    done = CliRunner().invoke(baqueano, ["report", "lap.mcap", "--animation", "lap.svg"])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "lap.svg").read_text(encoding="utf-8").startswith("<svg")
+    assert {path.name for path in tmp_path.iterdir()} >= {"lap.svg", "lap.html"}
+    wrong = CliRunner().invoke(
+        baqueano, ["report", "lap.mcap", "--animation", "lap.gif"], standalone_mode=False
+    )
+    assert isinstance(wrong.exception, UsageError)
