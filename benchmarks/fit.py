@@ -39,7 +39,7 @@ FILE = load("case-study-1").with_values({"command.limit": [20.0, 20.0, 60.0]})
 def benches(smallest: bool) -> list[Bench | LeftOut]:
     """Against peers, over time, over processors."""
     one_s, several_s = (10.0, 20.0) if smallest else (60.0, 1440.0)
-    jax = against_jax(one_s) if find_spec("jax") else LeftOut("fit in JAX", "pip install 'baqueano[bench]'")
+    jax = against_jax(one_s) if find_spec("jax") else LeftOut("fit in JAX", "pip install jax")
     several = [] if _processors() < 2 else [several_runs(several_s)]
     return [against_peers(one_s, extrapolated=smallest), jax, ten_times(one_s), *several]
 

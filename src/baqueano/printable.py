@@ -5,8 +5,8 @@ user (C0, C1, DEL); a mark of direction turns letters round (bidi); a line separ
 """
 
 import os
+import re
 import shlex
-import subprocess
 import unicodedata
 from collections.abc import Iterable
 from typing import Any
@@ -19,7 +19,16 @@ def typed(*words: object) -> str:
     "baqueano runs show 'my runs/0001.mcap'"
     """
     line = ["baqueano", *map(str, words)]
-    return subprocess.list2cmdline(line) if os.name == "nt" else shlex.join(line)
+    return " ".join(map(_for_powershell, line)) if os.name == "nt" else shlex.join(line)
+
+
+def _for_powershell(word: str) -> str:
+    """Return a word as PowerShell takes it; one that needs quotes gets those that cmd.exe takes too, if it can."""
+    if re.fullmatch(r"[\w./\\:=+-]+", word):
+        return word
+    if not re.search(r'["$`“”„]', word):
+        return f'"{word}"'
+    return "'" + re.sub(r"(['‘’‚‛])", r"\1\1", word) + "'"  # nothing in single quotes has a meaning
 
 
 def printable(text: str) -> str:

@@ -132,7 +132,7 @@ def test_without_pandas_it_says_what_to_type(results, monkeypatch):
     with pytest.raises(UsageError) as refused:
         results["run"].to_pandas()
     assert refused.value.diagnostic.code == "front.missing"
-    assert refused.value.diagnostic.fix == 'pip install "baqueano[pandas]"'
+    assert refused.value.diagnostic.fix == "pip install pandas"
 
 
 def test_the_figures_of_a_report_become_files(results, tmp_path):

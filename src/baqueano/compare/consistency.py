@@ -146,7 +146,7 @@ def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
     try:
         from scipy.stats import chi2
     except ImportError as error:
-        raise UsageError(fault("lab.scipy-for-bands", 'pip install "baqueano[lab]"')) from error
+        raise UsageError(fault("lab.scipy-for-bands", "pip install scipy")) from error
     low, high = chi2.ppf([0.5 * false_alarm, 1.0 - 0.5 * false_alarm], freedom)
     return float(low / freedom), float(high / freedom)
 

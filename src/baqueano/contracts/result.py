@@ -96,8 +96,7 @@ def pandas() -> Any:
     try:
         import pandas  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        install = 'pip install "baqueano[pandas]"'
         raise UsageError(
-            fault("front.missing", install, package="pandas", what=N_("a data frame"))
+            fault("front.missing", "pip install pandas", package="pandas", what=N_("a data frame"))
         ) from error
     return pandas

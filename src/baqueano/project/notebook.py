@@ -67,8 +67,8 @@ both""",
     """## 5. Another estimator on the same data, and a figure for a paper""",
     """again = bq.replay(ours, estimator="dead_reckoning")
 bq.compare([ours, again], names=["as driven", "dead reckoning"])""",
-    '''mine.plot("errors", width="column").savefig("errors.pdf")
-mine  # mine.to_pandas() is a data frame; it needs: pip install "baqueano[pandas]"''',
+    """mine.plot("errors", width="column").savefig("errors.pdf")
+mine  # mine.to_pandas() is a data frame; it needs: pip install pandas""",
 )
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Target: TypeAlias = Axes | Figure | SubFigure | None
 
-INSTALL = 'pip install "baqueano[lab]"'
+INSTALL = "pip install matplotlib jinja2"
 
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",

@@ -162,5 +162,5 @@ def _minimize() -> Callable:
     try:
         from scipy.optimize import minimize
     except ImportError as error:
-        raise UsageError(fault("lab.scipy-for-tuning", 'pip install "baqueano[lab]"')) from error
+        raise UsageError(fault("lab.scipy-for-tuning", "pip install scipy")) from error
     return minimize

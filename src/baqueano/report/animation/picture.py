@@ -198,13 +198,13 @@ def _readout(of: Scene, clock: _Clock, y: float) -> list[str]:
         begin, end = clock.at(of.t_s[-1] * (lap - 1) / of.laps), clock.at(of.t_s[k])
         last = lap == of.laps
         style = clock.shown(f"n{lap}", begin, clock.whole_s if last else end)
-        lines = [_("lap {lap} of {laps}").format(lap=lap, laps=of.laps) if of.laps > 1 else _("the drive")]
+        lines = [_("lap {lap} of {laps}", lap=lap, laps=of.laps) if of.laps > 1 else _("the drive")]
         if of.half_m is not None:
             known = _("lost") if np.isnan(of.half_m[k]) else f"± {_length(of.half_m[k])}"
-            lines.append(_("known to {width} across, 95 %").format(width=known))
+            lines.append(_("known to {width} across, 95 %", width=known))
         if of.true is not None and of.believed is not None:
             off = float(np.hypot(*(of.true[k] - of.believed[k])[:2]))
-            lines.append(_("in truth {distance} off at its end").format(distance=_length(off)))
+            lines.append(_("in truth {distance} off at its end", distance=_length(off)))
         texts = "".join(
             f'<text x="{LEFT + 50}" y="{y + 22 * row:.0f}"{_kind(row)}>{escape(line)}</text>'
             for row, line in enumerate(lines)
@@ -246,9 +246,9 @@ def _fit(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) -> list[
     """Return the intervals, which narrow from stage to stage, and the seconds and verdict of each stage."""
     x, zero, top = LEFT + 50, WIDE - MARGIN - AXIS - 24, 98.0
     each_s = (clock.begin_s - 0.4) / len(stages)
-    out = [f'<text class="title" x="{x}" y="46">{escape(_("What it learns while it drives"))}</text>',
-           f'<text class="soft" x="{x}" y="66">{escape(_("error bars of the fit, 95 %; dotted: the truth"))}'
-           "</text>"]  # fmt: skip
+    title, below = _("What it learns while it drives"), _("error bars of the fit, 95 %; dotted: the truth")
+    out = [f'<text class="title" x="{x}" y="46">{escape(title)}</text>']
+    out.append(f'<text class="soft" x="{x}" y="66">{escape(below)}</text>')
     low = top + ROW * len(labels)
     for part, word in ((-BAR, f"−{100 * BAR:.0f} %"), (0.0, ""), (BAR, f"+{100 * BAR:.0f} %")):
         at = zero + AXIS * part / BAR
@@ -268,7 +268,7 @@ def _fit(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) -> list[
         last = k == len(stages) - 1
         style = clock.shown(f"s{k}", k * each_s, clock.whole_s if last else (k + 1) * each_s)
         tone = "good" if stage.verdict == "USABLE" else "warn"
-        drive = _("{seconds} s of drive").format(seconds=f"{stage.seconds:.0f}")
+        drive = _("{seconds:.0f} s of drive", seconds=stage.seconds)
         out.append(
             f'<g{"" if last else _GONE} style="{style}"><text x="{x}" y="{low + 36:.0f}">{escape(drive)}: '
             f'<tspan class="{tone}">{stage.verdict}</tspan></text></g>'

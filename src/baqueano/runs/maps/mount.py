@@ -76,7 +76,7 @@ def write_mount(path: Path | str, run: "Run", found: dict[str, float], halves: d
     try:
         import tomlkit
     except ImportError as error:
-        raise UsageError(fault("map.no-tomlkit", "pip install 'baqueano[lab]'")) from error
+        raise UsageError(fault("map.no-tomlkit", "pip install tomlkit")) from error
     text = path.read_text(encoding="utf-8-sig")
     before = _truth_of(text, path.name)
     if _truth_of(run.metadata.get("map_text", ""), run.name) != before or not before:

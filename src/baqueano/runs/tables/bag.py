@@ -37,7 +37,7 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
         from rosbags.serde import SerdeError
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise UsageError(fault("bag.no-rosbags", 'pip install "baqueano[lab]"', file=label)) from None
+        raise UsageError(fault("bag.no-rosbags", "pip install rosbags", file=label)) from None
     for file in sorted(path.rglob("*.mcap")) if path.is_dir() else [path]:
         _check_chunks(file, label)
     bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").exists() else path

@@ -85,7 +85,7 @@ def edited(
 ) -> str:
     """The text of `file` with other values, where they come from, and how sure they are."""
     if not _has_tomlkit():
-        raise UsageError(fault("vehicle.no-tomlkit", 'pip install "baqueano[lab]"'))
+        raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded = {k: _rounded(v, origins[k].sd if k in origins else None) for k, v in values.items()}
     known = known_paths(file.data, file.folder)
