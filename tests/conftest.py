@@ -27,6 +27,15 @@ SLOW = {  # folders and files
     "test_first_evening.py", "test_site.py", "test_wheel.py",
 }  # fmt: skip
 
+POSIX = (
+    "door",
+    "emulated",
+    "robot/service",
+    "robot/imu",
+    "cli/test_robot_from_afar.py",
+    "cli/test_robot_that_lies.py",
+)
+
 SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
@@ -55,6 +64,11 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what is slow, and begin with it: on several cores the short files then fill the gaps at the end."""
+    for item in items if os.name == "nt" else ():
+        if any(item.path.is_relative_to(HERE / room) for room in POSIX):
+            item.add_marker(
+                pytest.mark.skip(reason=f"{item.path.name}: sockets of files and ttys are of POSIX")
+            )
     items.sort(key=lambda item: not is_slow(item.path))
     for item in items:
         if is_slow(item.path):

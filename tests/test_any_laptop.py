@@ -1,13 +1,20 @@
 """Windows and macOS laptops, as far as Linux can play them: no POSIX modules, a home folder with accents and a
 space, a terminal in cp1252, no compiler."""
 
+import ast
 import json
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+
+from baqueano.printable import typed
+
+ROOT = Path(__file__).parents[1]
 
 MISSING = ("fcntl", "termios", "curses", "_curses", "smbus2", "resource", "pwd", "grp")
 LAPTOP = f"""
@@ -112,3 +119,95 @@ def test_errors_are_one_paragraph_on_such_a_laptop(laptop):
     said = done.stderr.decode("cp1252").strip()
     assert "no existe.mcap" in said
     assert "\n\n" not in said
+
+
+@pytest.mark.parametrize(
+    ("word", "typed_there"),
+    [
+        ("runs/0001.mcap", "runs/0001.mcap"),
+        (r"C:\Users\José Núñez\lap.mcap", r'"C:\Users\José Núñez\lap.mcap"'),
+        ("imu[2]", '"imu[2]"'),
+        ("0,0", '"0,0"'),
+        ("@file", '"@file"'),
+        ("$HOME;rm", "'$HOME;rm'"),
+        ("O'Higgins", '"O\'Higgins"'),
+        ("O'Hi$ggins", "'O''Hi$ggins'"),
+    ],
+)
+def test_a_line_to_type_is_one_of_powershell(monkeypatch, word, typed_there):
+    monkeypatch.setattr("baqueano.printable.os.name", "nt")
+    assert typed("report", word) == f"baqueano report {typed_there}"
+
+
+def test_the_tests_that_others_run_can_be_read_without_posix(laptop):
+    """Only what needs POSIX may ask for it: the fast part, which Windows and macOS run, does not."""
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", "--collect-only"],
+        cwd=ROOT,
+        env={
+            **os.environ,
+            "PYTHONPATH": str(laptop.home.parent / "site"),
+            "PYTHONIOENCODING": "cp1252:replace",
+        },
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout.decode("cp1252", "replace")[-3000:]
+
+
+def test_a_file_of_ours_says_its_encoding_and_does_not_name_posix_modules_at_import():
+    """Windows reads text as cp1252 where nothing is said; modules of POSIX are imported where they are used."""
+    on_board = (
+        ROOT / "src/baqueano/robot/imu",
+        ROOT / "src/baqueano/robot/service",
+    )  # these run on Linux alone
+    for path in (ROOT / "src").rglob("*.py"):
+        if path.parent in on_board:
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in tree.body:
+            names = [one.name for one in node.names] if isinstance(node, ast.Import) else []
+            names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+            posix = {name.split(".")[0] for name in names} & {*MISSING, "pty", "tty", "syslog"}
+            assert not posix or "robot" in path.parts or "by_hand" in path.parts, f"{path}: {posix}"
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Call):
+                continue
+            name = ast.unparse(node.func).rpartition(".")[2]
+            if name in ("read_text", "write_text"):
+                assert "encoding" in {key.arg for key in node.keywords}, f"{path} line {node.lineno}"
+
+
+def workflow():
+    """Return the file of the public service; parsed without the rule that `on` is true."""
+    yaml = pytest.importorskip("yaml")
+    return yaml.load(
+        (ROOT / ".github/workflows/tests.yml").read_text(encoding="utf-8"), Loader=yaml.BaseLoader
+    )
+
+
+def test_the_public_service_tests_three_systems_and_both_ends_of_python():
+    file = workflow()
+    assert set(file["on"]) == {"push", "pull_request"}
+    assert file["permissions"] == {"contents": "read"}
+    fast = file["jobs"]["fast"]
+    assert set(fast["strategy"]["matrix"]["os"]) == {"ubuntu-latest", "windows-latest", "macos-latest"}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    ours = [one.rpartition(":: ")[2] for one in project["classifiers"] if "Python :: 3." in one]
+    ends = [ours[0], ours[-1]]
+    assert all(job["strategy"]["matrix"]["python"] == ends for job in (fast, file["jobs"]["all"]))
+
+
+def test_each_line_of_the_public_service_is_one_of_this_repository():
+    file = workflow()
+    made = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    for job in file["jobs"].values():
+        assert int(job["timeout-minutes"]) <= 120
+        for step in job["steps"]:
+            line = step.get("run", "")
+            assert bool(line) != ("uses" in step)
+            assert not line.startswith("make ") or line.split()[-1] in made
+            for named in re.findall(r"(?:tests|requirements)/[\w.]+", line):
+                assert (ROOT / named).exists(), named
+            for marked in re.findall(r'-m "(.*?)"', line):
+                assert marked == "not slow"

@@ -10,14 +10,22 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 
 TAG = re.compile(r"\\tag\{([^}]*)\}")
+SAME = (  # what the converter does not know, and what means the same to it
+    (re.compile(r"\\math(?:rel|bin|ord)(?=\{)"), ""),
+    (re.compile(r"\\dots(?![a-z])"), r"\\ldots"),
+    (re.compile(r"\\([td]?frac)\s*(\d)\s*(\d)"), r"\\\1{\2}{\3}"),
+)
 log = logging.getLogger(__name__)
 
 
 def mathml(tex: str, block: bool, place: Any = None) -> str:
     """Return the MathML of `tex`; of an equation with \\tag{n}, its number beside it. A warning where it is wrong."""
     number = TAG.search(tex)
+    known = TAG.sub("", tex)
+    for found, same in SAME:
+        known = found.sub(same, known)
     try:
-        drawn = tex2mathml(TAG.sub("", tex), as_block=block)
+        drawn = tex2mathml(known, as_block=block)
     except MathError as error:
         log.warning("equation %s: %s", tex, error, location=place)
         return f"<code>{html.escape(tex)}</code>"

@@ -30,7 +30,7 @@ serving = options.together(
 def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "Served":
     """Return how the page is served. UsageError where its library is missing."""
     if find_spec("websockets") is None:
-        raise UsageError(fault("web.no-websockets", "pip install 'baqueano[page]'"))
+        raise UsageError(fault("web.no-websockets", "pip install websockets"))
     from baqueano.web.run import Served
 
     return Served(Path(folder), port, share or bool(address), address, browser)

@@ -8,6 +8,7 @@ import numpy as np
 from baqueano.compare.corridor import corridor_of
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
+from baqueano.printable import typed
 from baqueano.runs import Run
 from baqueano.runs.interpolated import poses_at
 from baqueano.signals import NANOSECONDS, seconds
@@ -39,7 +40,7 @@ class Scene:
 def scene(run: Run) -> Scene:
     """Return what moves in a run.  AnswerNo where nothing says where the vehicle went."""
     if run.estimate is None and run.truth is None:
-        raise AnswerNo(fault("report.nothing-moves", f"baqueano replay {run.name}", name=run.name))
+        raise AnswerNo(fault("report.nothing-moves", typed("replay", run.name), name=run.name))
     found = corridor_of(run) if run.estimate is not None else None
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
     lap_s = found.lap_s if found is not None and np.isfinite(found.lap_s) else end_s
