@@ -50,7 +50,12 @@ def free_folder() -> Path:
 @options.backend
 @options.as_json
 def command(
-    out: Path | None, shown: bool | None, pace: float, animation: Path | None, seed: int, backend: str,
+    out: Path | None,
+    shown: bool | None,
+    pace: float,
+    animation: Path | None,
+    seed: int,
+    backend: str,
     as_json: bool,
 ) -> None:
     from baqueano.cli.page.motion import in_motion

@@ -61,7 +61,7 @@ GROUPS = {
 )
 @click.option("--speed-noise", is_flag=True, help="Let the noise grow with the speed.")
 @click.option("--choose", is_flag=True, help="Add terms to the least model where held-out data ask for them.")
-@click.option("--over-time", is_flag=True, help="Follow the parameters from run to run.")
+@click.option("--over-time", "parameter_history", is_flag=True, help="Follow the parameters from run to run.")
 @click.option("--held-out", multiple=True, metavar="RUN", help="Run to judge by; it is not fitted to.")
 @click.option(
     "--measured",
