@@ -34,11 +34,13 @@ FILE = SimpleNamespace(
     vehicle=VEHICLE,
     sensors=SENSORS,
     envelope=None,
+    noiseless=(),
     estimator=lambda kind=None: Ekf(VEHICLE, SENSORS, R),
     controller=lambda kind=None: Pd(alpha=8.0, beta=20.0, gamma=1.0),
     guide=lambda route, kind=None: Repeat.along(route),
     supervisor=lambda: Supervisor(LIMIT),
 )
+FILE.truth = FILE
 ROUTE = circle(0.3, 0.3)
 
 

@@ -90,7 +90,7 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
             seen.update(zip((code for code, _ in words), score_test(left, D), strict=True))
         seen["names"], seen["theta"] = problem.shape.shared, theta
 
-    from baqueano.identify import by_innovations as module
+    from baqueano.identify import prediction_error_fit as module
 
     whole = module.fit_of
     try:

@@ -14,7 +14,7 @@ QUANTILE_95 = 1.96
 
 
 class Stage(NamedTuple):
-    """What a fit to the first seconds of a drive knows."""
+    """Knowledge of a fit to the first seconds of a drive."""
 
     seconds: float
     verdict: Verdict
