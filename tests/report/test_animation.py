@@ -12,7 +12,10 @@ from baqueano.cli import baqueano
 from baqueano.diagnostics import Verdict
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides.shapes import circle
-from baqueano.report.animation import Stage, animation, picture_file, scene
+from baqueano.report.animation import picture_file
+from baqueano.report.animation.bars import Stage
+from baqueano.report.animation.picture import animation
+from baqueano.report.animation.scene import scene
 from baqueano.runs import write_run
 
 LARGEST = 300_000  # bytes

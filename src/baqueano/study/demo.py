@@ -24,7 +24,9 @@ from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.report import Headline, Page, Section, Table
-from baqueano.report.animation import animation, bars, scene
+from baqueano.report.animation.bars import bars
+from baqueano.report.animation.picture import animation
+from baqueano.report.animation.scene import scene
 from baqueano.report.of_estimate import errors, paths
 from baqueano.report.of_fit import sections_of_fit
 from baqueano.report.of_run import driving, headlines

@@ -4,11 +4,6 @@ from pathlib import Path
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.report.animation.bars import Stage, bars
-from baqueano.report.animation.picture import animation
-from baqueano.report.animation.scene import scene
-
-__all__ = ["Stage", "animation", "bars", "picture_file", "scene"]
 
 
 def picture_file(path: str | Path) -> Path:

@@ -14,7 +14,7 @@ QUANTILE_95 = 1.96
 
 
 class Stage(NamedTuple):
-    """Knowledge of a fit to the first seconds of a drive."""
+    """The estimates of a fit to the first seconds of a drive."""
 
     seconds: float
     verdict: Verdict
