@@ -17,6 +17,7 @@ from tests.door.test_sockets import Person, until
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
 RUNS = b'{"do": "runs"}\n'
+BEAT = b'{"do": "beat"}\n'
 STOP = b'{"do": "stop", "why": "it nears the stairs"}\n'
 
 
@@ -121,6 +122,23 @@ def test_a_guest_whose_lines_come_too_fast_is_told_how_many_were_dropped(door, c
     while (said := one.hear())["is"] == "runs":
         pass
     assert said["about"]["code"] == "door.too-many"
+
+
+def test_no_beat_behind_a_long_mission_is_dropped_and_a_second_mission_is():
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.setblocking(False)
+        guest, mission = Guest(ours), b'{"do": "mission", "mission": "' + b"7" * LONG + b'"}\n'
+        said = mission + BEAT * 100 + mission + BEAT * 100
+        sender = threading.Thread(target=theirs.sendall, args=(said,))
+        sender.start()
+        until(lambda: not list(guest.receive()) and len(guest.lines) + guest.dropped == 202)
+        sender.join()
+        assert guest.dropped == 1  # the second mission
+        assert [guest.next() for _ in range(201)] == [mission.rstrip(), *[BEAT.rstrip()] * 200]
+        theirs.sendall(BEAT)
+        assert list(guest.receive()) == []
+        assert guest.next() == BEAT.rstrip()  # its places are free again
 
 
 def test_lines_are_answered_in_equal_shares(door, come, turns):

@@ -151,6 +151,27 @@ def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
+def test_the_last_rows_come_before_the_end_though_a_state_goes_out_with_it(door, driven):
+    file, listening, _ = driven
+    door.frames.begin(file, "simulated", estimator=listening.estimator)
+    person = Person(door.path)
+    person.say(do="watch", hz=1)
+    assert [person.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
+    for turn in range(20):
+        door.frames.begin(file, "simulated", estimator=listening.estimator)
+        for record in listening.records:
+            door.frames.look(record)
+        door._told.extend([{"is": "state", "state": "READY"}, {"is": "done", "id": str(turn), "run": None}])
+        door._ring()
+        heard = []
+        while not heard or heard[-1]["is"] != "done":
+            heard.append(person.hear())
+        begin = next(k for k, m in enumerate(heard) if m["is"] == "fields")
+        assert sum(len(m["x"]) for m in heard[begin:] if m["is"] == "frame") == len(listening.records)
+    person.close()
+
+
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 def test_who_watches_hears_the_vehicle_the_columns_and_then_every_tick(door, driven):
     file, listening, _ = driven
     door.frames.begin(file, "simulated", estimator=listening.estimator)

@@ -1,6 +1,7 @@
 """One connection to the door: bytes that come, cut into lines, and bytes that go, as whole messages in their order.
 
-lines     at most BACKLOG wait to be answered; those that come meanwhile are dropped, a stop among them never     (1)
+lines     at most BACKLOG wait to be answered, and LONG bytes beside one mission; those that come meanwhile are
+          dropped, a stop among them never                                                                        (1)
 messages  at most PENDING bytes wait; one who lets more wait is let go                                            (2)
 frame     one waits, the newest: it takes the place of one that nobody has read                                   (3)
 """
@@ -37,7 +38,8 @@ class Guest:
         self.hz, self.turn = 0.0, 0  # frames a second; the last one's number in the time of the door
         self.drive, self.shown = -1, 0  # the drive that it knows; rows of it that it had
         self._coming = bytearray()  # the begin of a line
-        self._backlog = 0  # bytes of the lines that wait
+        self._backlog = 0  # bytes of the lines that wait, without the mission
+        self._mission = False  # one that is longer than LONG waits: the beats behind it are not to be dropped
         self._going: deque[bytes] = deque()
         self._sent, self._waiting = 0, 0  # bytes of the first message that has gone; bytes of all
         self._lock = threading.Lock()
@@ -95,17 +97,28 @@ class Guest:
         for line in [first, *(middle.split(b"\n") if more else [])]:
             if STOP.search(line):
                 yield line
-            elif len(self.lines) < BACKLOG and (self._backlog < LONG or not self.lines):
+            elif self._has_room(line):
                 self.lines.append(line)
-                self._backlog += len(line)
+                self._count(line, 1)
             else:
                 self.dropped += 1
 
     def next(self) -> bytes:
         """Return the line that waits longest."""
         line = self.lines.popleft()
-        self._backlog -= len(line)
+        self._count(line, -1)
         return line
+
+    def _has_room(self, line: bytes) -> bool:
+        if len(self.lines) >= BACKLOG:
+            return False
+        return self._backlog < LONG if len(line) <= LONG else not self._mission
+
+    def _count(self, line: bytes, sign: int) -> None:
+        if len(line) > LONG:
+            self._mission = sign > 0
+        else:
+            self._backlog += sign * len(line)
 
     def send(self) -> None:
         """Send what waits, as much as the line takes; OSError where the connection is over."""

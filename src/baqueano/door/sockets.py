@@ -320,7 +320,8 @@ class Door:
         now = time.monotonic()
         for guest in watching:
             self._introduce(guest)
-            if guest.owed or (int(now * guest.hz) == guest.turn and not at_once):
+            reads = guest.waiting <= SENT_AHEAD if at_once else not guest.owed
+            if not reads or (int(now * guest.hz) == guest.turn and not at_once):
                 continue
             guest.turn = int(now * guest.hz)
             key = (guest.shown, guest.columns)
