@@ -39,7 +39,7 @@ def laptop(tmp_path: Path):
         "HOME": str(home),
         "USERPROFILE": str(home),
         "PATH": "",
-        "PYTHONPATH": str(site),
+        "PYTHONPATH": os.pathsep.join((str(site), str(ROOT / "src"))),
         "PYTHONIOENCODING": "cp1252",
         "PYTHONUTF8": "0",
         "LC_ALL": "C",
@@ -171,11 +171,23 @@ def test_a_file_of_ours_says_its_encoding_and_does_not_name_posix_modules_at_imp
             posix = {name.split(".")[0] for name in names} & {*MISSING, "pty", "tty", "syslog"}
             assert not posix or "robot" in path.parts or "by_hand" in path.parts, f"{path}: {posix}"
         for node in ast.walk(tree):
-            if not isinstance(node, ast.Call):
-                continue
-            name = ast.unparse(node.func).rpartition(".")[2]
-            if name in ("read_text", "write_text"):
+            if isinstance(node, ast.Call) and reads_text(node):
                 assert "encoding" in {key.arg for key in node.keywords}, f"{path} line {node.lineno}"
+
+
+def reads_text(call: ast.Call) -> bool:
+    """Return True for `.read_text()`, `.write_text()`, `open` of a text, and a subprocess with text=True."""
+    name = call.func.attr if isinstance(call.func, ast.Attribute) else ""
+    if name in ("read_text", "write_text"):
+        return True
+    plain = isinstance(call.func, ast.Name) and call.func.id == "open"
+    if plain or (name == "open" and ast.unparse(call.func) != "tarfile.open"):
+        modes = [
+            one.value for one in call.args if isinstance(one, ast.Constant) and isinstance(one.value, str)
+        ]
+        modes += [key.value.value for key in call.keywords if key.arg == "mode"]  # type: ignore[attr-defined]
+        return bool(modes) and all(set(mode) <= set("rwxat+") for mode in modes[-1:])
+    return any(key.arg == "text" and ast.unparse(key.value) == "True" for key in call.keywords)
 
 
 def workflow():

@@ -222,11 +222,9 @@ def demo(
     say(_("1/6 experiment  60 s of random steps"))
     u = excitation("random_steps", believed.command.limit, 60.0, believed.rate_hz, seed, rest_s=2.0)
     once = "python" if chosen(backend) == "c" else backend  # this model is used for one run: no C pays
-    run = experiment(believed, u, seed=seed, path=folder / "1-experiment.mcap", truth=truth, backend=once)
-    show(folder / "1-experiment.mcap")
-    say(_("2/6 identify    the model from commands and IMU"))
     run = experiment(believed, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
-    say("2/6 identify    the model from commands and IMU")
+    show(folder / EXPERIMENT)
+    say(_("2/6 identify    the model from commands and IMU"))
     fit = identify(run, believed, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("demo.refused", cause=joined(fit.reasons)))

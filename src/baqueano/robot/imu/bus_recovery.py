@@ -122,7 +122,7 @@ def recover(path: str) -> RecoveryOutcome:
 def recoverable(path: str, model: Path) -> tuple[str, str, str]:
     """Check if the bus at `path` could be clocked free on this machine, whose name is in the file `model`: a verdict, a
     figure and a remedy of doctor.py."""
-    if not model.exists() or "Raspberry Pi" not in model.read_text():
+    if not model.exists() or "Raspberry Pi" not in model.read_text(encoding="utf-8"):
         return "unknown", _("this machine is no Raspberry Pi"), ""
     try:
         sda, scl = _pins(path).look()
@@ -189,7 +189,7 @@ class _Pins:
             raise RobotUnreachable(fault("bus.too-late", f"pinctrl get {BOTH}", command=command, all_s=ALL_S))
         try:
             done = subprocess.run(
-                [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=CALL_S
+                [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace", timeout=CALL_S
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
             raise RobotUnreachable(fault("bus.call-failed", command=command, error=error)) from None

@@ -60,6 +60,6 @@ class ComputerHealth:
 
     def _read(self) -> float:
         try:
-            return int(self._file.read_text()) / 1000.0
+            return int(self._file.read_text(encoding="utf-8")) / 1000.0
         except (OSError, ValueError):
             return float("nan")

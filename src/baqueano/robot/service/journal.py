@@ -37,7 +37,7 @@ class Journal:
         with suppress(OSError, ValueError):
             self.path.write_text(json.dumps(driven) + "\n", encoding="utf-8")
             if not faulthandler.is_enabled():
-                self._traces = self.path.open("a")
+                self._traces = self.path.open("a", encoding="utf-8")
                 faulthandler.enable(self._traces, all_threads=False)
 
     def end(self) -> None:

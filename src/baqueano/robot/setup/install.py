@@ -113,7 +113,7 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
 
 
 def _piped(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if done.returncode:
         said = done.stderr.strip().splitlines() or [_("it says nothing")]
         raise FileError(fault("setup.packages", said=said[-1]))

@@ -57,7 +57,9 @@ class Pi:
         self.run = run or commanded
         self.kept = self.at("etc/baqueano/setup.json")
         try:
-            self.noted: JsonObject = json.loads(self.kept.read_text()) if self.kept.exists() else {}
+            self.noted: JsonObject = (
+                json.loads(self.kept.read_text(encoding="utf-8")) if self.kept.exists() else {}
+            )
         except ValueError as error:
             sys.exit(
                 f"{self.kept} is damaged ({error}): what was here before is not known any more. Type on the vehicle "
@@ -95,7 +97,11 @@ class Pi:
 
     def groups(self) -> dict[str, list[str]]:
         """Members of those of GROUPS that this system has."""
-        lines = self.at("etc/group").read_text().splitlines() if self.at("etc/group").exists() else []
+        lines = (
+            self.at("etc/group").read_text(encoding="utf-8").splitlines()
+            if self.at("etc/group").exists()
+            else []
+        )
         fields = [line.split(":") for line in lines]
         there = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
         return {group: there[group] for group in GROUPS if group in there}
@@ -110,7 +116,7 @@ def whole(path: Path, text: str) -> None:
     """Writes a file beside the old one and puts it in its place: where the power goes meanwhile, the old one stays."""
     target = path.resolve()
     part = target.with_name(f"{target.name}.part")
-    with part.open("w") as file:
+    with part.open("w", encoding="utf-8") as file:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
@@ -119,7 +125,7 @@ def whole(path: Path, text: str) -> None:
 
 def commanded(*command: str) -> str:
     """Return the output of a command; SystemExit with its words where it fails."""
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if done.returncode:
         sys.exit(
             f"{' '.join(command)} failed ({done.returncode}): {(done.stderr or done.stdout).strip()[-2000:]}"
@@ -130,14 +136,18 @@ def commanded(*command: str) -> str:
 def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
     """All of them, in order."""
     template = pi.bundle / "baqueano.service"
-    unit = template.read_text() if template.exists() else ""
+    unit = template.read_text(encoding="utf-8") if template.exists() else ""
     unit = unit.replace("@user@", pi.user).replace("@groups@", " ".join(pi.groups()))
     rules = pi.bundle / "60-baqueano.rules"
     return [
         clock(pi, now_s),
         boot_block(pi),
         written(pi, "etc/modules-load.d/baqueano.conf", "i2c-dev\n"),
-        written(pi, "etc/udev/rules.d/60-baqueano.rules", rules.read_text() if rules.exists() else ""),
+        written(
+            pi,
+            "etc/udev/rules.d/60-baqueano.rules",
+            rules.read_text(encoding="utf-8") if rules.exists() else "",
+        ),
         groups(pi),
         environment(pi),
         linked(pi, "usr/local/bin/baqueano", "/opt/baqueano/bin/baqueano"),
@@ -161,7 +171,7 @@ def boot_block(pi: Pi) -> Step:
     """I2C at 400 kHz behind a core clock that stands still."""
 
     def without() -> str:
-        text = pi.config.read_text()
+        text = pi.config.read_text(encoding="utf-8")
         head, begin, rest = text.partition(BEGIN)
         return head + rest.partition(END + "\n")[2] if begin else text
 
@@ -178,7 +188,7 @@ def boot_block(pi: Pi) -> Step:
     if not pi.config.exists():
         return Step("config.txt: none, so this is no Raspberry Pi", lambda: True, lambda: None, undo)
     name = f"{pi.config}: I2C at 400 kHz, core_freq pinned (after the next start)"
-    return Step(name, lambda: CONFIG in pi.config.read_text(), do, undo)
+    return Step(name, lambda: CONFIG in pi.config.read_text(encoding="utf-8"), do, undo)
 
 
 def written(pi: Pi, path: str, text: str) -> Step:
@@ -186,7 +196,7 @@ def written(pi: Pi, path: str, text: str) -> Step:
     target, key = pi.at(path), f"file {path}"
 
     def do() -> None:
-        pi.note(key, {"before": target.read_text() if target.exists() else None})
+        pi.note(key, {"before": target.read_text(encoding="utf-8") if target.exists() else None})
         target.parent.mkdir(parents=True, exist_ok=True)
         whole(target, text)
 
@@ -199,7 +209,7 @@ def written(pi: Pi, path: str, text: str) -> Step:
                 whole(target, before)
             pi.note(key, None)
 
-    return Step(f"/{path}", lambda: target.exists() and target.read_text() == text, do, undo)
+    return Step(f"/{path}", lambda: target.exists() and target.read_text(encoding="utf-8") == text, do, undo)
 
 
 def linked(pi: Pi, path: str, to: str) -> Step:
@@ -289,7 +299,7 @@ def environment(pi: Pi) -> Step:
             shutil.rmtree(before, ignore_errors=True)
             pi.note("environment", None)
 
-    same = lambda: stamp.exists() and stamp.read_text() == "\n".join(wheels)  # noqa: E731
+    same = lambda: stamp.exists() and stamp.read_text(encoding="utf-8") == "\n".join(wheels)  # noqa: E731
     return Step(f"/opt/baqueano: a venv with {len(wheels)} wheels", same, do, undo)
 
 

@@ -134,7 +134,9 @@ def _written(avrdude: str, where: str, path: Path) -> None:
         f"flash:w:{path}:i",
     ]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+        done = subprocess.run(
+            command, capture_output=True, encoding="utf-8", errors="replace", timeout=SECONDS
+        )
     except subprocess.TimeoutExpired as error:
         raise RobotUnreachable(fault("flash.too-slow", where=where, within_s=SECONDS)) from error
     if done.returncode:

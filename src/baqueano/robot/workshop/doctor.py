@@ -217,7 +217,7 @@ def groups(root: Path) -> Iterator[Check]:
     """Check the permissions of devices."""
     names: dict[int, str] = {}
     with suppress(OSError):
-        for line in (root / "etc/group").read_text().splitlines():
+        for line in (root / "etc/group").read_text(encoding="utf-8").splitlines():
             name, _mark, gid, *_rest = line.split(":")
             names[int(gid)] = name
     mine = {names.get(gid) for gid in os.getgroups()} if POSIX else set()
@@ -238,7 +238,7 @@ def groups(root: Path) -> Iterator[Check]:
 def power(root: Path) -> Iterator[Check]:
     """Check the Pi's report of its supply since it started."""
     try:
-        bits = int((root / THROTTLED).read_text(), 16)
+        bits = int((root / THROTTLED).read_text(encoding="utf-8"), 16)
     except (OSError, ValueError):
         yield Check(N_("supply"), "unknown", _("this machine does not tell (a Raspberry Pi does)"))
         return
@@ -254,7 +254,7 @@ def power(root: Path) -> Iterator[Check]:
 def temperature(root: Path) -> Iterator[Check]:
     """Of the computer."""
     try:
-        celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text()) / 1000.0
+        celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text(encoding="utf-8")) / 1000.0
     except (OSError, ValueError):
         yield Check(N_("temperature"), "unknown", _("this machine does not tell"))
         return
@@ -269,7 +269,11 @@ def temperature(root: Path) -> Iterator[Check]:
 def governor(root: Path) -> Iterator[Check]:
     """Check the governor of the processor's clock: one that steps makes ticks late."""
     try:
-        chosen = (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").read_text().strip()
+        chosen = (
+            (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
+            .read_text(encoding="utf-8")
+            .strip()
+        )
     except OSError:
         yield Check(N_("governor"), "unknown", _("this machine does not tell"))
         return

@@ -113,4 +113,4 @@ def _spoken() -> list[str]:
 
 
 def _quiet(command: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, capture_output=True, text=True)
+    return subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")

@@ -254,7 +254,7 @@ def _processor() -> str:
         brand = subprocess.run(["sysctl", "-n", "machdep.cpu.brand_string"], capture_output=True, check=False)
         words.append(brand.stdout.decode(errors="replace"))
     elif Path("/proc/cpuinfo").exists():
-        first = Path("/proc/cpuinfo").read_text(errors="replace").split("\n\n")[0]
+        first = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n\n")[0]
         names = ("model name", "flags", "Features", "CPU part", "CPU implementer", "CPU variant")
         words += [line for line in first.splitlines() if line.startswith(names)]
     return "\n".join(words)
