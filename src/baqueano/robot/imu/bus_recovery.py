@@ -189,7 +189,8 @@ class _Pins:
             raise RobotUnreachable(fault("bus.too-late", f"pinctrl get {BOTH}", command=command, all_s=ALL_S))
         try:
             done = subprocess.run(
-                [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace", timeout=CALL_S
+                [self._program, *words], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8",
+                errors="replace", timeout=CALL_S
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
             raise RobotUnreachable(fault("bus.call-failed", command=command, error=error)) from None
