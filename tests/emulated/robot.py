@@ -151,6 +151,11 @@ class EmulatedWorld(Robot):
         super().__init__(file.sensors, robot.uno, robot.imu, body, lambda: robot.now_ns)
         self.robot = robot
 
+    @property
+    def truth(self) -> Motion:
+        """The motion of the body just now."""
+        return self.robot.motion
+
     def ticks(self, rate_hz: float) -> Iterator[int]:
         """The clock of a drive, for which somebody has put the vehicle back; the motors are armed at its start."""
         self.robot.put_back()

@@ -57,6 +57,7 @@ class Remote:
         self.name, self.inbox = name, queue.SimpleQueue()
         self.state: JsonObject = {}
         self.acknowledged = ""  # the last word that was acknowledged
+        self.overheard: Callable[[JsonObject], object] = lambda said: None  # gets each word that is heard
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
         self._to, self._of, self._lock = to, of, threading.Lock()
         self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
@@ -85,6 +86,7 @@ class Remote:
                 raise RobotUnreachable(
                     fault("remote.closed", typed("robot", "status", self.name), host=self.name)
                 )
+            self.overheard(said)
             match said["is"]:
                 case "state":
                     self.state = said

@@ -61,6 +61,7 @@ class Live:
         self._asked: Visitor | None = None  # who sent the last word that the service may refuse
         self._told: tuple[object, int] = (None, 0)  # holder and watchers, as all know them
         self._changed = True
+        self.over = asyncio.Event()  # the drives have ended as they should, and the service with them
 
     def begin(self) -> None:
         """Ask for frames and routes."""
@@ -78,7 +79,8 @@ class Live:
             await self._link.hear(self._heard)
         finally:
             ticking.cancel()
-            self._state = {"is": "state", "state": "STOPPED", "why": fault("web.service-gone")}
+            if not self.over.is_set():
+                self._state = {"is": "state", "state": "STOPPED", "why": fault("web.service-gone")}
             self._say_state()
 
     # from the browser
@@ -222,7 +224,7 @@ class Live:
         do = {
             "frame": self._on_frame, "state": self._on_state, "event": self._on_event, "no": self._on_no,
             "vehicle": self._on_vehicle, "fields": self._on_fields, "route": self._on_route,
-            "routes": self._on_routes, "done": self._on_done,
+            "routes": self._on_routes, "done": self._on_done, "over": self._on_over,
         }.get(word["is"])  # fmt: skip
         if do is not None:
             do(word)
@@ -293,6 +295,12 @@ class Live:
             self._link.say("routes")
         self._changed = True
         self.on_done()
+
+    def _on_over(self, word: "JsonObject") -> None:
+        """The last drive is over."""
+        self._state = {"is": "state", "state": "OVER", "why": word["why"]}
+        self._say_state()
+        self.over.set()
 
     # to all
 

@@ -2,7 +2,8 @@
 
 import asyncio
 import signal
-from collections.abc import Awaitable, Callable
+import time
+from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 GREETING_S = 60.0  # a busy laptop starts Python
 QUIET_S = 2.0
+COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # of browsers
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +39,11 @@ class Served:
     browser: bool = True  # a tab is opened
 
 
-async def show_runs(names: tuple[str, ...], how: Served, say: Callable[[Diagnostic | str], object]) -> None:
-    """Serve recorded runs, the second a ghost of the first, until the process is told to end."""
+async def show_runs(
+    names: tuple[str, ...], how: Served, say: Callable[[Diagnostic | str], object], lasting: bool = True
+) -> None:
+    """Serve recorded runs, the second a ghost of the first, until the process is told to end; where that is not to be
+    `lasting`, until the last browser has gone, too."""
     lab = Lab()
     try:
         found, _ = await lab.ask("find", names=names, folder=str(how.folder))
@@ -49,7 +54,7 @@ async def show_runs(names: tuple[str, ...], how: Served, say: Callable[[Diagnost
         try:
             async with server:
                 announce(server, how, say)
-                await ended()
+                await (ended() if lasting else _first(ended(), _left(server)))
         finally:
             await shelf.close()
     finally:
@@ -79,7 +84,7 @@ async def show_vehicle(
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
-    known = asyncio.create_task(live.known.wait())
+    known, over = (asyncio.create_task(event.wait()) for event in (live.known, live.over))
     ending: asyncio.Task[None] | None = None
     try:
         greeting_s = GREETING_S if robot is None else QUIET_S  # a robot says what it is with its first drive
@@ -89,12 +94,14 @@ async def show_vehicle(
         async with server:
             announce(server, how, say)
             ending = asyncio.create_task(ended())
-            await asyncio.wait({ending, hearing}, return_when=asyncio.FIRST_COMPLETED)
-            if lasting and hearing.done():
+            await asyncio.wait({ending, hearing, over}, return_when=asyncio.FIRST_COMPLETED)
+            if live.over.is_set():
+                await server.say_goodbye()
+            elif lasting and hearing.done():
                 raise RobotUnreachable(fault("web.service-gone"))
     finally:
         await link.close()
-        for task in (hearing, known, *([ending] if ending else [])):
+        for task in (hearing, known, over, *([ending] if ending else [])):
             task.cancel()
         await shelf.close()
         await lab.close()
@@ -133,6 +140,26 @@ def announce(server: Server, how: Served, say: Callable[[Diagnostic | str], obje
     say(note("web.at", url=own))
     if how.browser:
         asyncio.get_running_loop().run_in_executor(None, open_tab, own)
+
+
+async def _first(*jobs: Coroutine[None, None, None]) -> None:
+    """Wait for the first of several; the others are given up."""
+    tasks = [asyncio.create_task(job) for job in jobs]
+    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _left(server: Server) -> None:
+    """Wait until browsers have come and gone; COMES_S for the first, GONE_S for one that loads again."""
+    empty_s, seen = time.monotonic(), False
+    while True:
+        await asyncio.sleep(LOOK_S)
+        if server.visitors:
+            empty_s, seen = time.monotonic(), True
+        if time.monotonic() - empty_s > (GONE_S if seen else COMES_S):
+            return
 
 
 async def ended() -> None:

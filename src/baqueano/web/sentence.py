@@ -14,7 +14,10 @@ TITLES = {
     "teach": "web.title-teach", "repeat": "web.title-repeat", "drive": "web.title-drive",
     "experiment": "web.title-experiment", "first drive": "web.title-first-drive",
 }  # fmt: skip
-STATES = {"READY": "web.title-ready", "STOPPED": "web.title-stopped", "DISARMED": "web.title-disarmed"}
+STATES = {
+    "READY": "web.title-ready", "STOPPED": "web.title-stopped", "DISARMED": "web.title-disarmed",
+    "OVER": "web.title-over",
+}  # fmt: skip
 NIS_S = 10.0
 FEWEST = 100  # values of the NIS that say something
 HALF_BAND = 1.96 * math.sqrt(2.0)  # of the mean of N squared normals, times √N
@@ -45,6 +48,8 @@ def _standing(state: "JsonObject") -> Diagnostic:
     why = state.get("why")
     if state["state"] == "STOPPED":
         return note("web.stopped", cause=why or "")
+    if state["state"] == "OVER" and isinstance(why, Diagnostic):
+        return why
     if state["state"] == "DISARMED":
         return note("web.disarmed", cause=why or "")
     return note("web.ready")

@@ -27,6 +27,7 @@ STATIC = Path(__file__).with_name("static")
 VISITORS = 32
 CONNECTIONS = 96  # those that fetch files included
 HANDSHAKE_S = 5.0
+DONE, GOODBYE_S = 1000, 1.0
 LOOPBACK = "127.0.0.1"
 
 
@@ -80,6 +81,15 @@ class Server:
             if talk is not None:
                 talk.cancel()
         await asyncio.gather(*filter(None, self._talks), return_exceptions=True)
+
+    async def say_goodbye(self) -> None:
+        """Let everybody go who has had all words: nothing more will come, and nobody is to come back."""
+        for visitor in list(self.visitors):
+            visitor.end(DONE)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(GOODBYE_S):
+                while self.visitors:
+                    await asyncio.sleep(GOODBYE_S / 50)
 
     async def _close(self) -> None:
         for server in self._servers:

@@ -7,14 +7,17 @@ a path, or here       the socket of a service on this machine
 
 import asyncio
 import json
+import socket
 import sys
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, BinaryIO, Protocol
 
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET, wire
+from baqueano.door.pipes import join
 from baqueano.door.ssh import ssh
 from baqueano.errors import RobotUnreachable
 
@@ -87,6 +90,13 @@ async def simulated(vehicle: str, folder: Path, *more: str) -> Link:
     return await _started(
         [sys.executable, "-m", "baqueano.door.simulated", vehicle, "--runs", str(folder), *more]
     )
+
+
+async def on_pipes(coming: BinaryIO, going: BinaryIO) -> Link:
+    """Speak over these pipes, as to the process that started this one."""
+    ours, theirs = socket.socketpair()
+    threading.Thread(target=join, args=(theirs, coming, going), name="pipes", daemon=True).start()
+    return Link(*await asyncio.open_connection(sock=ours, limit=LONGEST))
 
 
 async def reached(host: str) -> Link:

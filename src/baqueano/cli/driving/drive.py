@@ -1,6 +1,7 @@
 """baqueano drive."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,11 +10,13 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import (
     by_hand,
+    by_page,
     ended_by_hand,
     hold_option,
     pad_option,
     scales_from_marks,
 )
+from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import Verdict, note
 from baqueano.language import translated as _
@@ -42,16 +45,19 @@ if TYPE_CHECKING:
 @options.runs_folder
 @options.out
 @click.option("--update", is_flag=True, help="Write what the marks tell into the vehicle file.")
+@live.page
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], robot: str, latched: bool, share: float, pad: str | None,
     hold: bool, length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool,
-    as_json: bool,
+    shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file, robot)
     path = options.run_path(out, folder, "drive")
-    run = by_hand("drive", file, robot, seed, backend, path, pad, hold, share=share, latched=latched)
+    at_terminal = partial(by_hand, pad=pad, share=share, latched=latched)
+    drive = by_page(folder, pace) if shown else at_terminal
+    run = drive("drive", file, robot, seed, backend, path, hold=hold)
     talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot)
     said, values = scales_from_marks(run, file, length_m)

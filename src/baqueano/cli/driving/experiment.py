@@ -10,6 +10,7 @@ import numpy as np
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
 from baqueano.cli.driving.targets import Place, placed
+from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, busy, clocked, talk
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
@@ -51,11 +52,12 @@ if TYPE_CHECKING:
 @options.runs_folder
 @options.out
 @options.update
+@live.page
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, known: bool,
     rounds: int | None, seconds: float, seed: int, backend: str, folder: str, out: Path | None, update: bool,
-    as_json: bool,
+    shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     _meant(signal, rounds, update)
     file = options.load_vehicle(vehicle, settings)
@@ -71,7 +73,10 @@ def command(
         driven.append(path.stem if out is None else str(path))
         return path
 
-    with placed(robot, file, seed, backend) as place:
+    with (
+        live.live_page(shown, robot, file, folder, pace) as page,
+        placed(robot, file, seed, backend, page=page) as place,
+    ):
         runs: list[Run] = []
         if signal == "designed" and not known and file.guessed:
             file, first = after_first_drive(file, place, backend, path_of)

@@ -4,6 +4,7 @@ import os
 import signal
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import options
-from baqueano.cli.driving.targets import placed
+from baqueano.cli.driving.targets import IN_HERE, placed
 from baqueano.cli.terminal import talk
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.printable import typed
@@ -71,6 +72,33 @@ def by_hand(
         given |= {"words": hand.words, "on_state": hand.show, "say": hand.say} if kind != "simulated" else {}
         run = place.drive(Mission(verb, hold=hold), file, path, lambda seconds: None, hand=hand, **given)
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
+
+
+def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
+    """Return what drives by hand from the page, as `by_hand` does from this terminal."""
+
+    def drive(
+        verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True
+    ) -> "Run":  # fmt: skip
+        from baqueano.cli.page.live import live_page
+        from baqueano.drive.mission import Mission
+        from baqueano.runs import read_run
+
+        kind, commands = robot.partition(":")[0], len(file.command.names)
+        with (
+            live_page(True, robot, file, folder, pace, by_hand=True) as page,
+            placed(robot, file, seed, backend, page=page) as place,
+        ):
+            assert page is not None
+            with ended_by_signals(page.door.operator.stop):
+                page.wait_for_hand()
+                given = {"live": True} if kind in IN_HERE else {}
+                hand = partial(page.door.hand, commands)
+                mission = Mission(verb, hold=hold)
+                run = place.drive(mission, file, path, lambda seconds: None, hand=hand, **given)
+        return read_run(path) if kind in IN_HERE else run  # a live drive holds no run of its own
+
+    return drive
 
 
 def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit") -> "JsonObject":

@@ -6,6 +6,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.targets import placed
+from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.diagnostics import note
 
@@ -25,11 +26,12 @@ from baqueano.diagnostics import note
 @options.runs_folder
 @options.out
 @options.page
+@live.page
 @options.as_json
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, estimator: str | None,
     controller: str | None, guide: str | None, seed: int, backend: str, folder: str, out: Path | None,
-    page: Path | None, as_json: bool,
+    page: Path | None, shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive.mission import Mission
@@ -42,7 +44,10 @@ def command(
     what = Mission(
         "repeat", route=taught, laps=laps, blocks={room: k for room, k in own.items() if k is not None}
     )
-    with placed(robot, file, seed, backend) as place:
+    with (
+        live.live_page(shown, robot, file, folder, pace) as watching,
+        placed(robot, file, seed, backend, page=watching) as place,
+    ):
         path = options.run_path(out, folder, "repeat")
         with clocked(note("cli.repeat"), laps * float(taught.t_s[-1])) as seen:
             run = place.drive(what, file, path, seen)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import options
+from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.diagnostics import note
 
@@ -26,10 +27,11 @@ if TYPE_CHECKING:
 @options.runs_folder
 @options.out
 @options.page
+@live.shown
 @options.as_json
 def command(
     run: str, vehicle: str | None, settings: tuple[str, ...], estimator: str | None, align: str, smooth: bool,
-    backend: str, folder: str, out: Path | None, page: Path | None, as_json: bool,
+    backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from dataclasses import replace
 
@@ -75,6 +77,8 @@ def command(
 
         beside = recorded if recorded.estimate is not None else None
         talk(note("cli.report", page=page_of_run(again, align, beside).save(page)))
+    if shown:
+        live.show_both(path, recorded.path, folder)
     if not _same(stop_of(again), stop_of(recorded)):  # a stop that was recorded is replayed with the rest
         options.ended(again, path)
     else:

@@ -11,6 +11,7 @@ from baqueano.diagnostics import fault, nearest, note
 from baqueano.errors import UsageError
 
 if TYPE_CHECKING:
+    from baqueano.cli.page.live import LivePage
     from baqueano.contracts.values import JsonObject
     from baqueano.door.remote import Remote
     from baqueano.drive.mission import Mission
@@ -39,8 +40,8 @@ class Place(Protocol):
 class Here:
     """A world in this process; `options` gives those of `session.drive` that make it."""
 
-    def __init__(self, options: Callable[[], "JsonObject"]) -> None:
-        self._options = options
+    def __init__(self, options: Callable[[], "JsonObject"], page: "LivePage | None" = None) -> None:
+        self._options, self._page = options, page
 
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
@@ -52,6 +53,8 @@ class Here:
 
         given = self._options() | options
         given["observers"] = (Progress(progress), *given.get("observers", ()))
+        if self._page is not None:
+            given = self._page.door.here(mission, file, given)
         return perform(mission, file, hand, path=path, **given)
 
     def back_in_the_middle(self) -> None:
@@ -62,8 +65,8 @@ class Here:
 class There:
     """A vehicle that is reached by ssh. Where a drive begins there is the origin of its map."""
 
-    def __init__(self, remote: "Remote", attended: bool) -> None:
-        self._remote, self._attended = remote, attended
+    def __init__(self, remote: "Remote", attended: bool, page: "LivePage | None" = None) -> None:
+        self._remote, self._attended, self._page = remote, attended, page
 
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
@@ -75,6 +78,8 @@ class There:
         said: dict[str, Any] = {"say": talk} | {
             name: options[name] for name in ("say", "words", "on_state") if name in options
         }
+        if self._page is not None:
+            said |= self._page.door.there(self._remote)
         return self._remote.perform(
             packed(mission, file), path, attended=self._attended, hand=hand, progress=progress, **said
         )
@@ -89,8 +94,9 @@ class There:
 
 @contextmanager
 def placed(
-    robot: str, file: "VehicleFile", seed: int, backend: str, attended: bool = True
-) -> Iterator[Place]:
+    robot: str, file: "VehicleFile", seed: int, backend: str, attended: bool = True,
+    page: "LivePage | None" = None,
+) -> Iterator[Place]:  # fmt: skip
     """The place that --robot names: "simulated" or "emulated", each with ":FILE" for the body of another vehicle, or a
     host."""
     kind = robot.partition(":")[0]
@@ -101,14 +107,14 @@ def placed(
         talk(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
     if kind == "simulated":
         given = {"truth": load_truth(robot, file), "seed": seed, "backend": backend}
-        yield Here(lambda: given)
+        yield Here(lambda: given, page)
     elif kind == "emulated":
         from baqueano.robot.emulated import emulated
 
         with emulated(file, load_truth(robot, file), seed) as options:
-            yield Here(lambda: options() | {"seed": seed, "backend": backend})
+            yield Here(lambda: options() | {"seed": seed, "backend": backend}, page)
     else:
         from baqueano.door.remote import reached
 
         with reached(robot) as remote:
-            yield There(remote, attended)
+            yield There(remote, attended, page)

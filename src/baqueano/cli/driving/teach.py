@@ -1,6 +1,7 @@
 """baqueano teach."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,12 +10,14 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import (
     by_hand,
+    by_page,
     ended_by_hand,
     hold_option,
     pad_option,
     scales_from_marks,
 )
 from baqueano.cli.driving.targets import placed
+from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
@@ -53,11 +56,12 @@ SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")  # of guides.shapes,
 @options.backend
 @options.runs_folder
 @options.out
+@live.page
 @options.as_json
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, driver: str, pad: str | None,
     hold: bool, speed_m_s: float, size_m: float, seed: int, backend: str, folder: str, out: Path | None,
-    as_json: bool,
+    shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.drive import route_of
     from baqueano.drive.mission import Mission
@@ -69,10 +73,14 @@ def command(
     options.advise_to_measure(file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
-        run, closed = by_hand("teach", file, robot, seed, backend, path, pad, hold), False
+        drive = by_page(folder, pace) if shown else partial(by_hand, pad=pad)
+        run, closed = drive("teach", file, robot, seed, backend, path, hold=hold), False
     else:
         asked = shape_or_route(driver, speed_m_s, size_m)
-        with placed(robot, file, seed, backend) as place:
+        with (
+            live.live_page(shown, robot, file, folder, pace) as page,
+            placed(robot, file, seed, backend, page=page) as place,
+        ):
             path = options.run_path(out, folder, "teach")
             with clocked(note("cli.teach"), float(asked.t_s[-1])) as seen:
                 run = place.drive(Mission("teach", route=asked), file, path, seen, eta=asked.eta[0])

@@ -2,15 +2,13 @@
 
 import asyncio
 from collections.abc import Coroutine
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from baqueano.cli import options
-from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
+from baqueano.cli.page.live import needs_websockets
 
 if TYPE_CHECKING:
     from baqueano.web.run import Served
@@ -29,8 +27,7 @@ serving = options.together(
 
 def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "Served":
     """Return how the page is served. UsageError where its library is missing."""
-    if find_spec("websockets") is None:
-        raise UsageError(fault("web.no-websockets", "pip install websockets"))
+    needs_websockets()
     from baqueano.web.run import Served
 
     return Served(Path(folder), port, share or bool(address), address, browser)

@@ -30,6 +30,7 @@ TEMPLATES: dict[str, str] = {
     "web.title-ready": "READY",
     "web.title-stopped": "STOPPED",
     "web.title-disarmed": "NOT READY",
+    "web.title-over": "OVER",
     "web.title-paused": "PAUSED",
     "web.stopped": "Stopped: {cause}. Clear the stop to go on",
     "web.disarmed": "Not ready: {cause}",

@@ -1,6 +1,7 @@
 // The one WebSocket: words as JSON, rows as binary frames. Every connection begins afresh with `hello`.
 
 const HEAD = 16; // bytes: uint32 stream and number, uint32 rows, float64 time of the first row
+const OVER = 1000; // the drives have ended as they should: nobody is there any more
 const WAITS_MS = [500, 1000, 2000, 4000];
 
 export class Link {
@@ -29,10 +30,11 @@ export class Link {
       if (typeof data === "string") this.#word(JSON.parse(data));
       else this.#frame(data);
     };
-    socket.onclose = () => {
+    socket.onclose = ({ code }) => {
       if (socket !== this.socket) return;
       this.up = false;
       this.answers.clear();
+      if (code === OVER) { this.on.over(); return; }
       this.on.up(false);
       this.timer = setTimeout(() => this.connect(), WAITS_MS[Math.min(this.tries++, WAITS_MS.length - 1)]);
     };

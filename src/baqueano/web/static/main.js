@@ -47,6 +47,11 @@ const on = {
     sentence("error", t("link.lost"), t("link.again"));
     lease({ who: null, you: false });
   },
+  over() {
+    page.hand?.lease({ you: false });
+    document.body.classList.add("no-stop");
+    for (const id of ["stop", "lease"]) show($(id), false);
+  },
   state(word) {
     page.state = word;
     page.screens.drive?.state(word);
@@ -245,7 +250,7 @@ function draw(now_ms) {
   page.link.drawn();
   page.hand.beat(now_ms);
   const live = page.hello.mode === "live", age = page.link.age_ms, moves = ["MISSION", "MANUAL"].includes(page.state.state) && !page.state.paused; // who stands sends no rows
-  const old = live && ((moves && age > OLD_MS) || !page.link.up) && page.link.came_ms > 0;
+  const old = live && ((moves && age > OLD_MS) || !page.link.up) && page.state.state !== "OVER" && page.link.came_ms > 0;
   show($("age"), old);
   if (old) write($("age"), t("age", { s: num(age / 1000, 1) }));
   if (live) meters();

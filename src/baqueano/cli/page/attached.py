@@ -1,0 +1,63 @@
+"""`python -m baqueano.cli.page.attached FOLDER`: the page of the verb that started this process, over its pipes."""
+
+import argparse
+import asyncio
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from baqueano.diagnostics import Diagnostic
+from baqueano.errors import BaqueanoError
+from baqueano.messages import text
+from baqueano.web.run import Served, show_vehicle
+from baqueano.web.service import Link, on_pipes
+
+LOOK_S = 0.05  # between two looks at who has come
+
+
+async def serve(how: Served) -> None:
+    """Serve the drives of the verb until its end of the pipes is closed; say who watches."""
+    link: list[Link] = []
+    viewers: list[Callable[[], int]] = []
+    counting: list[asyncio.Task[None]] = []
+
+    async def start() -> Link:
+        link.append(await on_pipes(sys.stdin.buffer, sys.stdout.buffer))
+        return link[0]
+
+    def say(said: Diagnostic | str) -> None:
+        print(text(said), file=sys.stderr, flush=True)
+        if isinstance(said, Diagnostic) and said.code == "web.at":
+            counting.append(asyncio.get_running_loop().create_task(count()))
+
+    async def count() -> None:
+        before = -1
+        with suppress(BaqueanoError):
+            while True:
+                if (now := viewers[0]()) != before:
+                    before = now
+                    link[0].say("viewers", count=now)
+                await asyncio.sleep(LOOK_S)
+
+    try:
+        await show_vehicle(start, how, say, lasting=False, meet=viewers.append)
+    finally:
+        for task in counting:
+            task.cancel()
+
+
+def main() -> int:
+    """Run the page; its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m baqueano.cli.page.attached", description=__doc__)
+    parser.add_argument("folder", type=Path, help="the folder of the runs")
+    try:
+        asyncio.run(serve(Served(parser.parse_args().folder)))
+    except BaqueanoError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,249 @@
+"""A door in the process of a verb: the page is its one guest, and sees the drives of the verb as those of a service.
+
+here     the loop runs in this process, in the time of the wall, and shows each tick             (`here`)
+there    a robot drives: its words are handed on to the page, a stop of the page to the robot    (`there`)
+"""
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from socket import socket
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.door.adjusting import Adjusting
+from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.operator import Operator
+from baqueano.door.simulated.pace import PacedClock
+from baqueano.door.sockets import Door
+from baqueano.door.states import DoorState
+from baqueano.drive.interrupt import ours
+from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.session import Conditions
+from baqueano.errors import RobotUnreachable, SafetyStop
+from baqueano.loop import Blocks, Record
+
+if TYPE_CHECKING:
+    from baqueano.door.remote import Remote
+    from baqueano.drive.mission import Mission
+    from baqueano.signals import Motion
+    from baqueano.vehicle_file.file import VehicleFile
+
+TELL_S = 0.2  # between states
+HZ = 20.0  # frames of a robot
+RELAYED = ("vehicle", "fields", "route", "frame", "state", "event")
+BY_HAND = ("drive", "teach")
+
+
+class WorldWithBody(Protocol):
+    """A simulated or emulated world."""
+
+    @property
+    def truth(self) -> "Motion":
+        """Return the motion of its body."""
+        ...
+
+
+class DriveDoor:
+    """The door of the drives of one verb. `by_hand`: the page drives, and says when."""
+
+    def __init__(
+        self, file: "VehicleFile", world: str, folder: Path, pace: float = 1.0, by_hand: bool = False
+    ) -> None:
+        self.operator, self.pace, self.by_hand = Operator(), PacedClock(pace), by_hand
+        self.listens, self.visited = threading.Event(), threading.Event()
+        self._file, self._world = file, world
+        self._state, self._why = DoorState.READY, None
+        self._mission: Mission | None = None
+        self._seen: Record | None = None
+        self._told_s = float("-inf")
+        self._robot: Remote | None = None
+        words = {"viewers": self._viewers, "routes": lambda guest, said: {"is": "routes", "routes": []}}
+        for do in ("pause", "go", "pace"):
+            words[do] = self._time
+        self._door = Door(None, self.operator, folder, words | {"stop": self._stop, "set": self._set})
+        self.frames = self._door.frames
+        self.frames.begin(file, world)
+        self.publish(at_once=True)
+
+    def welcome(self, line: socket) -> None:
+        """Take the connection of the page."""
+        self._door.welcome(line)
+
+    def close(self, why: Diagnostic) -> None:
+        """Say that the drives are over, and let the page go."""
+        self._door.tell({"is": "over", "why": why})
+        self._door.close()
+
+    def wait_for_hand(self, there: Callable[[], bool]) -> None:
+        """Wait until somebody begins to drive by hand on the page; RobotUnreachable where that is no more `there`."""
+        while there():
+            asked = self.operator.next()
+            if asked is None:
+                time.sleep(TELL_S / 10)
+                continue
+            if json.loads(asked[0]).get("kind") in BY_HAND:
+                return
+            self.operator.free()
+            self._end(asked[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
+        raise RobotUnreachable(fault("cli.page-gone"))
+
+    def here(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
+        """Return the options of a drive in this process, so that the page shows it and time passes at its pace."""
+        started = {} if mission.kind != "repeat" or mission.route is None else {"eta": mission.route.eta[0]}
+        given = started | given
+        if "world" not in given:
+            known = ("truth", "seed", "eta", "backend")
+            given["world"] = Conditions(**{k: given[k] for k in known if k in given}).world_of(file)
+        watching = _DriveObserver(self, mission, file, given["world"])
+        given["observers"] = (
+            *given.get("observers", ()),
+            watching,
+            Adjusting(self.operator, self._door.tell),
+        )
+        given["ticking"] = self._ticks(file.rate_hz, given.get("ticking"))
+        return given
+
+    def hand(self, commands: int) -> np.ndarray:
+        """Return the command (n,) that the page wants; KeyboardInterrupt once it has ended the drive."""
+        if self.operator.done:
+            raise KeyboardInterrupt
+        return self.operator.command(commands)
+
+    def there(self, remote: "Remote") -> "JsonObject":
+        """Return the options of `Remote.perform` with which the page shows the drive of a robot."""
+        self._robot, remote.overheard = remote, self._relay
+        begun, stopped = False, False
+
+        def words() -> list[JsonObject]:
+            nonlocal begun, stopped
+            said: list[JsonObject] = [] if begun else [{"do": "watch", "hz": HZ}]
+            said += [{"do": "mark"}] * self.operator.marked()
+            if self.operator.done:
+                raise KeyboardInterrupt
+            why = self.operator.why(self.by_hand)
+            if why is not None and not stopped:
+                stopped = True
+                said.append({"do": "stop", "why": why})
+            begun = True
+            return said
+
+        return {"words": words}
+
+    def publish(self, at_once: bool = False) -> None:
+        """Tell the state, TELL_S after the last time or at once."""
+        now_s = time.monotonic()
+        if not at_once and now_s - self._told_s < TELL_S:
+            return
+        self._told_s = now_s
+        paced = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
+        self._door.tell({
+            "is": "state", "state": str(self._state), "why": self._why, "run": None, "world": self._world,
+            "battery_v": None, **paced, **drive_words(self._mission, self._file.rate_hz, self._seen),
+        })  # fmt: skip
+
+    def drives(self, mission: "Mission | None", why: Diagnostic | None = None) -> None:
+        """A drive begins, or has ended."""
+        self._mission, self._seen, self._why = mission, None, why
+        driven = (
+            DoorState.MANUAL
+            if mission is not None and mission.kind in BY_HAND and mission.route is None
+            else None
+        )
+        at_rest = DoorState.READY if why is None else DoorState.STOPPED
+        self._state = at_rest if mission is None else driven or DoorState.MISSION
+        self.publish(at_once=True)
+
+    def look(self, record: Record, truth: "Motion") -> None:
+        """Take a tick of a drive in this process."""
+        self._seen = record
+        self.frames.look(record, truth, late_ms=self.pace.late_ms)
+
+    def _ticks(self, rate_hz: float, ticking: Iterator[int] | None) -> Iterator[int]:
+        def wanted() -> bool:
+            self.publish()
+            operator = self.operator
+            return (
+                operator.done or operator.why(self.by_hand) is not None or ours()
+            )  # the last: Ctrl-C was pressed
+
+        for t_ns in self.pace.ticks(rate_hz, wanted):
+            if self.operator.done:
+                raise KeyboardInterrupt
+            yield t_ns if ticking is None else next(ticking)
+            self.publish()
+
+    def _relay(self, said: "JsonObject") -> None:
+        if said["is"] in RELAYED:
+            self._door.tell(said)
+
+    def _viewers(self, guest: object, said: "JsonObject") -> None:
+        """The page listens, and this many look at it."""
+        if not self.listens.is_set() and not self.by_hand:  # no mission is taken: the verb has its own
+            with suppress(SafetyStop):
+                self.operator.ask(guest, "", attended=False)
+                self.operator.next()
+        self.listens.set()
+        if int(said["count"]) > 0:
+            self.visited.set()
+
+    def _stop(self, guest: object, said: "JsonObject") -> "JsonObject":
+        why = Diagnostic.of_json(said["why"])
+        if self._robot is not None:  # at once, from this thread
+            self._robot.say(do="stop", why=why)
+        else:
+            self.operator.stop(why)
+        return {"is": "heard", "do": "stop"}
+
+    def _set(self, guest: object, said: "JsonObject") -> "JsonObject":
+        if self._robot is not None:
+            raise SafetyStop(note("cli.page-set", Severity.ERROR))
+        self.operator.change(guest, str(said["path"]), said["value"])
+        return {"is": "heard", "do": "set"}
+
+    def _time(self, guest: object, said: "JsonObject") -> None:
+        if self._robot is not None:
+            raise SafetyStop(note("cli.page-time", Severity.ERROR))
+        match said["do"]:
+            case "pause":
+                self.pace.pause()
+            case "go":
+                self.pace.go(int(said.get("ticks", 0)))
+            case _:
+                self.pace.set(float(said["factor"]))
+        self.publish(at_once=True)
+
+    def _end(self, name: str, why: Diagnostic, code: int) -> None:
+        self._door.tell({"is": "done", "id": name, "run": None, "why": why, "code": code})
+
+
+class _DriveObserver(Observer):
+    """The observer of a drive for the page."""
+
+    def __init__(self, door: DriveDoor, mission: "Mission", file: "VehicleFile", world: Any) -> None:
+        self._door, self._mission, self._file, self._world = door, mission, file, world
+
+    def begin(self, blocks: Blocks) -> Blocks:
+        door, mission = self._door, self._mission
+        door.frames.begin(self._file, door._world, None, blocks.estimator, mission)
+        door.drives(mission)
+        return blocks
+
+    def why(self, t_ns: int) -> Diagnostic | None:
+        return self._door.operator.why(self._door.by_hand)
+
+    def marked(self) -> int:
+        return self._door.operator.marked()
+
+    def look(self, record: Record) -> None:
+        self._door.look(record, self._world.truth)
+
+    def ended(self, why: Diagnostic | None) -> list[LastLine]:
+        self._door.drives(None, why)
+        return []

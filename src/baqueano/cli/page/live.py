@@ -1,0 +1,136 @@
+"""--page: the drives of a verb in a browser while they happen, by a page process beside it."""
+
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from baqueano.cli import options
+from baqueano.cli.terminal import talk
+from baqueano.diagnostics import fault, note
+from baqueano.errors import UsageError
+
+if TYPE_CHECKING:
+    from baqueano.cli.page.drive_door import DriveDoor
+    from baqueano.vehicle_file.file import VehicleFile
+
+STARTS_S = 30.0  # a busy laptop starts Python
+COMES_S = 5.0  # a browser, where a tab was opened
+ENDS_S = 3.0  # the page, once its drives are over
+
+shown = click.option(
+    "--page", "shown", is_flag=True, help="Show both runs in a browser, one beside the other."
+)
+page = options.together(
+    click.option("--page", "shown", is_flag=True, help="Show the drive in a browser while it happens."),
+    click.option(
+        "--pace", type=click.FloatRange(0.05, 50.0), default=1.0, show_default=True,
+        help="With --page, of a simulated drive: its seconds in a second.",
+    ),
+)  # fmt: skip
+
+
+class LivePage:
+    """A page process and the door through which it sees the drives."""
+
+    def __init__(self, door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
+        self.door, self._program = door, program
+
+    @property
+    def there(self) -> bool:
+        """Return True while the page process runs."""
+        return self._program.poll() is None
+
+    def wait_for_hand(self) -> None:
+        """Wait until somebody takes the wheel on the page and begins."""
+        talk(note("cli.page-waits"))
+        self.door.wait_for_hand(lambda: self.there)
+
+
+@contextmanager
+def live_page(
+    shown: bool, robot: str, file: "VehicleFile", folder: str, pace: float = 1.0, by_hand: bool = False
+) -> Iterator[LivePage | None]:
+    """Open a page for the drives of a verb; None where none is `shown`. It ends with the verb, whatever ends that."""
+    if not shown:
+        yield None
+        return
+    needs_websockets()
+    from baqueano.cli.page.drive_door import DriveDoor
+    from baqueano.web.share import display
+
+    kind = robot.partition(":")[0]
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    door = DriveDoor(file, kind if kind in ("simulated", "emulated") else "real", Path(folder), pace, by_hand)
+    program = subprocess.Popen(
+        [sys.executable, "-m", "baqueano.cli.page.attached", folder], stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE, start_new_session=True,  # Ctrl-C is for the verb
+    )  # fmt: skip
+    try:
+        _join(door, program)
+        _wait(door.listens.is_set, STARTS_S, program)
+        if program.poll() is not None:
+            talk(note("cli.page-gone"))
+        elif display():
+            _wait(door.visited.is_set, COMES_S, program)
+        yield LivePage(door, program)
+    finally:
+        door.close(note("cli.page-over", folder=folder))
+        _end(program)
+
+
+def show_both(run: Path, ghost: Path | None, folder: str) -> None:
+    """Show a run with another as its ghost until the last tab is closed, or Ctrl-C."""
+    needs_websockets()
+    import asyncio
+
+    from baqueano.web.run import Served, show_runs
+
+    names = tuple(str(path.resolve()) for path in (run, ghost) if path is not None)
+    talk(note("cli.page-replayed"))
+    asyncio.run(show_runs(names, Served(Path(folder)), talk, lasting=False))
+
+
+def needs_websockets() -> None:
+    """UsageError where the library of the page is missing."""
+    if find_spec("websockets") is None:
+        raise UsageError(fault("web.no-websockets", "pip install websockets"))
+
+
+def _join(door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
+    from baqueano.door.pipes import join
+
+    assert program.stdin is not None
+    assert program.stdout is not None
+    ours, theirs = socket.socketpair()
+    threading.Thread(
+        target=join, args=(ours, program.stdout, program.stdin), name="page", daemon=True
+    ).start()
+    door.welcome(theirs)
+
+
+def _wait(true: Callable[[], bool], within_s: float, program: "subprocess.Popen[bytes]") -> None:
+    until = time.monotonic() + within_s
+    while not true() and program.poll() is None and time.monotonic() < until:
+        time.sleep(0.02)
+
+
+def _end(program: "subprocess.Popen[bytes]") -> None:
+    """Wait until the page has said goodbye to its browsers, or end it."""
+    try:
+        program.wait(ENDS_S)
+    except (subprocess.TimeoutExpired, KeyboardInterrupt):
+        program.kill()
+        program.wait()
+    for pipe in (program.stdin, program.stdout):
+        if pipe is not None:
+            with suppress(OSError):
+                pipe.close()

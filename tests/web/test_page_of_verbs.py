@@ -1,0 +1,337 @@
+"""--page of the verbs that drive: a browser sees the drive while it happens, may stop it, and has the wheel of `drive`;
+the verb ends as it does without a page, and leaves no process behind."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baqueano.diagnostics import StopReason
+from baqueano.drive.session import stop_of
+from baqueano.guides.shapes import circle
+from baqueano.runs import read_run
+from baqueano.runs.route_file import write_route
+from baqueano.web.feed import HEAD
+from tests.emulated.rig import missing
+from tests.web.chromium import CHROMIUM, Chromium
+from tests.web.page_client import WAIT_S, Browser, run_page
+from tests.web.test_in_browser import PRESS, START_S, shown
+from tests.web.test_serve import Watcher, beats, port_of, program
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
+PLAIN = {**os.environ, "BAQUEANO_BACKEND": "python"}
+PLAIN.pop("DISPLAY", None)
+TWO_S = ("--vehicle", "small", "--seconds", "2", "-o", "run.mcap")
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
+
+
+@asynccontextmanager
+async def looking(port, **hello):
+    """Open the page of a verb as a browser does."""
+    from websockets.asyncio.client import connect
+
+    host = f"127.0.0.1:{port}"
+    async with connect(
+        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
+    ) as line:
+        one = Browser(line)
+        await one.say("hello", lang="en", **hello)
+        one.hello = await one.next("hello")
+        yield one
+
+
+def ended(verb, within_s=WAIT_S):
+    """Return the exit code of a verb."""
+    assert verb.stderr is not None
+    verb.stderr.read()
+    return verb.wait(within_s)
+
+
+def processes_of(group):
+    """Return the processes that were started by this one, and by those: their ids."""
+    found, grown = {group}, True
+    while grown:
+        grown = False
+        for status in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                words = status.read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(words[1]) in found and int(status.parent.name) not in found and words[0] != "Z":
+                found.add(int(status.parent.name))
+                grown = True
+    return found - {group}
+
+
+def gone(pids, within_s=10.0):
+    """Return True once none of these runs."""
+    end = time.monotonic() + within_s
+    while any(alive(pid) for pid in pids):
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_the_run_of_a_drive_with_a_page_is_that_without(tmp_path):
+    for folder in ("with", "without"):
+        (tmp_path / folder).mkdir()
+    with program("baqueano", "experiment", *TWO_S, "--page", cwd=tmp_path / "with", env=PLAIN) as verb:
+        port = port_of(verb)
+
+        async def job():
+            async with looking(port) as one:
+                assert one.hello["vehicle"]["world"] == "simulated"
+                state = await one.next("state", where=lambda word: word["state"] == "OVER")
+                assert "runs" in state["sentence"]
+                with pytest.raises(Exception, match="1000"):
+                    await one.next("never")
+                rows = one.rows(0, len(one.hello["fields"]))
+                assert 0.0 < rows[-1, 0] <= 2.0
+                assert np.isfinite(rows[-1, [f["name"] for f in one.hello["fields"]].index("truth.x")])
+
+        run_page(job)
+        assert ended(verb) == 0
+    subprocess.run(
+        [sys.executable, "-m", "baqueano", "experiment", *TWO_S], cwd=tmp_path / "without", env=PLAIN, check=True,
+        capture_output=True,
+    )  # fmt: skip
+    assert read_run(tmp_path / "with" / "run.mcap") == read_run(tmp_path / "without" / "run.mcap")
+
+
+def test_a_stop_on_the_page_ends_the_verb_as_a_stop_does(tmp_path):
+    with program(
+        "baqueano", "experiment", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
+    ) as verb:
+        port = port_of(verb)
+
+        async def job():
+            async with looking(port, name="eva") as one:
+                await one.next(
+                    "state", where=lambda word: word["state"] == "MISSION" and (word["t_s"] or 0) > 0.5
+                )
+                await one.say("mission", kind="drive")
+                assert (await one.next("no"))["to"] == "mission"
+                await one.say("stop")
+                await one.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
+
+        run_page(job)
+        assert ended(verb) == 5
+    why = stop_of(read_run(tmp_path / "run.mcap"))
+    assert why.code == StopReason.STOPPED_BY
+    assert why.figures["words"] == "eva"
+
+
+def test_ctrl_c_and_death_of_the_verb_leave_no_process(tmp_path):
+    for how, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
+        with program(
+            "baqueano", "experiment", "--vehicle", "small", "--page", cwd=tmp_path, env=PLAIN
+        ) as verb:
+            port = port_of(verb)
+
+            async def job(port=port):
+                async with looking(port) as one:
+                    await one.next("state", where=lambda word: word["state"] == "MISSION")
+                    await one.say("take")
+                    beating = asyncio.create_task(beats(one))
+                    await one.say("pause")
+                    await one.next("state", where=lambda word: word["paused"])  # Ctrl-C ends it all the same
+                    beating.cancel()
+
+            run_page(job)
+            children = processes_of(verb.pid)
+            assert children
+            verb.send_signal(how)
+            found = ended(verb)
+            assert found == (code if code is not None else found)
+            assert gone(children)
+            if how == signal.SIGINT:
+                plain = subprocess.Popen(
+                    [sys.executable, "-m", "baqueano", "experiment", "--vehicle", "small", "--seconds", "600"],
+                    cwd=tmp_path, env=PLAIN, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL,
+                )  # fmt: skip
+                time.sleep(6.0)
+                plain.send_signal(signal.SIGINT)
+                plain.communicate()
+                assert found == plain.returncode
+
+
+async def at_the_wheel(port, then):
+    """Take the wheel on the page of `drive`, drive ahead for a while, then do `then`."""
+    async with looking(port, name="ana") as one:
+        await one.say("take")
+        beating = asyncio.create_task(ahead(one))
+        try:
+            await one.say("mission", kind="drive")
+            await one.next("state", where=lambda word: word["state"] == "MANUAL" and (word["t_s"] or 0) > 1.0)
+            await then(one)
+        finally:
+            beating.cancel()
+
+
+async def ahead(one):
+    n = 0
+    while True:
+        n += 1
+        seen = HEAD.unpack(one.frames[-1][:16])[0] if one.frames else 0
+        await one.say("beat", n=n, seen=seen, u=[0.6, 0.0, 0.0])
+        await asyncio.sleep(0.04)
+
+
+def test_the_page_of_drive_has_the_wheel_and_ends_the_drive(tmp_path):
+    with program(
+        "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
+    ) as verb:
+        port = port_of(verb)
+
+        async def end(one):
+            await one.say("mark")
+            await asyncio.sleep(0.3)
+            await one.say("end")
+            await one.next("state", where=lambda word: word["state"] == "OVER")
+
+        run_page(lambda: at_the_wheel(port, end))
+        assert ended(verb) == 0
+    run = read_run(tmp_path / "run.mcap")
+    assert run.truth.eta[-1, 0] > 0.2
+    assert len([event for event in run.events if event.source == "mark"]) == 1
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
+def test_rt13_the_page_of_drive_that_dies_stops_it(tmp_path, how):
+    with program(
+        "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
+    ) as verb:
+        port = port_of(verb)
+        children = processes_of(verb.pid)
+
+        async def dies(one):
+            for pid in children:
+                os.kill(pid, how)
+
+        run_page(lambda: at_the_wheel(port, dies))
+        assert ended(verb) == 5
+        assert gone(children)
+    run = read_run(tmp_path / "run.mcap")
+    assert stop_of(run).code == StopReason.HOLDER_SILENT
+    assert stop_of(run).figures["silent_ms"] <= 500.0
+    assert not run.applied[-1].any()
+
+
+def test_a_robot_is_shown_and_stopped_on_the_page_of_a_verb(tmp_path):
+    path = tmp_path / "door"
+    with program(
+        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
+        "--routes", str(tmp_path),
+    ):  # fmt: skip
+        watcher = Watcher(path)
+        with program(
+            "baqueano", "experiment", "--vehicle", "small", "--robot", str(path), "-o", "run.mcap", "--page",
+            cwd=tmp_path, env=PLAIN,
+        ) as verb:  # fmt: skip
+            port = port_of(verb)
+
+            async def job():
+                async with looking(port) as one:
+                    await one.next("state", where=lambda word: word["state"] == "MISSION" and one.frames)
+                    begun = time.monotonic()
+                    await one.say("stop")
+                    _, came = await asyncio.to_thread(watcher.state, "STOPPED")
+                    assert came - begun < 2.0  # the machine may be busy
+
+            run_page(job)
+            assert ended(verb) == 5
+        watcher.close()
+    assert stop_of(read_run(tmp_path / "run.mcap")).code == StopReason.STOPPED_BY
+
+
+def test_the_page_of_drive_drives_a_robot(tmp_path):
+    path = tmp_path / "door"
+    with program(
+        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
+        "--routes", str(tmp_path),
+    ), program(
+        "baqueano", "drive", "--vehicle", "small", "--robot", str(path), "-o", "run.mcap", "--page", cwd=tmp_path,
+        env=PLAIN,
+    ) as verb:  # fmt: skip
+        port = port_of(verb)
+
+        async def silent(one):
+            """Stand there and say nothing, as a hidden tab does: the caller ends the beats."""
+
+        run_page(lambda: at_the_wheel(port, silent))
+        assert ended(verb) == 5
+    run = read_run(tmp_path / "run.mcap")
+    assert stop_of(run).code == StopReason.HOLDER_SILENT
+    assert run.truth.eta[-1, 0] > 0.2
+
+
+@pytest.mark.skipif(bool(missing()), reason=f"Debian's packages {' '.join(missing())} are not installed")
+def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
+    with program(
+        "baqueano", "drive", "--vehicle", "small", "--robot", "emulated", "-o", "run.mcap", "--page", cwd=tmp_path,
+        env=PLAIN,
+    ) as verb:  # fmt: skip
+        port = port_of(verb)
+
+        async def end(one):
+            assert one.hello["vehicle"]["world"] == "emulated"
+            await one.say("stop")
+            await one.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
+
+        run_page(lambda: at_the_wheel(port, end))
+        assert ended(verb) == 5
+    run = read_run(tmp_path / "run.mcap")
+    assert np.max(run.truth.eta[:, 0]) > 0.1
+    assert not run.applied[-1].any()
+
+
+@needs_browser
+def test_a_repetition_is_seen_and_stopped_in_a_browser_and_replayed_beside_its_ghost(tmp_path):
+    (tmp_path / "routes").mkdir()
+    write_route(circle(0.4, 0.25), tmp_path / "routes" / "ring.csv")
+    with Chromium() as chromium:
+        with program(
+            "baqueano",
+            "repeat",
+            "ring",
+            "--vehicle",
+            "small",
+            "--laps",
+            "0",
+            "--page",
+            cwd=tmp_path,
+            env=PLAIN,
+        ) as verb:
+            tab = chromium.tab()
+            tab.goto(f"http://127.0.0.1:{port_of(verb)}/")
+            shown(tab, "REPEATING")
+            shown(tab, "from its route")
+            tab.js(PRESS.format(name="STOP"))
+            assert ended(verb) == 5
+            tab.wait("baqueano.page.state.state === 'OVER'", START_S)
+            time.sleep(1.0)
+            assert not tab.js("baqueano.page.link.tries")  # nobody knocks at a door that has gone
+            assert not tab.errors
+            tab.close()
+        with program("baqueano", "replay", "last", "--page", cwd=tmp_path, env=PLAIN) as verb:
+            tab = chromium.tab()
+            tab.goto(f"http://127.0.0.1:{port_of(verb)}/")
+            shown(tab, "(ghost)")
+            assert not tab.errors
+            tab.close()
+            assert ended(verb) == 0
