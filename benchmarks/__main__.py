@@ -5,7 +5,9 @@ import importlib
 import json
 import sys
 
-BENCHES = ("kernels", "simulation", "many", "filter", "recommended", "fit", "tuning", "start", "onboard")
+BENCHES = (
+    "kernels", "simulation", "many", "filter", "recommended", "fit", "live_information", "tuning", "start", "onboard",
+)  # fmt: skip
 
 
 def main() -> int:

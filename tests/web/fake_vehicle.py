@@ -69,6 +69,8 @@ async def live_page(tmp_path, **how):
     finally:
         hearing.cancel()
         await asyncio.gather(hearing, return_exceptions=True)
+        await live.identifying.close()
+        await page.close()
         await shelf.close()
         await lab.close()
 

@@ -17,7 +17,7 @@ from baqueano import language
 from baqueano.diagnostics import Diagnostic, Verdict
 
 ROOMS = (
-    "cli", "fit", "fit_errors", "front", "names", "noise", "page", "vehicle_file", "blocks.block_checks",
+    "cli", "fit", "fit_errors", "front", "live", "names", "noise", "page", "vehicle_file", "blocks.block_checks",
     "blocks.block_fields", "blocks.loop", "blocks.symbolic", "driving.compare", "driving.drive", "driving.monitor",
     "driving.simulate", "driving.study", "driving.tune", "recordings.damage", "recordings.data", "recordings.runs",
     "vehicle.door", "vehicle.hardware", "vehicle.robot",

@@ -19,6 +19,7 @@ from baqueano.messages import text
 from baqueano.printable import one_line, typed
 from baqueano.web.feed import Feed
 from baqueano.web.guard import Role
+from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
 from baqueano.web.sentence import described
 from baqueano.web.service import Spoken
@@ -45,6 +46,7 @@ class Live:
 
     def __init__(self, link: Spoken, visitors: Callable[[], Iterable[Visitor]]) -> None:
         self._link, self._visitors = link, visitors
+        self.identifying = Identifying(self._all)
         self.feed, self.lease = Feed(), Lease()
         self.known = asyncio.Event()  # vehicle and columns have come
         self.on_done: Callable[[], None] = lambda: None
@@ -89,7 +91,7 @@ class Live:
         """Return what hello says of the vehicle."""
         with within(visitor.language):
             state = self._described()
-        about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks")}
+        about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
         return {
             "vehicle": about or None, "blocks": self._vehicle.get("blocks", {}), "fields": self._fields,
             "driver": getattr(self.lease.holder, "name", None), "state": state, "route": self._route,
@@ -111,7 +113,7 @@ class Live:
             "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give,
             "mission": self._mission, "pause": self._pass_on, "go": self._pass_on, "mark": self._pass_on,
             "end": self._pass_on, "clear": self._clear, "set": self._set, "shake": self._set, "pace": self._pace,
-            "history": self._send_history,
+            "history": self._send_history, "identify": self._identify,
         }.get(word["is"])  # fmt: skip
         if do is None:
             raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:LONGEST]))
@@ -209,6 +211,9 @@ class Live:
     def _send_history(self, visitor: Visitor, word: "JsonObject") -> None:
         visitor.send_all(self._history(float(word.get("from") or 0.0)))
 
+    def _identify(self, visitor: Visitor, word: "JsonObject") -> None:
+        self.identifying.look(visitor, bool(word["on"]))
+
     async def _history(self, from_s: float) -> "AsyncIterator[bytes | JsonObject]":
         frame = self.feed.history(from_s)
         if frame is not None:
@@ -232,6 +237,7 @@ class Live:
     def _on_frame(self, word: "JsonObject") -> None:
         frame = self.feed.take(word)
         if frame is not None:
+            self.identifying.take(word["x"])
             for visitor in self._all():
                 visitor.show(frame)
 
@@ -263,10 +269,12 @@ class Live:
 
     def _on_vehicle(self, word: "JsonObject") -> None:
         self._vehicle = word
+        self.identifying.vehicle = word.get("file") or self.identifying.vehicle
 
     def _on_fields(self, word: "JsonObject") -> None:
         names, units = word["names"], word.get("units", [])
         changed = self.feed.columns([str(name) for name in names])
+        self.identifying.begin(self.feed.names)
         self._events.clear()
         if changed:
             commands = [str(one["name"]) for one in self._vehicle.get("command", [])]

@@ -16,6 +16,7 @@ from baqueano.printable import one_line
 from baqueano.web import PROTOCOL
 from baqueano.web.guard import Guard
 from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lab.shelf import Shelf
 from baqueano.web.visitor import POLICY, Visitor
 
@@ -35,7 +36,7 @@ LABELS = {
     "truth.psi": "web.label-true-heading", "nis": "web.label-nis", "progress": "web.label-progress",
     "cross": "web.label-cross", "battery": "web.label-battery", "late_ms": "web.label-late",
 }  # fmt: skip
-SLOW = ("mission",)  # words that a worker may have to answer first
+SLOW = ("mission", "ask")  # words that a worker may have to answer first
 LONGEST_NAME = 40  # letters
 SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
 
@@ -68,6 +69,7 @@ class BrowserPage:
         live: VehicleSide | None = None,
     ) -> None:  # fmt: skip
         self._lab, self._shelf, self._guard, self._opened, self.live = lab, shelf, guard, opened, live
+        self._identifying = Identifying()  # of runs that are over
         self._count = 0
         self._reading: set[asyncio.Task[None]] = set()
 
@@ -104,6 +106,10 @@ class BrowserPage:
             )
         if visitor.role is None:
             visitor.end(POLICY)
+
+    async def close(self) -> None:
+        """End what computes for the page."""
+        await self._identifying.close()
 
     def left(self, visitor: Visitor) -> None:
         """A browser has gone."""
@@ -156,10 +162,16 @@ class BrowserPage:
         return {name: about[name] for name in ("vehicle", "blocks", "fields", "route")}
 
     async def _ask(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Answer a question; "ping" measures the way here and back."""
-        if word["what"] != "ping":
+        """Answer a question; "ping" measures the way here and back, "identify" is what a run has taught."""
+        said: JsonObject = {}
+        if word["what"] == "identify":
+            path = self._shelf.paths().get(word["run"])
+            if path is None:
+                raise UsageError(fault("web.no-run"))
+            said = await self._identifying.recorded(path, visitor.language)
+        elif word["what"] != "ping":
             raise UsageError(fault("web.no-question", what=one_line(str(word["what"]))[:LONGEST_NAME]))
-        visitor.say({"is": "answer", "to": "ask", "id": word.get("id")})
+        visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | said)
 
     async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
         """Send the run of a word of the list, and its ghost."""

@@ -56,6 +56,7 @@ async def show_runs(
                 announce(server, how, say)
                 await (ended() if lasting else _first(ended(), _left(server)))
         finally:
+            await page.close()
             await shelf.close()
     finally:
         await lab.close()
@@ -68,9 +69,10 @@ async def show_vehicle(
     robot: "tuple[str, Path] | None" = None,
     lasting: bool = True,
     meet: Callable[[Callable[[], int]], object] = lambda viewers: None,
+    vehicle: str = "",
 ) -> None:
     """Serve a vehicle until the process is told to end, or its service ends; the latter is an error of one that should
-    be `lasting`. Of a `robot` its file here, and the folder of routes.
+    be `lasting`. Of a `robot` its file here, and the folder of routes. `vehicle` is the file that is identified.
     `meet` gets what counts the browsers."""
     lab, shelf = Lab(), Shelf(how.folder)
     link = await start()
@@ -79,6 +81,7 @@ async def show_vehicle(
     live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
     live.on_done = lambda: page.list_to(server.visitors)
     server = _server(page, shelf, how)
+    live.identifying.vehicle = robot[0] if robot is not None else vehicle
     if robot is not None:
         await _presumed(live, lab, *robot)
     meet(lambda: len(server.visitors))
@@ -103,6 +106,8 @@ async def show_vehicle(
         await link.close()
         for task in (hearing, known, over, *([ending] if ending else [])):
             task.cancel()
+        await live.identifying.close()
+        await page.close()
         await shelf.close()
         await lab.close()
 

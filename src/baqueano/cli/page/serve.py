@@ -46,4 +46,5 @@ def command(
         page_options.run(show_vehicle(partial(reached, robot), how, talk, (named, options.ROUTES)))
     else:
         more = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
-        page_options.run(show_vehicle(partial(simulated, named, Path(folder), *more), how, talk))
+        start = partial(simulated, named, Path(folder), *more)
+        page_options.run(show_vehicle(start, how, talk, vehicle=named))

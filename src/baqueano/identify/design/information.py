@@ -94,6 +94,7 @@ class Informant:
             state, motion = there.model.step(state, u, dt_s, np.zeros(3))
             return state, weight * np.concatenate([s.h(motion) for s in there.sensors])
 
+        self.start, self.tick, self.commands = start, step, n
         self.nominal = np.array([*(value(blocks, p) for p in of.paths), *np.zeros(len(of.start))])
         self.kernel = scan(step, start, np.zeros(n), self.nominal, backend=backend)
 

@@ -1,6 +1,6 @@
 """Lab worker: words on stdin, answers on stdout, one at a time. It ends with its stdin.
 
-to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission", …}
+to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission" | "identify" | …, …}
 from the worker    a line {…, "bytes": n} and n bytes behind it; {"no": diagnostic, "code": n, …}
 """
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError, named
+from baqueano.web.lab.drives import Drives
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -28,12 +29,14 @@ class Worker:
     def __init__(self) -> None:
         self._open: OrderedDict[tuple[str, int], PackedRun] = OrderedDict()
         self._lines: dict[tuple[str, int], JsonObject] = {}  # of the list
+        self._identified = Drives()
 
     def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the answer to a word, and the bytes behind it."""
         words: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
             "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
-            "vehicle": _vehicle, "mission": _mission,
+            "vehicle": _vehicle, "mission": _mission, "identify": self._identified.answer,
+            "identify run": self._identified.answer_run,
         }  # fmt: skip
         return words[word["do"]](word)
 

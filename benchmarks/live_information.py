@@ -1,0 +1,38 @@
+"""What it costs to follow the information of a drive: window by window, against the batch over all of it again.
+
+A page that shows how errors shrink asks for F ten times a second. The batch costs as much as the whole drive so far,
+each time; a window costs the same whenever it comes.
+"""
+
+import numpy as np
+
+from baqueano.identify import excitation
+from baqueano.identify.design.information import Informant
+from baqueano.identify.design.live import WINDOW, RecursiveInformation
+from baqueano.vehicle_file import load
+from benchmarks.harness import Bench, Case, measured
+
+SECONDS, SMALLEST_S = 60.0, 2.0
+TIMES = 5.0  # a window must cost less than the batch over a minute by at least this
+
+
+def benches(smallest: bool) -> list[Bench]:
+    """The cost of a window beside that of the batch, on `small`."""
+    file = load("small")
+    u = excitation(
+        "random_steps", file.command.limit, SMALLEST_S if smallest else SECONDS, file.rate_hz, seed=0
+    )
+    informant = Informant(file)
+    live = RecursiveInformation(informant)
+    state = live.step(live.init(), u[: 10 * WINDOW])
+    window = np.ascontiguousarray(u[:WINDOW])
+    return [
+        measured(
+            f"information after {len(u) / file.rate_hz:.0f} s of driving, brought up to date",
+            [
+                Case("one window of 10 ticks", lambda: live.step(state, window)),
+                Case("the batch over all of it", lambda: informant.information(u)),
+            ],
+            targets={} if smallest else {"the batch over all of it": TIMES},
+        )
+    ]

@@ -1,0 +1,119 @@
+"""Fisher information while a vehicle drives, window by window; the batch of information.py is its sum.
+
+    S ← ∂x′/∂x S + ∂x′/∂θ                                                                                (1)
+    F ← F + Hᵀ Q⁻¹ H,   H = ∂h/∂θ + ∂h/∂x S                                                              (2)
+
+x is the state of the simulated vehicle, h what its sensors show, θ parameters and nuisance. A window is one call of one
+compiled scan over (θ, x): it returns h and x with their derivatives by both, taken at the window's start. What a
+sensor did not measure adds nothing. Only the part of x that an output depends on is kept: no sensor here sees where
+the vehicle is.
+
+    bits = −Σ log₂ σ_i                                                                                    (3)
+
+σ_i is the standard error in parts of the parameter's size, at most 1: what is thought of it beforehand.
+"""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.identify.design.information import Informant
+from baqueano.symbolic import jacobian, scan
+from baqueano.symbolic.graph.tree import Shape, build, leaves, shape_of, values
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import Tree
+
+WINDOW = 10  # ticks
+
+
+class InformationState(NamedTuple):
+    """What is known after some ticks."""
+
+    theta: np.ndarray  # (q,) where the derivatives are taken
+    x: np.ndarray  # (s,) of the simulation
+    S: np.ndarray  # (s, q) ∂x/∂θ
+    F: np.ndarray  # (q, q) in SI units
+
+
+class RecursiveInformation:
+    """F of a drive that goes on. `step` takes any number of ticks, and costs least in whole windows."""
+
+    def __init__(self, informant: Informant) -> None:
+        self.of, self.nominal = informant.of, informant.nominal
+        begin, tick = informant.start, informant.tick
+        example = begin(self.nominal)
+        shape = shape_of(example, "x")
+        names = [name for leaf in leaves(shape) for name in leaf.names]
+        self._live = [
+            k for k, name in enumerate(names) if name.replace("x", "carry", 1) not in informant.kernel.dead
+        ]
+        rest, q = _flat(shape, example), len(self.nominal)
+
+        def state_of(known: np.ndarray) -> "Tree":
+            flat = list(rest)
+            for k, at in enumerate(self._live):
+                flat[at] = known[q + k]
+            return _unflat(shape, flat)
+
+        def step(known: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
+            state, outputs = tick(known[:q], state, u)
+            flat = _flat(shape, state)
+            return state, np.concatenate([outputs, np.array([flat[k] for k in self._live])])
+
+        known = np.concatenate([self.nominal, np.array([rest[k] for k in self._live], dtype=float)])
+        commands, backend = np.zeros(informant.commands), informant.kernel.backend
+        self._kernel = scan(step, state_of, commands, known, backend=backend)
+        self._begin = lambda theta: np.array([_flat(shape, begin(theta))[k] for k in self._live])
+        self._slope = jacobian(self._begin)
+
+    def init(self, theta: np.ndarray | None = None) -> InformationState:
+        """Return what is known at the start of a drive: nothing."""
+        theta = self.nominal if theta is None else np.asarray(theta, dtype=float)
+        x, S = np.asarray(self._begin(theta), dtype=float), np.asarray(self._slope(theta), dtype=float)
+        return InformationState(theta, x, S, np.zeros((len(theta), len(theta))))
+
+    def step(self, state: InformationState, u: np.ndarray, has: np.ndarray | None = None) -> InformationState:
+        """Return what is known after the ticks with commands `u` (N, n), of which the numbers `has` (N, m) were
+        measured; all where None.  (1), (2)"""
+        theta, x, S, F = state
+        q = len(theta)
+        for at in range(0, len(u), WINDOW):
+            outputs, slopes = self._kernel.sensitivities(u[at : at + WINDOW], np.concatenate([theta, x]))
+            m = outputs.shape[1] - len(x)
+            whole = slopes[:, :, :q] + slopes[:, :, q:] @ S
+            H = whole[:, :m] if has is None else whole[:, :m] * has[at : at + WINDOW, :, None]
+            H = H.reshape(-1, q)
+            x, S, F = outputs[-1, m:], whole[-1, m:], F + H.T @ H
+        return InformationState(theta, x, S, F)
+
+    def relative_sd(self, state: InformationState, size: np.ndarray | None = None) -> np.ndarray:
+        """Return the standard error (p,) of each parameter of interest in parts of `size` (q,), by default that in the
+        file."""
+        size = self.of.size if size is None else size
+        whole = state.F * np.outer(size, size) + np.eye(len(size))
+        return np.sqrt(np.diagonal(np.linalg.inv(whole))[: self.of.interest])
+
+
+def bits(relative_sd: np.ndarray) -> float:
+    """Return what is known of all parameters together.  (3)"""
+    return float(-np.sum(np.log2(relative_sd)))
+
+
+def _flat(shape: Shape, tree: "Tree") -> list["Tree"]:
+    """Return the numbers of a tree, or their symbols, one by one."""
+    pairs = zip(leaves(shape), values(shape, tree), strict=True)
+    return [
+        number
+        for leaf, value in pairs
+        for number in ([value[i] for i in np.ndindex(leaf.shape)] if leaf.is_array else [value])
+    ]
+
+
+def _unflat(shape: Shape, numbers: list["Tree"]) -> "Tree":
+    """Return the tree of these numbers."""
+    at, found = 0, []
+    for leaf in leaves(shape):
+        some, at = numbers[at : at + leaf.size], at + leaf.size
+        found.append(np.array(some).reshape(leaf.shape) if leaf.is_array else some[0])
+    return build(shape, iter(found))

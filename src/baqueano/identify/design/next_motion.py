@@ -1,0 +1,92 @@
+"""The motion that would tell most now, of a few that a person can drive: straight, turning, in curves.
+
+    k = argmin Σ_i log(σ_i² + GOAL²),   σ of F + F_k                                                      (1)
+
+F is what the drive has told, F_k what the k-th motion would tell, from rest, σ_i the standard errors in parts of the
+values. It is the first step of the search of compose.py, without walls, over motions that have a name; whoever drives
+by hand wants what is known badly to be known better, so that an error below GOAL gains little. A motion goes out and
+comes back the same way, so that it needs little room, or circles on.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.identify.design.information import Informant
+from baqueano.identify.design.motion_library import BACK, MotionPiece
+
+SECONDS = 4.0
+LEVELS = (1.0, 0.6, 0.35)  # of the limit
+GOAL = 0.01  # standard error, in parts of the value, that is good enough
+STEP_S = 0.4  # between sudden changes
+THERE_AND_BACK, ON_AND_ON = 0, BACK - 1
+
+
+class NamedMotion(NamedTuple):
+    """A motion in words and as commands."""
+
+    words: Diagnostic
+    u: np.ndarray  # (T, n)
+
+
+class NextMotion(NamedTuple):
+    """What to drive next, and what it would do to the parameter that gains most by it."""
+
+    words: Diagnostic
+    parameter: int  # of interest
+    before: float  # standard error, in parts of the value
+    after: float
+
+
+def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
+    """Return motions for a vehicle with these limits: its first channel drives it ahead, its last one turns it."""
+    moving, ticks = np.flatnonzero(limit > 0.0), round(SECONDS * rate_hz)
+    if not len(moving):
+        return []
+    ahead, turn = moving[0], moving[-1]
+    kinds = [("straight", (ahead,), THERE_AND_BACK)]
+    if turn != ahead:
+        kinds += [("turn", (turn,), THERE_AND_BACK), ("curve", (ahead, turn), THERE_AND_BACK)]
+        kinds += [("circle", (ahead, turn), ON_AND_ON)]
+    t = np.arange(ticks) / rate_hz
+    shapes = {
+        "steady": np.ones(ticks), "steps": np.where(np.floor(t / STEP_S) % 2 == 0.0, 1.0, 0.0),
+        "ramp": np.minimum(1.0, 2.0 * t / SECONDS),
+    }  # fmt: skip
+    found = []
+    for kind, channels, back in kinds:
+        for how, shape in shapes.items():
+            for level in LEVELS if how == "steady" else LEVELS[:1]:
+                out = np.zeros((ticks, len(limit)))
+                out[:, list(channels)] = level * shape[:, None]
+                words = note(f"motion.{kind}-{how}", percent=round(100.0 * level), t_s=SECONDS)
+                found.append(NamedMotion(words, MotionPiece(out, back).u(ticks, limit)))
+    return found
+
+
+class MotionAdvisor:
+    """The motions of a vehicle, and what each tells at θ."""
+
+    def __init__(self, informant: Informant, limit: np.ndarray, rate_hz: float) -> None:
+        self._informant, self._motions = informant, named_motions(limit, rate_hz)
+        self._F, self._theta = np.zeros(0), np.zeros(0)  # of each motion, at θ
+
+    def next(
+        self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, wider: np.ndarray
+    ) -> NextMotion | None:
+        """Return the motion that tells most beside F (q, q), in SI units, of parameters of these sizes (q,). A fit has
+        shown their errors to be `wider` (p,) than F expects.  (1)"""
+        if not self._motions:
+            return None
+        if not np.array_equal(theta, self._theta):
+            scale = np.outer(self._informant.of.size, self._informant.of.size)
+            each = [self._informant.information(one.u, theta) / scale for one in self._motions]
+            self._F, self._theta = np.stack(each), theta
+        D, sd = np.outer(size, size), self._informant.relative_sd
+        before = np.minimum(wider * sd(F * D), 1.0)
+        after = np.array([np.minimum(wider * sd((F + one) * D), 1.0) for one in self._F])
+        gain = np.log(before**2 + GOAL**2) - np.log(after**2 + GOAL**2)
+        k = int(np.argmax(np.sum(gain, axis=1)))
+        i = int(np.argmax(gain[k]))
+        return NextMotion(self._motions[k].words, i, float(before[i]), float(after[k, i]))

@@ -1,0 +1,64 @@
+"""The drives that a lab worker identifies: the one that goes on, by its rows, and runs that are over."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.vehicle_file.file import VehicleFile
+    from baqueano.web.lab.identification import Identification
+
+KEPT = 8  # answers on runs
+
+
+class Drives:
+    """The drive that goes on, and the answers on runs."""
+
+    def __init__(self) -> None:
+        self._key: object = None
+        self._drive: Identification | None = None
+        self._answers: dict[tuple[str, int], JsonObject] = {}
+
+    def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        """Take rows of the drive `drive` of a vehicle; return what it has taught."""
+        from baqueano.web.lab.identification import Identification
+
+        key = word["drive"], word["vehicle"]
+        if self._drive is None or key != self._key:
+            if self._drive is not None:
+                self._drive.close()
+            self._key, self._drive = key, Identification(_file(word["vehicle"]))
+        if word["rows"]:
+            self._drive.rows(word["names"], word["rows"])
+        return self._drive.state(), b""
+
+    def answer_run(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        """Return what a run has taught."""
+        from baqueano.drive.verbs import vehicle_of
+        from baqueano.runs import read_run
+        from baqueano.web.lab.identification import Identification
+        from baqueano.web.lab.recorded import recorded
+
+        path = Path(word["path"])
+        key = str(path), path.stat().st_mtime_ns
+        if key not in self._answers:
+            run = read_run(path)
+            packed, drive = recorded(run), Identification(vehicle_of(run))
+            drive.rows([one["name"] for one in packed.fields], packed.x.tolist())
+            self._answers[key] = drive.whole(run)
+            drive.close()
+            while len(self._answers) > KEPT:
+                del self._answers[next(iter(self._answers))]
+        return self._answers[key], b""
+
+
+def _file(source: str) -> "VehicleFile":
+    """Return the vehicle file of a name, a path, or a run."""
+    if source.endswith(".mcap"):
+        from baqueano.drive.verbs import vehicle_of
+        from baqueano.runs import read_run
+
+        return vehicle_of(read_run(Path(source)))
+    from baqueano.vehicle_file import load
+
+    return load(source)

@@ -1,0 +1,292 @@
+"""What a drive has taught so far about its vehicle, from the rows of the page: in the lab worker, beside the drive.
+
+The information of each window is exact (identify/design/live.py); a real fit over all rows is made again and again in a
+thread, first after FIRST_S of driving, then each second, and no more often than SHARE of the time allows. Errors are
+those that the information expects: before the first fit at the guess of the vehicle file, from then on at what was
+fitted. Values, their own standard errors and the verdict are the fit's alone.
+"""
+
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, Verdict, note
+from baqueano.errors import BaqueanoError
+from baqueano.identify.data.record import FittedBlocks
+from baqueano.identify.design.information import Informant
+from baqueano.identify.design.live import WINDOW, RecursiveInformation, bits
+from baqueano.identify.design.next_motion import MotionAdvisor
+from baqueano.identify.fit import identify
+from baqueano.identify.parameters.free import Free, described
+from baqueano.runs.logs import Channel
+from baqueano.runs.run import Run
+from baqueano.signals import NANOSECONDS
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.identify.result.fit_result import Fit
+    from baqueano.vehicle_file.file import VehicleFile
+
+FIRST_S = 8.0  # of driving, before the first fit
+PERIOD_S, SLOW_PERIOD_S = 1.0, 15.0  # between fits, with a compiler and without
+SHARE = 0.5  # of the time, that fits may take
+BUDGET_S = 0.3  # of a question, for windows; what is left waits for the next one
+AGO_S = 2.5  # of driving: how far back the pale bars are
+POINTS = 300  # of the curve of information
+STAGES = 6  # fits of a run that is over
+UNSEEN = 0.3  # standard error, in parts of the value, from where on a motion is missing
+LEAST = 0.05  # of the size in the file, below which a fitted value is no measure of its own error
+LONGEST_GAP_S = 5.0
+NAMES = {
+    "model.friction.linear": "drag", "model.friction.quadratic": "drag-square", "model.friction.coulomb": "dry",
+    "model.actuator_matrix": "push",
+}  # fmt: skip
+SINGLE = {
+    "model.drivetrain.lag_s": "known.lag", "model.drivetrain.dead_zone_forward": "known.dead-ahead",
+    "model.drivetrain.dead_zone_backward": "known.dead-back",
+}  # fmt: skip
+
+
+class FitOfDrive(NamedTuple):
+    """A fit of the first seconds of a drive."""
+
+    fit: "Fit"
+    t_s: float
+    took_s: float
+
+
+class Identification:
+    """One drive of one vehicle. `rows` and `state` are called by one thread."""
+
+    def __init__(self, file: "VehicleFile", backend: str = "auto") -> None:
+        self.file = file
+        self._informant = Informant(file, backend)
+        self._live = RecursiveInformation(self._informant)
+        self._advisor = MotionAdvisor(
+            self._informant, np.asarray(file.command.limit, dtype=float), file.rate_hz
+        )
+        blocks = FittedBlocks(file.vehicle, file.sensors)
+        self._free = [described(blocks, path, {}) for path in self._informant.of.names]
+        self._sizes = {name: int(getattr(file.sensors, name).size) for name in file.sensors._fields}
+        self.compiled = self._informant.kernel.backend == "c"
+        self._thread = ThreadPoolExecutor(1)
+        self._job: Future[FitOfDrive | Diagnostic] | None = None
+        self._next_s = 0.0
+        self._why: Diagnostic | None = None  # the last fit was none
+        self._fitted: FitOfDrive | None = None
+        self._theta, self._size = self._informant.nominal, self._informant.of.size
+        self._wider = np.ones(len(self._free))  # errors of the last fit, in parts of what is expected
+        self._begin()
+
+    def _begin(self) -> None:
+        n, m = len(self.file.command.names), sum(self._sizes.values())
+        self._ticks = np.zeros(0, dtype=np.int64)
+        self._u, self._z = np.zeros((0, n)), np.zeros((0, m))
+        self._information = self._live.init(self._theta)
+        self._sd: list[np.ndarray] = []  # (p,) after each window
+
+    @property
+    def seconds(self) -> float:
+        """Return how much of the drive has come."""
+        return len(self._ticks) / self.file.rate_hz
+
+    @property
+    def busy(self) -> bool:
+        """Return True while rows wait, or a fit goes on."""
+        return self._job is not None or len(self._sd) < len(self._ticks) // WINDOW
+
+    def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
+        """Take ticks that follow those before. Ticks that are missing are driven with the last command and measured
+        nothing."""
+        x = np.array(rows, dtype=float).reshape(len(rows), len(names))
+        at = {name: k for k, name in enumerate(names)}
+        n, nothing = self._u.shape[1], np.full(len(x), np.nan)
+        ticks = np.rint(x[:, at["t"]] * self.file.rate_hz).astype(np.int64)
+        u = np.column_stack([x[:, at[f"u.{k}"]] for k in range(n)])
+        channels = [f"z.{name}[{k}]" for name, size in self._sizes.items() for k in range(size)]
+        z = np.column_stack([x[:, at[one]] if one in at else nothing for one in channels])
+        last = self._ticks[-1] if len(self._ticks) else ticks[0] - 1
+        fresh = ticks > np.maximum.accumulate(np.concatenate([[last], ticks]))[:-1]
+        fresh &= np.isfinite(u).all(axis=1)
+        ticks, u, z = ticks[fresh], u[fresh], z[fresh]
+        if not len(ticks):
+            return
+        if np.max(np.diff(ticks, prepend=last)) > LONGEST_GAP_S * self.file.rate_hz:
+            self._begin()
+            last = ticks[0] - 1
+        whole = np.arange(last + 1, ticks[-1] + 1)
+        place = np.searchsorted(ticks, whole, side="right") - 1
+        held = np.concatenate([self._u[-1:] if len(self._u) else u[:1], u])[place + 1]
+        there = np.where((place >= 0)[:, None] & (ticks[place] == whole)[:, None], z[place], np.nan)
+        self._ticks = np.concatenate([self._ticks, whole])
+        self._u, self._z = np.concatenate([self._u, held]), np.concatenate([self._z, there])
+
+    def state(self) -> "JsonObject":
+        """Return all that the page shows, and begin a fit where one is due."""
+        self._take_fit()
+        self._advance(time.monotonic() + BUDGET_S)
+        now_s = time.monotonic()
+        if self._job is None and self.seconds >= FIRST_S and now_s >= self._next_s:
+            self._next_s = now_s + (PERIOD_S if self.compiled else SLOW_PERIOD_S)
+            self._job = self._thread.submit(self._fit, self.run())
+        return self._described()
+
+    def whole(self, run: Run) -> "JsonObject":
+        """Return the same of a run that is over and whose rows have come, with the fits of its first parts."""
+        ends = np.geomspace(FIRST_S, max(FIRST_S, run.duration_s), STAGES if self.compiled else 1)
+        fits: list[FitOfDrive] = []
+        for t_s in [*ends[:-1].tolist(), run.duration_s]:
+            found = self._fit(run.cut(0.0, t_s) if t_s < run.duration_s else run)
+            if isinstance(found, Diagnostic):
+                self._why = found
+            else:
+                fits.append(found)
+                self._why = None
+        if fits:
+            self._use(fits[-1])
+        self._advance(float("inf"))
+        step = max(1, len(self._sd) // POINTS)
+        return self._described() | {
+            "fits": [self._fit_words(one) for one in fits], "step_s": step * self._window_s,
+            "expected": [_rounded(sd) for sd in self._sd[step - 1 :: step]],
+        }  # fmt: skip
+
+    def run(self) -> Run:
+        """Return the rows as a run."""
+        t_ns = (self._ticks * round(NANOSECONDS / self.file.rate_hz)).astype(np.int64)
+        sensors, at = {}, 0
+        for name, size in self._sizes.items():
+            z, at = self._z[:, at : at + size], at + size
+            has = np.isfinite(z).all(axis=1)
+            if has.any():
+                sensors[name] = Channel(t_ns[has], t_ns[has], z[has])
+        return Run("live", None, t_ns, self._u, sensors=sensors, vehicle_text=self.file.text)
+
+    def close(self) -> None:
+        """End the thread with its fit."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    @property
+    def _window_s(self) -> float:
+        return WINDOW / self.file.rate_hz
+
+    def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
+        """Return a fit, or why there is none."""
+        began_s = time.monotonic()
+        try:
+            fit = identify(run, self.file)
+        except BaqueanoError as error:
+            return error.diagnostic
+        return FitOfDrive(fit, len(run.t_ns) / self.file.rate_hz, time.monotonic() - began_s)
+
+    def _take_fit(self) -> None:
+        """Take a fit that has ended: from now on errors are expected at what it found."""
+        if self._job is None or not self._job.done():
+            return
+        found, self._job = self._job.result(), None
+        if isinstance(found, Diagnostic):
+            self._why = found
+            return
+        self._why, began_s = None, time.monotonic()
+        self._use(found)
+        took_s = found.took_s + time.monotonic() - began_s
+        self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / SHARE - 1.0))
+
+    def _use(self, one: FitOfDrive) -> None:
+        """Take a fit. One that is refused moves no bar: its numbers are not believed."""
+        self._fitted = one
+        if one.fit.verdict == Verdict.REFUSED:
+            return
+        known = np.isfinite(one.fit.estimate)
+        names = [name for name, there in zip(one.fit.names, known, strict=True) if there]
+        self._theta = self._informant.theta(names, one.fit.estimate[known])
+        size = self._informant.of.size
+        own = np.concatenate(
+            [np.abs(self._theta[: self._informant.of.interest]), size[self._informant.of.interest :]]
+        )
+        self._size = np.where(own > LEAST * size, own, size)
+        self._information, self._sd = self._live.init(self._theta), []
+        self._advance(float("inf"))
+        at = min(len(self._sd), round(one.t_s / self._window_s)) - 1
+        if at >= 0:
+            errors = [np.nan if sd is None else sd for sd in self._fit_words(one)["sd"]]
+            self._wider = np.fmax(np.array(errors, dtype=float) / self._sd[at], 1.0)
+
+    def _advance(self, until_s: float) -> None:
+        """Add the windows that have come."""
+        has = np.isfinite(self._z).astype(float)
+        for at in range(len(self._sd) * WINDOW, len(self._ticks) - WINDOW + 1, WINDOW):
+            part = slice(at, at + WINDOW)
+            self._information = self._live.step(self._information, self._u[part], has[part])
+            self._sd.append(self._live.relative_sd(self._information, self._size))
+            if time.monotonic() > until_s:
+                return
+
+    def _described(self) -> "JsonObject":
+        sd = np.array(self._sd) if self._sd else np.ones((1, len(self._free)))
+        ago = max(0, len(sd) - 1 - round(AGO_S / self._window_s))
+        each = max(1, -(-len(sd) // POINTS))  # windows of a point of the curve
+        total = -np.sum(np.log2(sd[each - 1 :: each]), axis=1)
+        rate = np.maximum(np.diff(total, prepend=0.0), 0.0) / (each * self._window_s)
+        value = [None] * len(self._free) if self._fitted is None else self._fit_words(self._fitted)["value"]
+        return {
+            "t": self.seconds, "start": self._start_s, "dt": each * self._window_s, "rate": rate.round(2).tolist(),
+            "bits": bits(sd[-1]) + 0.0, "now": _rounded(sd[-1]), "before": _rounded(sd[ago]), "compiled": self.compiled,
+            "parameters": [self._parameter(one, sd[-1, k], value[k]) for k, one in enumerate(self._free)],
+            "fit": None if self._fitted is None else self._fit_words(self._fitted), "next": self._next(),
+            "why": None if self._why is None else self._why.to_json(), "busy": self.busy, "first": FIRST_S,
+        }  # fmt: skip
+
+    @property
+    def _start_s(self) -> float:
+        return float(self._ticks[0]) / self.file.rate_hz if len(self._ticks) else 0.0
+
+    def _parameter(self, one: Free, sd: float, value: float | None) -> "JsonObject":
+        missing = one.shown_by and (sd > UNSEEN or (self._fitted is not None and value is None))
+        return {
+            "path": one.short, "label": label_of(one).to_json(), "unit": one.unit,
+            "guess": float(self._informant.nominal[self._informant.of.names.index(one.path)]),
+            "needs": note("known.needs", motion=one.shown_by).to_json() if missing else None,
+        }  # fmt: skip
+
+    def _fit_words(self, one: FitOfDrive) -> "JsonObject":
+        """Return a fit in plain numbers: values, their standard errors in parts of them, and the verdict."""
+        fit, value, sd = one.fit, [], []
+        for path in self._informant.of.names:
+            k = fit.names.index(path) if path in fit.names else None
+            x = float("nan") if k is None else float(fit.estimate[k])
+            known = np.isfinite(x) and k is not None
+            value.append(x if known else None)
+            part = float(fit.sd[k]) / abs(x) if known and x != 0.0 else float("inf")
+            sd.append(min(part, 10.0) if np.isfinite(part) else None)
+        reason = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
+        return {
+            "t": one.t_s, "took_s": one.took_s, "value": value, "sd": sd, "verdict": str(fit.verdict), "why": reason,
+        }  # fmt: skip
+
+    def _next(self) -> "JsonObject | None":
+        """Return the motion that would tell most; not without a compiler, where that takes seconds."""
+        if not self.compiled or not self._sd:
+            return None
+        found = self._advisor.next(self._information.F, self._theta, self._size, self._wider)
+        if found is None:
+            return None
+        label = label_of(self._free[found.parameter]).to_json()
+        return {"motion": found.words.to_json(), "label": label, "from": found.before, "to": found.after}
+
+
+def label_of(one: Free) -> Diagnostic:
+    """Return the name of a parameter for people."""
+    field, _, _ = one.path.partition("[")
+    if field in NAMES and one.entry and (len(one.entry) == 1 or one.entry[0] == one.entry[-1]):
+        return note(f"known.{NAMES[field]}-{one.entry[0]}")
+    if field in SINGLE:
+        return note(SINGLE[field], nth=one.entry[0] + 1 if one.entry else 1)
+    entry = f" [{', '.join(map(str, one.entry))}]" if one.entry else ""
+    return note("known.other", meaning=one.of.meaning, entry=entry)
+
+
+def _rounded(sd: np.ndarray) -> list[float]:
+    return [float(f"{x:.4g}") for x in sd]

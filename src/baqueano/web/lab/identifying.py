@@ -1,0 +1,145 @@
+"""The page's end of live identification: rows of the drive go to a lab worker of their own, what they have taught comes
+back each second, and goes to each browser that looks, in its language.
+
+    browser   identify {on}             look at it, or look away
+    page      identify {of: "live", …}  each second while somebody looks: what is known of each parameter
+    browser   ask {what: "identify", run}   page   answer {to: "ask", …}: the same of a run, at all its times
+
+The worker starts when somebody looks. Until then the newest rows are kept, KEPT_S long.
+"""
+
+import asyncio
+from array import array
+from collections import deque
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from baqueano.contracts.values import Value
+from baqueano.diagnostics import Diagnostic
+from baqueano.errors import BaqueanoError
+from baqueano.language import translated, within
+from baqueano.messages import text
+from baqueano.web.lab.handle import Lab
+from baqueano.web.visitor import Visitor
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+EACH_S = 1.0
+FRAMES_HZ = 20.0
+KEPT = 2_400  # frames of a drive that nobody has asked about: two minutes
+PORTION = 2_000  # rows a question, about
+NAN = float("nan")
+
+
+class Identifying:
+    """The drive that goes on, or the last one, and who looks at what it taught."""
+
+    def __init__(self, visitors: Callable[[], Iterable[Visitor]] = tuple) -> None:
+        self._lab, self._visitors = Lab(), visitors
+        self.vehicle = ""  # name or path of its file, or the run that holds it
+        self._looking: set[Visitor] = set()
+        self._names: list[str] = []
+        self._at: list[int] = []
+        self._frames: deque[array[float]] = deque(maxlen=KEPT)  # rows that the worker has not got
+        self._last_s = 0.0
+        self._drive = 0
+        self._said: JsonObject | None = None
+        self._asking: asyncio.Task[None] | None = None
+
+    def begin(self, names: list[str]) -> None:
+        """A drive with these columns begins."""
+        known = "t" in names
+        self._at = [k for k, name in enumerate(names) if known and (name == "t" or name[:2] in ("u.", "z."))]
+        self._names = [names[k] for k in self._at]
+        self._forget()
+
+    def take(self, rows: list[list[float | None]]) -> None:
+        """Take ticks of the drive."""
+        if not self._at:
+            return
+        if (rows[0][self._at[0]] or 0.0) < self._last_s:
+            self._forget()
+        numbers = (row[k] for row in rows for k in self._at)
+        self._frames.append(array("f", [NAN if x is None else x for x in numbers]))
+        self._last_s = rows[-1][self._at[0]] or 0.0
+
+    def look(self, visitor: Visitor, on: bool) -> None:
+        """Tell this browser from now on, or no more."""
+        if not on:
+            self._looking.discard(visitor)
+            return
+        self._looking.add(visitor)
+        if self._said is not None:
+            self._say(visitor, self._said)
+        if self._asking is None or self._asking.done():
+            self._asking = asyncio.create_task(self._ask())
+
+    async def recorded(self, path: Path, language: str) -> "JsonObject":
+        """Return what a run has taught."""
+        found, _ = await self._lab.ask("identify run", path=str(path))
+        return worded(found, language)
+
+    async def close(self) -> None:
+        """End the worker."""
+        if self._asking is not None:
+            self._asking.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._asking
+        await self._lab.close()
+
+    def _forget(self) -> None:
+        self._frames.clear()
+        self._last_s = 0.0
+        self._drive += 1
+        self._said = None
+
+    async def _ask(self) -> None:
+        """Hand rows to the worker each second, and tell what it answers, while somebody looks."""
+        while self._looking:
+            self._looking &= set(self._visitors())
+            if self.vehicle and (self._frames or self._busy):
+                await self._once()
+            await asyncio.sleep(0.0 if len(self._frames) > EACH_S * FRAMES_HZ * 2 else EACH_S)
+
+    @property
+    def _busy(self) -> bool:
+        return self._said is not None and bool(self._said.get("busy"))
+
+    async def _once(self) -> None:
+        drive, wide = self._drive, len(self._names)
+        rows: list[list[float]] = []
+        while self._frames and len(rows) < PORTION:
+            flat = self._frames.popleft().tolist()
+            rows += [flat[k : k + wide] for k in range(0, len(flat), wide)]
+        try:
+            said, _ = await self._lab.ask(
+                "identify", vehicle=self.vehicle, drive=drive, names=self._names, rows=rows
+            )
+        except BaqueanoError as error:
+            said = {"parameters": [], "why": error.diagnostic.to_json(), "busy": False}
+        if drive == self._drive:
+            self._said = said
+            for visitor in self._looking:
+                self._say(visitor, said)
+
+    def _say(self, visitor: Visitor, said: "JsonObject") -> None:
+        visitor.say({"is": "identify", "of": "live"} | worded(said, visitor.language))
+
+
+def worded(said: "JsonObject", language: str) -> "JsonObject":
+    """Return what the worker says with its diagnostics as sentences of this language."""
+    with within(language):
+        return {name: _worded(value, name) for name, value in said.items()}
+
+
+def _worded(value: Value, name: str) -> Value:
+    if isinstance(value, dict):
+        if "code" in value and "severity" in value:
+            return text(Diagnostic.of_json(value))
+        return {key: _worded(one, key) for key, one in value.items()}
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return [_worded(one, "") for one in value]
+    return translated(value) if name == "verdict" and isinstance(value, str) else value

@@ -1,0 +1,76 @@
+"""What a drive has told so far, window by window, against the same in one batch."""
+
+import numpy as np
+import pytest
+
+from baqueano.identify import excitation
+from baqueano.identify.design.information import Informant
+from baqueano.identify.design.live import WINDOW, RecursiveInformation, bits
+from baqueano.vehicle_file import load
+
+EXACT = 1e-9  # relative
+
+
+def driven(name, seconds=6.0):
+    file = load(name)
+    return file, excitation("random_steps", file.command.limit, seconds, file.rate_hz, seed=3)
+
+
+def relative(found, expected):
+    """Return the largest difference in parts of the entry's own scale, √(F_ii F_jj)."""
+    own = np.sqrt(np.diagonal(expected))
+    own = np.where(own > 0.0, own, 1.0)
+    return np.max(np.abs(found - expected) / np.outer(own, own))
+
+
+@pytest.mark.parametrize("name", ["small", "case-study-1", "car"])
+def test_the_sum_of_the_windows_is_the_batch_matrix(name):
+    file, u = driven(name)
+    informant = Informant(file)
+    live = RecursiveInformation(informant)
+    theta = informant.nominal.copy()
+    theta[: informant.of.interest] *= 1.2  # not only where the file has it
+    for at in (informant.nominal, theta):
+        F = live.step(live.init(at), u).F * np.outer(informant.of.size, informant.of.size)
+        assert relative(F, informant.information(u, at)) < EXACT
+
+
+def test_ticks_may_come_in_any_portions():
+    file, u = driven("small", 2.0)
+    live = RecursiveInformation(Informant(file))
+    state, at = live.init(), 0
+    for count in (1, 7, WINDOW, 33, len(u)):
+        state, at = live.step(state, u[at : at + count]), at + count
+    assert relative(state.F, live.step(live.init(), u).F) < EXACT
+
+
+def test_without_a_compiler_it_is_the_same():
+    file, u = driven("small", 0.5)
+    quick, slow = (RecursiveInformation(Informant(file, backend)) for backend in ("auto", "python"))
+    assert relative(slow.step(slow.init(), u).F, quick.step(quick.init(), u).F) < EXACT
+
+
+def test_what_was_not_measured_adds_nothing():
+    file, u = driven("small", 2.0)
+    live = RecursiveInformation(Informant(file))
+    none = live.step(live.init(), u, np.zeros((len(u), 3)))
+    assert not none.F.any()
+    late = live.step(none, u, np.ones((len(u), 3)))  # the state has gone on meanwhile
+    whole = live.step(live.init(), np.concatenate([u, u]))
+    first = live.step(live.init(), u)
+    assert relative(late.F, whole.F - first.F) < EXACT
+
+
+def test_errors_shrink_and_bits_grow_tick_by_tick():
+    file, u = driven("small", 3.0)
+    live = RecursiveInformation(Informant(file))
+    state, before = live.init(), np.ones(live.of.interest)
+    np.testing.assert_allclose(live.relative_sd(state), before)
+    assert bits(before) == 0.0
+    for at in range(0, len(u), WINDOW):
+        state = live.step(state, u[at : at + WINDOW])
+        now = live.relative_sd(state)
+        assert np.all(now <= before + 1e-12)
+        assert bits(now) >= bits(before) - 1e-9
+        before = now
+    assert bits(before) > 20.0

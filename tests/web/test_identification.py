@@ -1,0 +1,228 @@
+"""What a drive has taught so far: hollow from the guess, filled by a real fit, each second, in a worker of its own."""
+
+import asyncio
+import json
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from baqueano.identify import excitation
+from baqueano.identify.design.information import Informant
+from baqueano.runs import write_run
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+from baqueano.web.lab import identification as module
+from baqueano.web.lab.identification import Identification, label_of
+from baqueano.web.lab.recorded import recorded
+from tests.web.fake_vehicle import live_page, until
+from tests.web.page_client import browser, recorded_page, run_page
+
+SECONDS = 14.0
+GUESS = {
+    "model.friction.linear": [5.0, 30.0, 0.02],
+    "model.actuator_matrix": np.diag([2.0, 0.0, 0.12]).tolist(),
+}
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """A guess of `small`, and a run of the true one."""
+    small = load("small")
+    u = excitation("random_steps", small.command.limit, SECONDS, small.rate_hz, seed=2, rest_s=1.0)
+    return small.with_values(GUESS), small, simulate(small, u, seed=1)
+
+
+def rows_of(run):
+    packed = recorded(run)
+    return [one["name"] for one in packed.fields], packed.x.tolist()
+
+
+def fitted(drive, seconds=60.0):
+    """Ask until a fit has come."""
+    end = time.monotonic() + seconds
+    while (state := drive.state())["fit"] is None:
+        assert time.monotonic() < end, "no fit came"
+        time.sleep(0.05)
+    return state
+
+
+def test_before_8_s_errors_are_those_that_the_guess_expects(driven):
+    guess, _, run = driven
+    names, rows = rows_of(run)
+    drive = Identification(guess)
+    drive.rows(names, rows[:700])
+    while (state := drive.state())["busy"]:
+        pass
+    assert state["fit"] is None
+    informant = Informant(guess)
+    expected = informant.relative_sd(informant.information(run.applied[:700]))
+    np.testing.assert_allclose(state["now"], expected, rtol=1e-3)
+    assert state["bits"] == pytest.approx(-np.sum(np.log2(expected)), rel=1e-6)
+    assert np.sum(state["rate"]) * state["dt"] == pytest.approx(state["bits"], rel=0.02)
+    assert np.all(np.array(state["before"]) >= state["now"])
+    drive.close()
+
+
+def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven):
+    guess, small, run = driven
+    names, rows = rows_of(run)
+    drive = Identification(guess)
+    for at in range(0, len(rows), 100):
+        drive.rows(names, rows[at : at + 100])
+        drive.state()
+    state = fitted(drive)
+    assert state["fit"]["verdict"] in ("USABLE", "WARN")
+    k = [one["path"] for one in state["parameters"]].index("actuator_matrix[0,0]")
+    value, sd = state["fit"]["value"][k], state["fit"]["sd"][k]
+    truth = float(small.value("model.actuator_matrix[0,0]"))
+    assert abs(value - 2.0) > 0.3  # no longer the guess
+    assert abs(value - truth) < 5.0 * sd * truth
+    assert state["next"]["to"] < state["next"]["from"]
+    drive.close()
+
+
+def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
+    guess, _, run = driven
+    began = []
+
+    def slow(*_):
+        began.append(time.monotonic())
+        time.sleep(0.6)
+        return real(drive, drive.run())
+
+    names, rows = rows_of(run)
+    drive = Identification(guess)
+    real = Identification._fit
+    monkeypatch.setattr(module, "PERIOD_S", 0.05)
+    monkeypatch.setattr(drive, "_fit", slow)
+    drive.rows(names, rows)
+    end = time.monotonic() + 30.0
+    while len(began) < 3 and time.monotonic() < end:
+        drive.state()
+        time.sleep(0.02)
+    assert len(began) == 3
+    assert min(np.diff(began)) > 0.6 / module.SHARE
+    drive.close()
+
+
+def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven):
+    guess, _, run = driven
+    names, rows = rows_of(run)
+    drive = Identification(guess, "python")
+    assert not drive.compiled
+    drive.rows(names, rows[:60])
+    while (state := drive.state())["busy"]:
+        pass
+    assert state["fit"] is None
+    assert not state["compiled"]
+    assert module.SLOW_PERIOD_S == 15.0
+    drive.close()
+
+
+def test_ticks_that_never_came_are_driven_but_measure_nothing(driven):
+    guess, _, run = driven
+    names, rows = rows_of(run)
+    whole, gap = Identification(guess), Identification(guess)
+    whole.rows(names, rows[:300])
+    gap.rows(names, rows[:100])
+    gap.rows(names, rows[140:300])
+    assert gap.seconds == whole.seconds == 3.0
+    for drive in (whole, gap):
+        while drive.state()["busy"]:
+            pass
+        drive.close()
+    assert gap.state()["bits"] < whole.state()["bits"]
+    gap.rows(names, rows[1000:1100])  # seven seconds later it is another piece
+    assert gap.seconds == 1.0
+    gap.rows(names, rows[1000:1050])  # what came before is not taken twice
+    assert gap.seconds == 1.0
+
+
+def test_every_parameter_of_the_garage_has_a_name_for_people():
+    for name in ("small", "car", "case-study-1"):
+        drive = Identification(load(name), "numpy")
+        labels = [label_of(one) for one in drive._free]
+        drive.close()
+        assert labels
+        assert len(set(map(str, labels))) == len(labels)
+
+
+def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, driven):
+    guess, _, run = driven
+    names, rows = rows_of(run)
+    path = tmp_path / "guess.toml"
+    path.write_text(guess.text, encoding="utf-8")
+
+    async def job():
+        async with live_page(tmp_path) as (server, link, live):
+            live.identifying.vehicle = str(path)
+            link.on_word({"is": "fields", "names": names, "units": ["1"] * len(names)})
+            for at in range(0, 1000, 100):
+                link.on_word(
+                    {"is": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
+                )
+            async with browser(server, "es") as one, browser(server) as other:
+                await one.say("identify", on=True)
+                first = await one.next("identify")
+                assert first["parameters"][0]["label"] == "rozamiento al avanzar"
+                found = await one.next("identify", where=lambda word: word["fit"] is not None)
+                assert found["t"] == 10.0
+                assert found["fit"]["verdict"]
+                assert "4 s" in found["next"]["motion"]
+                await other.say("ask", id=7, what="ping")
+                assert (await other.next("answer", "identify"))[
+                    "is"
+                ] == "answer"  # who does not look hears nothing
+                await one.say("identify", on=False)
+                await until(lambda: not live.identifying._looking)
+                link.on_word({"is": "frame", "x": [[None] * len(names)]})
+
+    run_page(job)
+
+
+def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven):
+    _, _, run = driven
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    write_run(run, folder / "taught.mcap")
+
+    async def job():
+        async with recorded_page(folder, "taught") as server, browser(server) as one:
+            await one.say("ask", id=1, what="identify", run=one.hello["open"]["run"])
+            said = await one.next("answer", where=lambda word: word["to"] == "ask")
+            errors = np.array(said["expected"])
+            assert np.all(np.diff(errors, axis=0) <= 1e-9)
+            assert len(errors) * said["step_s"] == pytest.approx(SECONDS, abs=0.3)
+            assert [one["t"] for one in said["fits"]] == sorted(one["t"] for one in said["fits"])
+            assert said["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
+            await one.say("ask", id=2, what="identify", run="none")
+            assert (await one.next("no"))["code"] == "web.no-run"
+
+    run_page(job)
+
+
+def test_a_drive_that_cannot_be_fitted_says_why(tmp_path):
+    guess = load("small")
+    drive = Identification(guess)
+    names = ["t", "u.0", "u.1", "u.2", "z.imu[0]", "z.imu[1]", "z.imu[2]"]
+    drive.rows(names, [[0.01 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for k in range(900)])
+    end = time.monotonic() + 20.0
+    while not (state := drive.state())["why"] and state["fit"] is None and time.monotonic() < end:
+        time.sleep(0.05)
+    assert state["why"]
+    assert state["fit"] is None
+    assert state["parameters"][0]["needs"]
+    drive.close()
+
+
+def test_the_page_process_loads_no_numpy():
+    async def job():
+        program = await asyncio.create_subprocess_exec(
+            sys.executable, "-c",
+            "import sys, baqueano.web.run, baqueano.web.lab.identifying; sys.exit('numpy' in sys.modules)",
+        )  # fmt: skip
+        assert await program.wait() == 0
+
+    run_page(job)
