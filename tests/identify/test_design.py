@@ -5,20 +5,12 @@ import pytest
 
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify import excitation
-from baqueano.identify.design import (
-    Informant,
-    Room,
-    body_radius,
-    contained,
-    designed,
-    mean_error,
-    possible_vehicles,
-    room_of,
-)
 from baqueano.identify.design import plan as planning
+from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, moved
-from baqueano.identify.design.room import SIDEWAYS_M_S2, alternatives
-from baqueano.identify.design.vehicle_cloud import Cloud
+from baqueano.identify.design.plan import designed
+from baqueano.identify.design.room import SIDEWAYS_M_S2, Room, alternatives, body_radius, contained, room_of
+from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
 from tests.codes import of_code

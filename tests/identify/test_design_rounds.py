@@ -9,8 +9,9 @@ from baqueano.cli.driving.targets import Here
 from baqueano.drive import first_drive, rough
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.design import designed, room_of
 from baqueano.identify.design import plan as planning
+from baqueano.identify.design.plan import designed
+from baqueano.identify.design.room import room_of
 from baqueano.identify.result import assemble as summary
 
 SURE = ("model.friction.linear[0]", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]")

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise import valid
+from baqueano.identify.noise.covariances import valid
 from baqueano.identify.noise.most_likely import log_det_and_square, predicted, valley
 from baqueano.identify.noise.unfitted_channels import not_fitted
 from baqueano.runs.run import Channel

@@ -3,7 +3,7 @@
 import pytest
 
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.noise import measure_noise
+from baqueano.identify.noise.covariances import measure_noise
 from baqueano.simulate import simulate
 
 FREE = ["model.actuator_matrix[2,2]", "model.actuator_matrix[0,0]"]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from baqueano.identify import excitation
-from baqueano.identify.design import contained, possible_vehicles, room_of
+from baqueano.identify.design.room import contained, room_of
+from baqueano.identify.design.vehicle_cloud import possible_vehicles
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, outcome, vehicles_around

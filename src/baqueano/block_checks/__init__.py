@@ -45,7 +45,29 @@ CHECKS: dict[str, Callable[..., list[Diagnostic]]] = {
 def check(
     room: str, block: object, sensors: SensorBlocks | None = None, commands: int = 3
 ) -> list[Diagnostic]:
-    """Return what is wrong with a block of `room`; for a vehicle with these sensors and `commands` channels."""
+    """Return what is wrong with a block, as its author reads it.
+
+    Parameters
+    ----------
+    room : str
+        "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
+    block : object
+        The block, not its class.
+    sensors : NamedTuple of Sensor, optional
+        Sensors of the vehicle, for an estimator or a supervisor; else one IMU.
+    commands : int
+        Channels of the vehicle's command.
+
+    Returns
+    -------
+    list of Diagnostic
+        Empty where the block keeps its promises.
+
+    Examples
+    --------
+    >>> check("sensor", bq.load("small").sensors.imu)
+    []
+    """
     if room in ("estimator", "supervisor"):
         return CHECKS[room](block, sensors, commands)
     return CHECKS[room](block, commands) if room == "controller" else CHECKS[room](block)

@@ -19,7 +19,31 @@ AGREE = 1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned bl
 def notes(
     room: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
 ) -> list[Diagnostic]:
-    """Return what is worth knowing of a block that keeps its promises: whether simulations with it are fast."""
+    """Return what is worth knowing of a block that keeps its promises: whether simulations with it are fast.
+
+    Parameters
+    ----------
+    room : str
+        As in `check`.
+    block : object
+        The block.
+    sensors : NamedTuple of Sensor, optional
+        Sensors of the vehicle, else one IMU.
+    commands : int
+        Channels of the vehicle's command.
+    backend : str
+        "python", "c" or "numpy".
+
+    Returns
+    -------
+    list of Diagnostic
+        Empty where the block can be compiled, and gives the same numbers then.
+
+    Examples
+    --------
+    >>> notes("controller", bq.load("small").controller())
+    []
+    """
     kind = type(block)
     subject, at = f"{kind.__name__}.step()", place(getattr(kind, "step", kind))
     arguments = _arguments(room, block, a_sensor() if sensors is None else sensors, commands)

@@ -19,7 +19,23 @@ CURVE, ROLLING, TURNED = note("when.curve"), note("when.rolling"), note("when.ps
 
 
 def check_vehicle(block: object) -> list[Diagnostic]:
-    """Return what is wrong with a vehicle, for its author."""
+    """Return what is wrong with a vehicle. It drives a curve, stands still, and rolls.
+
+    Parameters
+    ----------
+    block : object
+        A model of motion, `vehicles.Vehicle`.
+
+    Returns
+    -------
+    list of Diagnostic
+        Empty where the block keeps its promises.
+
+    Examples
+    --------
+    >>> check_vehicle(bq.load("small").vehicle)
+    []
+    """
     trial = Trial(block, ("init", "step", "advance", "gravity"))
     n = getattr(block, "commands", None)
     if not isinstance(n, int):
@@ -73,7 +89,23 @@ def _motion(trial: Trial, motion: Motion, when: Diagnostic) -> None:
 
 
 def check_sensor(block: object) -> list[Diagnostic]:
-    """Return what is wrong with a sensor, for its author."""
+    """Return what is wrong with a sensor. It measures a circle through ψ = π.
+
+    Parameters
+    ----------
+    block : object
+        A model of measurement, `contracts.blocks.Sensor`.
+
+    Returns
+    -------
+    list of Diagnostic
+        Empty where the block keeps its promises.
+
+    Examples
+    --------
+    >>> check_sensor(bq.load("small").sensors.imu)
+    []
+    """
     trial = Trial(block, ("init", "step", "h"))
     for name in ("size", "noise_size", "rate_hz", "cov"):
         if not hasattr(block, name):

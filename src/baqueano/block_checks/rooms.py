@@ -30,8 +30,31 @@ def a_sensor() -> SensorBlocks:
 def check_estimator(
     block: object, sensors: SensorBlocks | None = None, commands: int = 3
 ) -> list[Diagnostic]:
-    """Return what is wrong with an estimator, for its author. It drives a circle across ψ = π, hears nothing for 2 s,
-    then damaged measurements, a repeated tick and a gap of 0.3 s."""
+    """Return what is wrong with an estimator.
+
+    It drives a circle across ψ = π, receives nothing for 2 s, then damaged measurements, a repeated tick and a gap of
+    0.3 s.
+
+    Parameters
+    ----------
+    block : object
+        The estimator.
+    sensors : NamedTuple of Sensor, optional
+        Sensors of the vehicle, else one IMU.
+    commands : int
+        Channels of the vehicle's command.
+
+    Returns
+    -------
+    list of Diagnostic
+        Empty where the block keeps its promises.
+
+    Examples
+    --------
+    >>> small = bq.load("small")
+    >>> check_estimator(small.estimator("complementary"), small.sensors)
+    []
+    """
     trial = Trial(block)
     with suppress(GaveUp):
         _estimate(trial, a_sensor() if sensors is None else sensors, commands)
@@ -87,8 +110,28 @@ def heard(sensors: SensorBlocks, k: int) -> Any:
 
 
 def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
-    """Return what is wrong with a controller, for its author. It follows a circle across ψ = π, the same circle in a
-    map that is moved and turned, and the same one full turn further."""
+    """Return what is wrong with a controller.
+
+    It follows a circle across ψ = π, the same circle in a map that is moved and turned, and the same circle one full
+    turn further.
+
+    Parameters
+    ----------
+    block : object
+        The controller.
+    commands : int
+        Channels of the vehicle's command.
+
+    Returns
+    -------
+    list of Diagnostic
+        Empty where the block keeps its promises.
+
+    Examples
+    --------
+    >>> check_controller(bq.load("small").controller("pd", alpha=3.0, beta=1.0))
+    []
+    """
     trial = Trial(block)
     try:
         plain = _steer(trial, commands, np.zeros(3), 0.0)
@@ -132,7 +175,24 @@ def _laid(eta: np.ndarray, moved: np.ndarray, turn: float) -> np.ndarray:
 
 
 def check_guide(block: object) -> list[Diagnostic]:
-    """Return what is wrong with a guide, for its author. It is asked for 3 s, at a repeated tick, an hour later."""
+    """Return what is wrong with a guide. It gives references for 3 s, at a repeated tick, and an hour later.
+
+    Parameters
+    ----------
+    block : object
+        The guide.
+
+    Returns
+    -------
+    list of Diagnostic
+        Empty where the block keeps its promises.
+
+    Examples
+    --------
+    >>> from baqueano.guides.shapes import circle
+    >>> check_guide(bq.load("small").guide(circle(0.3, 0.2)))
+    []
+    """
     trial = Trial(block)
     try:
         state = trial.ask("init", AT_START)
@@ -164,7 +224,28 @@ def _reference(trial: Trial, reference: Reference, t_ns: int, when: Diagnostic) 
 def check_supervisor(
     block: object, sensors: SensorBlocks | None = None, commands: int = 3
 ) -> list[Diagnostic]:
-    """Return the faults of a supervisor, for its author: its commands are safe for every input."""
+    """Return what is wrong with a supervisor: its commands are safe for every input.
+
+    Parameters
+    ----------
+    block : object
+        The supervisor.
+    sensors : NamedTuple of Sensor, optional
+        Sensors of the vehicle, else one IMU.
+    commands : int
+        Channels of the vehicle's command.
+
+    Returns
+    -------
+    list of Diagnostic
+        Empty where the block keeps its promises.
+
+    Examples
+    --------
+    >>> small = bq.load("small")
+    >>> check_supervisor(small.supervisor(), small.sensors)
+    []
+    """
     trial = Trial(block)
     sensors = a_sensor() if sensors is None else sensors
     try:

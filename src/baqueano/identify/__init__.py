@@ -11,7 +11,7 @@ from baqueano.identify.design.signals import KINDS, excitation, multisine, prbs,
 from baqueano.identify.estimation.least_squares import solution_at
 from baqueano.identify.fit import conclude, identify, solve
 from baqueano.identify.forecast import Forecast, forecast
-from baqueano.identify.noise import Noise, measure_noise
+from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.identify.options import FitOptions
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit

@@ -20,8 +20,6 @@ from baqueano.runs.run import Channel, Run
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
 
 NO_MOTION = (CHANNEL, "imu_temperature")  # of the vehicle's state: added_channels.py, `runs noise`
 BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
@@ -29,14 +27,36 @@ BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dataset:
-    """Runs, cleaned, and the part of the vehicle that explains them."""
+    """Runs, cleaned, and the part of the vehicle that explains them.
 
-    file: "VehicleFile"  # with the zero of a gyro as the runs show it at rest, where only that shows it
-    blocks: FittedBlocks  # the model, and the sensors that are used
+    Parameters
+    ----------
+    file : VehicleFile
+        With the zero of a gyro as the runs show it at rest, where only that shows it.
+    blocks : FittedBlocks
+        The model, and the sensors that are used.
+    runs : tuple of Run
+        Without what is not a measurement.
+    channels : dict of str to list of int
+        Of sensors that are not used whole.
+    findings : tuple of Diagnostic
+        What is wrong with the data.
+    note : Diagnostic, optional
+        On the zero of the gyro.
+
+    Examples
+    --------
+    >>> small = bq.load("small")
+    >>> dataset([bq.simulate(small, np.full((500, 3), [0.5, 0.0, 0.2]))], small).is_usable
+    True
+    """
+
+    file: "VehicleFile"
+    blocks: FittedBlocks
     runs: tuple[Run, ...]
-    channels: dict[str, list[int]]  # of sensors that are not used whole
+    channels: dict[str, list[int]]
     findings: tuple[Diagnostic, ...]
-    note: Diagnostic | None = None  # on the zero of the gyro
+    note: Diagnostic | None = None
 
     @property
     def is_usable(self) -> bool:
@@ -50,8 +70,35 @@ def dataset(
     use: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Dataset:
-    """Return `runs` as a fit of `file` reads them; `use` names sensors, or channels as "imu[2]". UsageError where they
-    do not belong together."""
+    """Return runs as a fit of a vehicle file reads them.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        One or more.
+    file : VehicleFile
+        The vehicle that drove them.
+    use : sequence of str, optional
+        Sensors, or channels as "imu[2]"; else all that every run has.
+    options : FitOptions
+        Those of the fit.
+
+    Returns
+    -------
+    Dataset
+        Its `findings` say what is wrong with the data.
+
+    Raises
+    ------
+    UsageError
+        Where runs, file and sensors do not belong together.
+
+    Examples
+    --------
+    >>> small = bq.load("small")
+    >>> dataset([bq.simulate(small, np.full((500, 3), [0.5, 0.0, 0.2]))], small, ["imu[2]"]).channels
+    {'imu': [2]}
+    """
     runs, note = list(runs), None
     same_commands(file, runs)
     if options.biases and acts_alone(file.vehicle):
@@ -67,8 +114,34 @@ def parameters_of(
     free: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Parameters:
-    """Return what a fit of `data` searches for; `free` as in `identify`. UsageError for what is no parameter, or would
-    do nothing, and where no command moved."""
+    """Return what a fit searches for.
+
+    Parameters
+    ----------
+    data : Dataset
+        The runs, and the vehicle that drove them.
+    free : sequence of str, optional
+        As in `identify`.
+    options : FitOptions
+        Those of the fit.
+
+    Returns
+    -------
+    Parameters
+        θ (p,), where its search begins, and its bounds.
+
+    Raises
+    ------
+    UsageError
+        For what is not a parameter, or would do nothing, and where no command moved.
+
+    Examples
+    --------
+    >>> small = bq.load("small")
+    >>> data = dataset([bq.simulate(small, np.full((500, 3), [0.5, 0.0, 0.2]))], small)
+    >>> [one.path for one in parameters_of(data, ["model.mass_kg"]).free]
+    ['model.mass_kg']
+    """
     wanted = free_parameters(data.blocks, free, (*options.fixed, *options.per_run), options.bounds)
     return unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
 

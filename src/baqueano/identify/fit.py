@@ -53,20 +53,47 @@ def identify(
     solver: Minimiser = minimise,
     say: Callable[[str], object] | None = None,
 ) -> Fit:
-    """Return the parameters of `vehicle_file` that explain `runs`.
+    """Return the parameters of a vehicle file that explain runs.
 
-    `free`: dotted paths of the file ("model.friction.linear", "model.actuator_matrix[0,2]"), else what the model needs;
-    "+PATH" beside that. `use`: the sensors, else all that the runs have, or single channels, "imu[2]"; "truth" takes
-    the velocity of a simulation, or the pose that a camera saw, for a measurement. `residuals` and `solver` are stages
-    of one's own. `say` is told how far it is; True from it ends the search.
+    Parameters
+    ----------
+    runs : Run or sequence of Run
+        What was measured.
+    vehicle_file : VehicleFile
+        The vehicle; its values are the start of the search.
+    free : sequence of str, optional
+        Dotted paths of the file, "model.friction.linear", "model.actuator_matrix[0,2]"; else what the model needs.
+        "+PATH" is added to that.
+    use : sequence of str, optional
+        Sensors, or single channels, "imu[2]"; else all that every run has. "truth" takes the velocity of a
+        simulation, or the pose that a camera saw, for a measurement.
+    options : FitOptions
+        Bounds, noise, cost and the like.
+    residuals : type of Residuals
+        A stage of one's own.
+    solver : Minimiser
+        A stage of one's own.
+    say : callable, optional
+        Receives the progress as text; True from it ends the search.
 
-    UsageError for what does not exist, cannot be had together, or would do nothing, and where no command moved. Data
-    that are wrong raise nothing: the verdict of the Fit is then WARN or REFUSED, with reasons.
+    Returns
+    -------
+    Fit
+        Estimates, their error bars, and a verdict. Wrong data do not raise: the verdict is WARN or REFUSED.
 
-    >>> from baqueano.simulate import simulate
-    >>> from baqueano.vehicle_file import load
-    >>> small, u = load("small"), np.repeat(np.random.default_rng(0).uniform(-1, 1, (10, 3)) * [1, 0, 1], 100, axis=0)
-    >>> fit = identify(simulate(small, u), small, ["model.mass_kg"])
+    Raises
+    ------
+    UsageError
+        For what does not exist, cannot go together, or would do nothing, and where no command moved.
+
+    References
+    ----------
+    Grotz et al., `equ:cost_function`; docs/derivations/residuals_and_sensitivities.md.
+
+    Examples
+    --------
+    >>> small, u = bq.load("small"), bq.excitation("random_steps", [1.0, 0.0, 1.0], 10.0, 100.0)
+    >>> fit = identify(bq.simulate(small, u), small, ["model.mass_kg"])
     >>> print(f"{fit.value('model.mass_kg'):.2f} kg, {fit.verdict}")
     0.61 kg, USABLE
     """
@@ -98,8 +125,38 @@ def solve(
     say: Callable[[str], object] | None = None,
     again: bool = True,
 ) -> tuple[Task, Search]:
-    """Return the search for the least cost of `problem`, and where it ended. `again`: begin it again from other places
-    where it leaves doubts."""
+    """Return the search for the least cost, and its end.
+
+    Parameters
+    ----------
+    problem : Residuals
+        Residuals of the rows of `parameters`.
+    parameters : Parameters
+        θ: its start and bounds.
+    options : FitOptions
+        Those of the fit.
+    solver : Minimiser
+        `minimise`, or one's own.
+    say : callable, optional
+        Receives the progress as text; True from it ends the search.
+    again : bool
+        Begin the search again from other places where it leaves doubts.
+
+    Returns
+    -------
+    task : Task
+        Residuals, bounds and noise of the search.
+    end : Search
+        θ of least cost, and the noise that was estimated with it.
+
+    Examples
+    --------
+    >>> small, u = bq.load("small"), bq.excitation("prbs", [1.0, 0.0, 1.0], 10.0, 100.0)
+    >>> parameters = parameters_of(dataset([bq.simulate(small, u)], small), ["model.mass_kg"])
+    >>> end = solve(Residuals.of(parameters), parameters)[1]
+    >>> bool(abs(end.solution.theta[0] - small.vehicle.mass_kg) < 0.01)
+    True
+    """
     sensors = parameters.blocks.sensors
     task = Task(
         problem, parameters.first, parameters.low, parameters.high, smallest_spread(sensors, problem.z, problem.has),
@@ -116,7 +173,34 @@ def conclude(
     found: Search,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Fit:
-    """Return the Fit of a search: what the data do not show is held, and the rest is judged."""
+    """Return the fit of a search: parameters that the data do not show stay at their start, and the rest is judged.
+
+    Parameters
+    ----------
+    data : Dataset
+        First stage of the fit.
+    parameters : Parameters
+        Second stage.
+    task : Task
+        The search that `solve` returned.
+    found : Search
+        Its end.
+    options : FitOptions
+        Those of the fit.
+
+    Returns
+    -------
+    Fit
+        As of `identify`.
+
+    Examples
+    --------
+    >>> small, u = bq.load("small"), bq.excitation("prbs", [1.0, 0.0, 1.0], 10.0, 100.0)
+    >>> data = dataset([bq.simulate(small, u)], small)
+    >>> parameters = parameters_of(data, ["model.mass_kg"])
+    >>> str(conclude(data, parameters, *solve(Residuals.of(parameters), parameters)).verdict)
+    'USABLE'
+    """
     found, identifiability, info = fix_unidentifiable(task, found, parameters.free)
     whole = task._replace(low=parameters.low, high=parameters.high, problem=found.problem)
     found = bounds_of(whole, found)

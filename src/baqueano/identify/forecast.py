@@ -70,10 +70,24 @@ class Ahead(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Forecast(Result):
-    """Errors of open loop that follow from those of a fit, drive by drive."""
+    """Errors of open loop that follow from those of a fit, drive by drive.
+
+    Parameters
+    ----------
+    ahead : tuple of Ahead
+        Each drive, and the standard deviations of the pose at its end [m, rad].
+    notes : tuple of Diagnostic or str
+        What is not in it.
+
+    Examples
+    --------
+    >>> drive = Ahead(note("forecast.as-the-runs"), 10.0, 1.9, 0.02, 0.05)
+    >>> Forecast((drive,), ()).rows()[0]["position_m"]
+    0.02
+    """
 
     ahead: tuple[Ahead, ...]
-    notes: tuple[Diagnostic | str, ...]  # what is not in it
+    notes: tuple[Diagnostic | str, ...]
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per drive, SI."""
@@ -99,18 +113,36 @@ class _Driven(NamedTuple):
 
 
 def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None, name: str = "") -> Forecast:
-    """Say how far open loop would be off by the errors of `fit`, made from `runs`: over AHEAD_S driven as these, and
-    over one lap of `route`, a Route called `name`; None draws a sinuous circle at the speed of the runs.
+    """Return the errors of open loop that follow from those of a fit, over AHEAD_S driven as its runs and over one lap.
 
-    UsageError where the fit is refused, or has no parameter of the model with a known error.
+    Parameters
+    ----------
+    fit : Fit
+        A usable fit.
+    runs : Run or sequence of Run
+        The runs of the fit.
+    route : Route, optional
+        The lap; else a sinuous circle at the speed of the runs.
+    name : str
+        Name of the route.
 
+    Returns
+    -------
+    Forecast
+        Two drives, or one where the model cannot drive the lap.
+
+    Raises
+    ------
+    UsageError
+        Where the fit is refused, or has no parameter of the model with a known error.
+
+    Examples
+    --------
     >>> from baqueano.identify import identify, random_steps
-    >>> from baqueano.simulate import simulate
-    >>> from baqueano.vehicle_file import load
-    >>> small = load("small")
-    >>> run = simulate(small, random_steps(small.command.limit, 30.0, small.rate_hz, 1))
-    >>> found = forecast(identify(run, small, ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]), run)
-    >>> len(found.ahead), found.ahead[0].position_m < 0.1
+    >>> small = bq.load("small")
+    >>> run = bq.simulate(small, random_steps(small.command.limit, 30.0, small.rate_hz, 1))
+    >>> prediction = forecast(identify(run, small, ["model.actuator_matrix[0,0]", "model.friction.linear[0]"]), run)
+    >>> len(prediction.ahead), prediction.ahead[0].position_m < 0.1
     (2, True)
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)

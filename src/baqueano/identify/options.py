@@ -12,37 +12,67 @@ COSTS = ("simulation", "innovations")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitOptions:
-    """Options of `identify`; the defaults are what most fits need. UsageError for those that contradict each other.
+    """Options of `identify`; the defaults are what most fits need.
 
+    Parameters
+    ----------
+    fixed : sequence of str
+        Paths that stay as the file has them.
+    bounds : mapping of str to (float, float)
+        Path → lowest and highest value, within those of the field.
+    start : mapping of str to float
+        Path → where the search begins, else the file's value.
+    per_run : sequence of str
+        Paths that each run has for itself.
+    biases : bool
+        Estimate the biases of the IMU run by run; those of a car's gyro come from rest (data/rest.py).
+    at_rest : bool
+        The runs begin at rest.
+    clocks : sequence of str
+        Sensors whose stamps may be off by ± 0.25 s, run by run (data/record.py).
+    segment_s : float, optional
+        Length of segments with a start of their own; 5 s where a pose is used.
+    measured : sequence of str
+        Measured by hand, "end: 2.31 m, 95 deg" (data/hand_measurements.py).
+    sigma : mapping of str to array (m,), optional
+        Sensor → standard deviation of its noise; None estimates it.
+    speed_noise : bool
+        The noise may grow with the speed (residuals/noise_level.py).
+    cost : str
+        "simulation", or "innovations" with process noise (estimation/prediction_error.py).
+    gyro_leads : bool, optional
+        The gyro leads the simulation (imu_only.py); None where a car has an IMU alone.
+    diagnose : bool
+        Test at the end what the model lacks (diagnostics/residual_checks.py): as long as the fit itself.
+    backend : str
+        "auto", "c", "python" or "numpy".
+
+    Raises
+    ------
+    UsageError
+        For options that contradict each other.
+
+    Examples
+    --------
     >>> FitOptions(segment_s=5.0, clocks=("camera",)).changed
     ('clocks', 'segment_s')
     """
 
-    # parameters
-    fixed: Sequence[str] = ()  # paths that stay as the file has them
-    bounds: Mapping[str, tuple[float, float]] = field(
-        default_factory=dict
-    )  # path → (low, high), within the field's
-    start: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # path → where the search begins, else the file's value
-    per_run: Sequence[str] = ()  # paths that each run has for itself
-    biases: bool = True  # of the IMU, estimated run by run; of a car the gyro's is that at rest (rest.py)
-    # data
-    at_rest: bool = False  # the runs begin at rest
-    clocks: Sequence[str] = ()  # sensors whose stamps may be off by ± 0.25 s, run by run (data/record.py)
-    segment_s: float | None = None  # length of segments with a start of their own; poses: 5 s unasked
-    measured: Sequence[str] = ()  # by hand: "end: 2.31 m, 95 deg" (hand_measurements.py)
-    # noise and cost
-    sigma: Mapping[str, Any] | None = None  # sensor → (m,) std of its noise; None: estimated
-    speed_noise: bool = False  # the noise may grow with the speed (noise_level.py)
-    cost: str = "simulation"  # or "innovations", with the floor's noise (prediction_error.py)
-    gyro_leads: bool | None = None  # the simulation (imu_only.py); None: of a car with an IMU alone
-    # the rest
-    diagnose: bool = (
-        True  # ask at the end what the model lacks (residual_checks.py): as long as the fit itself
-    )
-    backend: str = "auto"  # or "c", "python", "numpy"
+    fixed: Sequence[str] = ()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    start: Mapping[str, Any] = field(default_factory=dict)
+    per_run: Sequence[str] = ()
+    biases: bool = True
+    at_rest: bool = False
+    clocks: Sequence[str] = ()
+    segment_s: float | None = None
+    measured: Sequence[str] = ()
+    sigma: Mapping[str, Any] | None = None
+    speed_noise: bool = False
+    cost: str = "simulation"
+    gyro_leads: bool | None = None
+    diagnose: bool = True
+    backend: str = "auto"
 
     def __post_init__(self) -> None:
         if self.cost not in COSTS:

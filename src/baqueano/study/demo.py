@@ -18,7 +18,7 @@ from baqueano.drive import experiment, repeat, stop_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
-from baqueano.identify.noise import Noise, measure_noise
+from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _

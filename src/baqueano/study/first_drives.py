@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.contracts.blocks import World
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
-from baqueano.identify.design import room_of
+from baqueano.identify.design.room import room_of
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.signals import Command, Motion, Tick

@@ -23,7 +23,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, record_of
-from baqueano.identify.noise import Noise, measure_noise
+from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _

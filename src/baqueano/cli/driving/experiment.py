@@ -63,7 +63,7 @@ def command(
     file = options.load_vehicle(vehicle, settings)
     kind, driven = signal.replace("-", "_"), []
     if room is not None:
-        from baqueano.identify.design import room_of
+        from baqueano.identify.design.room import room_of
 
         room_of(file, room)  # before anything moves
 
@@ -124,7 +124,8 @@ def signal_of(
     file: "VehicleFile", kind: str, size: str | None, seconds: float, seed: int, backend: str
 ) -> np.ndarray:
     """The commands (N, n) of that name, kept in the room if there is one."""
-    from baqueano.identify.design import contained, designed, room_of
+    from baqueano.identify.design.plan import designed
+    from baqueano.identify.design.room import contained, room_of
     from baqueano.identify.design.signals import excitation
 
     if kind == "designed":

@@ -314,7 +314,8 @@ def _judged(fit: "Fit", unseen: "list[Run]") -> Any:
 def _with_noise(fit: "Fit", runs: "list[Run]", unseen: "list[Run]", backend: str) -> Any:
     """Return Q and R; with held-out runs, from the source of R that predicts them best."""
     from baqueano.errors import UsageError
-    from baqueano.identify.noise import compare_noise, measure_noise
+    from baqueano.identify.noise.covariances import measure_noise
+    from baqueano.identify.noise.held_out import compare_noise
 
     with busy(note("cli.measuring-noise")):
         noise = measure_noise(fit, runs, held_out=unseen, backend=backend)

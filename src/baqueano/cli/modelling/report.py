@@ -43,11 +43,13 @@ def command(
     width: str | None,
     animation: Path | None,
 ) -> None:
-    from baqueano.report import animation as moving
     from baqueano.report import report
+    from baqueano.report.animation import picture_file
+    from baqueano.report.animation.picture import animation as moving_picture
+    from baqueano.report.animation.scene import scene
     from baqueano.report.page import save_text
 
-    moves = None if animation is None else moving.picture_file(animation)
+    moves = None if animation is None else picture_file(animation)
 
     found = options.find_runs((run,), folder)[0]
     with busy(note("cli.drawing")):
@@ -55,7 +57,7 @@ def command(
         page = report(found, path, alignment=align)
         files = [] if figures is None else page.save_figures(figures, file_format, _width(width))
         if moves is not None:
-            files.append(save_text(moves, moving.animation(moving.scene(found))))
+            files.append(save_text(moves, moving_picture(scene(found))))
     for written in (path, *files):
         tell(str(written))
 

@@ -306,7 +306,7 @@ def noise(
     run: str, from_s: float, to_s: float | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
     update: bool, page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from baqueano.identify.noise import at_rest
+    from baqueano.identify.noise.at_rest import at_rest
 
     recorded = options.find_runs((run,), folder)[0]
     with busy(note("cli.averaging")):

@@ -6,21 +6,12 @@
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x, κ_ψ ν_ψ)
     ḋ = −d/T + noise   (Ornstein-Uhlenbeck, variance σ_d²),    κ̇ = β̇ = ẇ = 0,    ḃ = noise                (3)
     way += −w √¾ s / (1 + s/2) J(ψ) ν,   s the variance of the heading, w ~ N(0, 1)                        (4)
-    P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as it is reported:   slip, σ_s, T_s of a wheel  (5)
+    P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
+    var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
+    var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
 
-Whatever turns a vehicle moves its origin aside, which lies l ahead of what turns in place. The walk of ν_ψ does so too.
-Who is wrong by δ in heading gets ahead by cos δ alone: linear in δ this is nothing, and at 0.4 rad the region of the
-position bends like a banana. (4) has the second moment of 1 − cos δ, √¾ s of a small s, and keeps it along the path.
-
-Wheels slip for some T_s, ahead and aside alike. Over a way that takes longer (5) is the variance of that. The mean
-follows the wheels, for on real cars the model is further off than they are. A real wheel shows what it turned since its
-last reading, up to τ old, the time between two. Who reverses is elsewhere by then:
-    var ν_x += (ν̇_x τ)²/3   as it is reported                                                               (6)
-
-Noise grows along a row: half of what ν gained went into the way, and of what d gained into ν. What the walk gives to
-ν_y early in a row fades until its end, by Simpson's rule with g = ∂ν_y⁺/∂ν_y, since √g² = g in the middle:
-    var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ                                   (7)
-Ahead and in turns little fades in a row; there the likelihood finds what a row adds.
+Whatever turns a vehicle moves its origin aside, which lies l ahead of what turns in place.
+docs/derivations/kalman.md derives (4) to (7).
 """
 
 from functools import lru_cache

@@ -1,27 +1,13 @@
 """Covariance of the parameters of a robust fit.
 
     A = Σ ψ'(r) ∂r ∂rᵀ,   B = Σ ψ(r)² ∂r ∂rᵀ,   cov = A⁻¹ B A⁻¹ N/(N − p)                                  (1)
-
-the sandwich of an M-estimator: right whatever the noise is distributed like, as long as it is white. It
-holds Huber's efficiency by itself: on normal noise the errors are 1/√0.95 of those of least squares. Where
-the residuals are coloured, with γ_c(l) the autocovariance of ψ in channel c,
-
-    B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ                                               (2)
-
-Bartlett's taper over L = 5 s, or a tenth of a shorter run, keeps B positive. (2) takes the colour for
-the same all along the run: with 25 parameters and a minute of driving that costs far less than Newey and
-West's sums of scores, which are drawn to 0 by the fit itself. Whether residuals are coloured is told by the
-sum of their autocorrelation over the first ticks, against its scatter for white noise.
-Of a run in pieces (segments.py) the pieces tell more than (2), whose L is a tenth of a piece while a pose that drifts
-is coloured all along it. Each piece is drawn to the data by a start of its own, the shared parameters by all, so
-that sums of scores over pieces are as good as independent, whatever the colour inside:
-
+    B = Σ_c Σ_t Σ_s γ_c(t − s) (1 − |t − s|/L) ∂r_ct ∂r_csᵀ    where residuals are autocorrelated         (2)
     cov_ii ← max(cov_ii, (A⁻¹ Σ_k s_k s_kᵀ A⁻¹)_ii K/(K − q)),   s_k = Σ_t∈k ψ ∂r                          (3)
 
-over K pieces and q shared parameters, correlations kept; white residuals leave it at (1). Of fewer pieces, and of a
-colour too faint to be told, covariance/jackknife.py knows.
-Of a channel with FEW measurements, a tape or a mark, ψ² tells nothing: the fit draws a single one to 0. There it
-is taken for 1, its mean if σ is right.
+(1) is the sandwich of an M-estimator. γ_c(l) in (2) is the autocovariance of ψ in channel c, L = 5 s or a tenth of a
+shorter run. (3) is for a run in K segments (segments.py), q shared parameters; it keeps the correlations. The sum of
+the autocorrelation over the first ticks decides whether residuals are white. Of a channel with FEW measurements ψ² is
+taken for 1, its mean if σ is right. docs/derivations/robust_covariance.md has the reasons.
 Sources: Huber 1981, 6.3; Newey and West 1987 for the taper; Liang and Zeger 1986 for (3).
 """
 

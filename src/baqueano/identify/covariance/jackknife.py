@@ -1,33 +1,14 @@
-"""Errors that ask no colour of the noise: what a fit would have said without one piece of the run.
+"""Errors by leaving out one block of the run at a time.
 
     θ_b − θ̂ = (A − A_b)⁻¹ g_b,   g_b = Σ_t∈b ψ ∂r,   A_b = Σ_t∈b ψ' ∂r ∂rᵀ                                (1)
     cov = (n − 1)/n Σ_b (θ_b − θ̄)(θ_b − θ̄)ᵀ   over n blocks b of BLOCK_S                                 (2)
     cov ← D cov D,   D_i² = max(cov, A⁻¹, A⁻¹ B A⁻¹)_ii / cov_ii                                           (3)
     cov_ii ← max(C, (2))_ii   where   tr C⁻¹ (2) / k > 1 + 4 √(2/(n k)),   C = A⁻¹ B A⁻¹                   (4)
 
-The errors of information.py take residuals for a noise that is the same all along the run. Those of a model that
-lacks something are not: they come with the motions that it lacks, and with the slopes ∂r of the very parameters
-that try to make up for it. (2) asks the blocks, but knows nothing of colour beyond BLOCK_S, of which B does. Both
-are made of residuals that the fit has drawn to 0, the most where few rows count for much; A⁻¹ is not, being that
-of noise of the level that was found, but it knows of that level alone. Each is blind to something and none sees
-what is not there but by chance: a parameter is told the largest, under the correlations of (2). The mean of (2)
-and B's held 90 to 92 % of the time where 95 % was told: simulated cars, benchmarks/coverage_without_encoders.py.
-
-A model that is right has the same need, (4), over its k shared parameters. A floor that disturbs it leaves a colour
-that is too faint to be told from white noise tick by tick, the more so among outliers; yet friction and dead zones are
-known from slow motion alone, and there it is. White noise gives blocks that agree with C to the scatter in (4); there C
-stays as it is, being the surer of the two. No block may be the only one that tells something, as that with a tape at
-the end: a fit without it moves by more than its error. Longer runs have longer blocks, MOST of them.
-
-A run in pieces (segments.py) has its blocks inside of them; ∂r in (1) is then without what the start of the piece would
-make up for, d⊥ there, so that a block tells of the others alone. Cutting takes little of the floor's colour away: C is
-too small for pieces as it is for whole runs. A pose sums the floor up, and is coloured all along a piece, of which
-blocks know nothing: after them the pieces themselves are the blocks b, FEWEST_PIECES at least, and (4) asks again.
-There are few, so that each tells much: it may be nearly all that is known of something, MOST_OF_PIECE.
-
-Measured: a first drive and two designed ones, ten small vehicles of their own: 79 and 82 % of the intervals held the
-truth by C, 95 and 94 % by (4). Of half a minute in pieces of 3 to 10 s: cars 78 and 93 %, small vehicles 88 and 95 %;
-cars of which a camera tells the pose, in pieces of 5 s: 42 and 93 %. Without a floor 94 and 95 %.
+(3) is for a model that lacks something, (4) for one that is right, over its k shared parameters. No block may be the
+only one with information on something, as that with a tape at the end. Longer runs have longer blocks, MOST of them.
+In a run of segments (segments.py) blocks lie inside of them, with d⊥ for ∂r in (1); then the segments themselves are
+the blocks, FEWEST_PIECES at least, and (4) is applied again. docs/derivations/robust_covariance.md has the reasons.
 Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
 """
 

@@ -2,20 +2,14 @@
 
     θ̂(s (1 + ε)) = θ̂(s) − A⁻¹ g_s ε,   g_s = ∂g/∂ε                                                       (1)
     B ← B + Σ_c σ_c² g_c g_cᵀ                                                                             (2)
-
-g is the gradient of the cost, A its information. A scale that is off by ε is a measurement that is off by the part
-ε, a zero that is off by ε one that is off by ε: g_s is taken from measurements that are changed by ± STEP, at the θ
-of the fit. With (2) in the place of B the covariance A⁻¹ B A⁻¹ gains exactly (1) of each, whatever else is held.
-A data sheet's tolerance ± a, of which nothing else is known, counts as a uniform distribution, σ = a/√3 (Guide
-to the expression of uncertainty in measurement, 4.3.7).
-
-Of a car whose fit has other sensors too, the zero of the gyro is held. With W the weights of its readings,
-
     cov ← cov + σ² v vᵀ,   v = A⁻¹ g,   g = Σ_t ψ'(r_t) W_t ∂r_t                                          (3)
     σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (4)
 
-σ is the error of the zero at rest where that was measured, else (4), which is what the run knows of the zero beside
-all that is fitted, and by how much it asks for another one; at most that of the data sheet.
+g is the gradient of the cost, A its information. g_s comes from measurements changed by ± STEP, at the θ of the fit.
+With (2) in place of B, A⁻¹ B A⁻¹ gains exactly (1) of each. A data sheet's tolerance ± a is a uniform distribution,
+σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7).
+(3) is the fixed zero of a car's gyro, W the weights of its readings. σ is the error of the zero at rest where that was
+measured, else (4), the run's own knowledge of it; at most the data sheet's.
 """
 
 from collections.abc import Callable, Mapping

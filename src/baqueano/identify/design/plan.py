@@ -100,7 +100,7 @@ def designed(
     UsageError without a finite [command] limit above 0, or with less than 1 s to move; AnswerNo where the vehicle
     cannot be kept in the room.
 
-    >>> from baqueano.identify.design import room_of
+    >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
     >>> plan = designed(small, room_of(small, "2x2"), 2.0, say=lambda text: True)  # True: the first that was found

@@ -172,7 +172,7 @@ def contained(
     `cloud`: the vehicles that it might be, else those of `vehicle_file`, drawn by `seed`. UsageError for another shape;
     AnswerNo where they leave the room even without a command.
 
-    >>> from baqueano.identify.design import room_of
+    >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
     >>> safe = contained(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on

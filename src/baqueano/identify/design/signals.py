@@ -26,7 +26,35 @@ from baqueano.errors import UsageError
 def random_steps(
     limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, hold_s: float = 1.0
 ) -> np.ndarray:
-    """Uniform random levels held for `hold_s`, (N, n).  (1)"""
+    """Return uniform random levels, each for `hold_s`.
+
+    Parameters
+    ----------
+    limit : array_like (n,) [unit of the command]
+        Largest command of each channel; 0 for a channel that stays still.
+    duration_s : float
+        Length of the signal.
+    rate_hz : float
+        Ticks a second.
+    seed : int
+        The same seed gives the same signal.
+    hold_s : float
+        Length of a level.
+
+    Returns
+    -------
+    ndarray (N, n)
+        Commands, one row a tick.
+
+    Notes
+    -----
+    Equation (1) of the module.
+
+    Examples
+    --------
+    >>> random_steps([0.5], 3.0, 2.0, hold_s=1.0).shape
+    (6, 1)
+    """
     limit, n_ticks = _checked(limit, duration_s, rate_hz)
     hold = _ticks(hold_s, rate_hz, "hold_s")
     levels = np.random.default_rng(seed).uniform(-1.0, 1.0, (-(-n_ticks // hold), len(limit)))
@@ -42,7 +70,41 @@ def multisine(
     low_hz: float = 0.05,
     high_hz: float = 5.0,
 ) -> np.ndarray:
-    """Sines from `low_hz` to `high_hz`, (N, n); the channels take turns, so no two share a frequency.  (2)"""
+    """Return sums of sines between two frequencies. The channels take turns, so that no two share a frequency.
+
+    Parameters
+    ----------
+    limit : array_like (n,) [unit of the command]
+        Largest command of each channel; 0 for a channel that stays still.
+    duration_s : float
+        Length of the signal.
+    rate_hz : float
+        Ticks a second.
+    seed : int
+        Of the phases.
+    low_hz, high_hz : float
+        Lowest and highest frequency.
+
+    Returns
+    -------
+    ndarray (N, n)
+        Commands, one row a tick.
+
+    Raises
+    ------
+    UsageError
+        For frequencies that the rate cannot show, or a time too short for two sines per channel.
+
+    Notes
+    -----
+    Equation (2) of the module.
+
+    Examples
+    --------
+    >>> u = multisine([1.0, 0.0], 20.0, 50.0)
+    >>> u.shape, np.abs(u).max(axis=0).tolist()
+    ((1000, 2), [1.0, 0.0])
+    """
     limit, n_ticks = _checked(limit, duration_s, rate_hz)
     if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
         raise UsageError(fault("signal.band", low_hz=low_hz, high_hz=high_hz, most_hz=0.5 * rate_hz))
@@ -75,7 +137,35 @@ def multisine(
 def prbs(
     limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, bit_s: float = 0.2
 ) -> np.ndarray:
-    """Full command, forward or backward by chance at every bit, (N, n).  (3)"""
+    """Return full commands, forward or backward at random for each bit.
+
+    Parameters
+    ----------
+    limit : array_like (n,) [unit of the command]
+        Largest command of each channel; 0 for a channel that stays still.
+    duration_s : float
+        Length of the signal.
+    rate_hz : float
+        Ticks a second.
+    seed : int
+        The same seed gives the same signal.
+    bit_s : float
+        Length of a bit.
+
+    Returns
+    -------
+    ndarray (N, n)
+        Commands, one row a tick.
+
+    Notes
+    -----
+    Equation (3) of the module.
+
+    Examples
+    --------
+    >>> np.unique(prbs([0.5], 4.0, 50.0)).tolist()
+    [-0.5, 0.5]
+    """
     limit, n_ticks = _checked(limit, duration_s, rate_hz)
     bit = _ticks(bit_s, rate_hz, "bit_s")
     signs = np.random.default_rng(seed).integers(0, 2, (-(-n_ticks // bit), len(limit))) * 2.0 - 1.0
@@ -85,7 +175,35 @@ def prbs(
 def ramps(
     limit: ArrayLike, duration_s: float, rate_hz: float, seed: int = 0, *, ramp_s: float = 4.0
 ) -> np.ndarray:
-    """Triangles up and down, each of random height and sign, channels shifted in time, (N, n).  (4)"""
+    """Return triangles up and down, each of random height and sign. The channels are shifted in time.
+
+    Parameters
+    ----------
+    limit : array_like (n,) [unit of the command]
+        Largest command of each channel; 0 for a channel that stays still.
+    duration_s : float
+        Length of the signal.
+    rate_hz : float
+        Ticks a second.
+    seed : int
+        The same seed gives the same signal.
+    ramp_s : float
+        Length of a triangle.
+
+    Returns
+    -------
+    ndarray (N, n)
+        Commands, one row a tick.
+
+    Notes
+    -----
+    Equation (4) of the module.
+
+    Examples
+    --------
+    >>> ramps([1.0, 1.0], 8.0, 50.0).shape
+    (400, 2)
+    """
     limit, n_ticks = _checked(limit, duration_s, rate_hz)
     ramp = _ticks(ramp_s, rate_hz, "ramp_s")
     rng = np.random.default_rng(seed)
@@ -117,11 +235,37 @@ def excitation(
     rest_s: float = 0.0,
     **options: Any,
 ) -> np.ndarray:
-    """The signal of that name, (N, n) in the unit of `limit` (n,), with `rest_s` of standing still before and after it:
-    the rest shows the noise of the sensors and their biases. `options` are those of the signal.
+    """Return the signal of that name. A rest before and after it shows the noise of the sensors and their biases.
 
-    UsageError for a name that is none, no time to move, or a limit that is not finite.
+    Parameters
+    ----------
+    kind : str
+        "random_steps", "multisine", "prbs" or "ramps".
+    limit : array_like (n,) [unit of the command]
+        Largest command of each channel; 0 for a channel that stays still.
+    duration_s : float
+        Length of the signal with its rests.
+    rate_hz : float
+        Ticks a second.
+    seed : int
+        The same seed gives the same signal.
+    rest_s : float
+        Length of each rest.
+    **options : float
+        Those of the signal: `hold_s`, `low_hz`, `high_hz`, `bit_s`, `ramp_s`.
 
+    Returns
+    -------
+    ndarray (N, n)
+        Commands, one row a tick.
+
+    Raises
+    ------
+    UsageError
+        For an unknown name, a rest that leaves no time to move, a limit that is negative or not finite.
+
+    Examples
+    --------
     >>> u = excitation("prbs", [1.0, 0.0, 1.0], 10.0, 100.0, rest_s=1.0, bit_s=0.5)
     >>> u.shape, u.max(axis=0).tolist()
     ((1000, 3), [1.0, 0.0, 1.0])

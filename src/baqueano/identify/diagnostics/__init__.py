@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
     from baqueano.vehicle_file import VehicleFile
 
-__all__ = ["clean", "diagnose", "widened"]
-
 
 def clean(
     runs: list[Run], file: "VehicleFile", sensors: dict[str, Tree]

@@ -1,25 +1,16 @@
-"""Would the parameters be others if the model had this too? Asked of many things at once, without a new fit.
-
-Let r (N, m) be what a fit left, in standard deviations, d = ∂r/∂θ, ψ(r) the clipped residual of the Huber cost
-and w = ψ'(r). A thing that is not in the model and would change the residuals by −D per unit of it has
+"""Score tests of many effects that a model lacks, without a new fit.
 
     D⊥ = D − d A⁻¹ dᵀ w D,   A = dᵀ w d           what θ cannot imitate                                   (1)
-    δ  = D⊥ᵀ ψ / (D⊥ᵀ w D⊥)                       how much of it the data ask for                         (2)
-    Δθ = A⁻¹ dᵀ w D δ                             by how much θ would move if it were there               (3)
-
-one step of Gauss and Newton from the fit to the larger model: a score (Lagrange multiplier) test with its
-consequence. The scatter of (2) comes from the run itself, whatever the colour of its noise: scores and their
-information are summed over B blocks of time, S_b and P_b = D⊥ᵀ w D⊥, and with what each block says when it is
-left out (the jackknife),
-
+    δ  = D⊥ᵀ ψ / (D⊥ᵀ w D⊥)                       the size of the effect                                  (2)
+    Δθ = A⁻¹ dᵀ w D δ                             the change of θ if it were in the model                 (3)
     e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
 
-is distributed about like Student's t with 1/Σ h_b² − 1 degrees of freedom. B is 60 where the run allows it. What
-white noise would give is worked out first; what is not clear even then is not looked at further.
-
-A parameter that is another in some part of the run is such a thing: D = 1_part d_j. What each run has for
-itself (biases, starts) is taken out of d and D before, piece by piece and run by run. Sources: Rao 1948 for the
-score test; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
+r (N, m) are the residuals in standard deviations, d = ∂r/∂θ, ψ(r) the clipped residual of the Huber cost, w = ψ'(r),
+−D the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) takes the scatter of (2) from
+the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥: Student's t with 1/Σ h_b² − 1 degrees of
+freedom. B is 60 where the run allows it. One effect is a parameter that differs in a part of the run, D = 1_part d_j.
+Biases and starts are taken out of d and D before. docs/derivations/robust_covariance.md has the reasons.
+Sources: Rao 1948; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,22 +1,16 @@
 """The search where the delay of the command is free.
 
-Without a lag of the motors an accelerometer shows at the end of a tick the command that is felt then: where that is
-another one, at delays of whole ticks, the cost has jumps. A lag makes it smooth, but commands that change in even steps
-leave valleys of their own on both sides, and only one is the deepest.
-
-    d_0 = arg min over a grid of SCAN_S of min C(θ; d),  σ that of where it begins                         (1)
+    d_0 = arg min over a grid of SCAN_S of min C(θ; d),  σ that of the start                               (1)
     d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ that of d_0                       (2)
     d_2 = arg min C(θ, d)  within a step of d_1, on this side of a whole tick and on the other             (3)
     d   = arg min C(θ, d),  k δ < d < (k + 1) δ;  k ← k ± 1 while d ends at that side                      (4)
-
-Within a tick δ the cost is smooth but for the corners of dead zones. Where (4) comes back to a whole tick from both
-sides, the least cost is at the tick itself, and the search has converged although its slope is not 0. The first grid
-is that of half a period of the fastest command that a small vehicle follows, 20 Hz; where a tick is much shorter than
-that, it is halved about d_0 until MOST ticks are left for (2).
-
-A timer of 8 bits rounds a duty to 1/255, behind a dead zone more than the noise of a gyro. Its steps are looked for by
-
     C(θ; u) − C(θ; steps · round(u / steps)) > CLEAR    at the θ that was fitted without them             (5)
+
+Without a lag of the motors the cost jumps at delays of whole ticks δ; with one, commands in even steps leave valleys on
+both sides of the deepest. Where (4) comes back to a whole tick from both sides, the least cost is at the tick, and the
+search has converged although its slope is not 0. The grid (1) is half a period of 20 Hz, the fastest command that a
+small vehicle follows; where a tick is much shorter, it is halved about d_0 until MOST ticks are left for (2).
+A timer of 8 bits rounds a duty to 1/255, behind a dead zone more than the noise of a gyro: (5) finds its steps.
 """
 
 from collections.abc import Callable

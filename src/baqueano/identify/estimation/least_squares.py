@@ -58,7 +58,36 @@ class Minimiser(Protocol):
 def solution_at(
     theta: np.ndarray, at: Evaluation, low: np.ndarray, high: np.ndarray, *, converged: bool, evaluations: int
 ) -> Solution:
-    """Return the Solution of a solver that ended at `theta` (p,), where the cost is `at`."""
+    """Return the end of a search by a solver of one's own.
+
+    Parameters
+    ----------
+    theta : ndarray (p,)
+        Where it ended.
+    at : Evaluation
+        Cost, gradient and Hessian there.
+    low, high : ndarray (p,)
+        Bounds.
+    converged : bool
+        Nothing is left to gain.
+    evaluations : int
+        Calls of `evaluate`.
+
+    Returns
+    -------
+    Solution
+        With the entries at a bound, and the decrement (4).
+
+    Notes
+    -----
+    Equation (4) of the module.
+
+    Examples
+    --------
+    >>> at = Evaluation(1.0, np.array([0.2, 0.0]), np.diag([4.0, 1.0]))
+    >>> solution_at(np.zeros(2), at, -np.ones(2), np.ones(2), converged=True, evaluations=7).decrement
+    0.010000000000000002
+    """
     bound = _bound(theta, low, high)
     H, g = dense(at.hessian), np.where(bound == 0, at.gradient, 0.0)
     with np.errstate(invalid="ignore"):

@@ -1,19 +1,16 @@
-"""The overlapping Allan deviation of a sensor at rest, and the three coefficients that stand in it.
+"""The overlapping Allan deviation of a sensor at rest, and its three coefficients.
 
 With x the integral of the signal, N samples τ₀ apart, and τ = n τ₀:
 
     σ²(τ) = Σ_{k=1}^{N+1−2n} (x_{k+2n} − 2 x_{k+n} + x_k)² / (2 τ² (N + 1 − 2n))                           (1)
     σ²(τ) = W²/τ + (2 ln 2/π) B² + K² τ/3                                                                 (2)
+    ν = (3 N / (2 n) − 2 (N − 1)/(N + 1)) · 4 n² / (4 n² + 5),   95 % interval: σ² ν / χ²                  (3)
 
-W is the white noise (of a gyro the angle random walk, of an accelerometer the velocity random walk), B the
-instability of the bias, K its random walk. (2) is fitted to (1) at octaves of τ, each weighted with its degrees
-of freedom, MOST_FREEDOM at most: no sensor is as simple as (2); a coefficient below twice its own error is not
-seen. With ν degrees of freedom, those of white noise,
-
-    ν = (3 N / (2 n) − 2 (N − 1)/(N + 1)) · 4 n² / (4 n² + 5)                                             (3)
-
-σ² ν / χ² is the 95 % interval. Sources: IEEE Std 952-1997, annex C for (2); Riley, NIST Special Publication 1065
-(2008), 5.2.4 for (1) and 5.3.2 for (3).
+W is the white noise (angle or velocity random walk), B the instability of the bias, K its random walk. (2) is fitted
+to (1) at octaves of τ, each weighted with its degrees of freedom ν, those of white noise, MOST_FREEDOM at most: no
+sensor is as simple as (2). A coefficient below twice its own error counts as not measurable.
+Sources: IEEE Std 952-1997, annex C for (2); Riley, NIST Special Publication 1065 (2008), 5.2.4 for (1) and 5.3.2
+for (3).
 """
 
 from itertools import combinations

@@ -1,4 +1,4 @@
-"""Q and R: how far sensors and model are off, as the filter wants to hear it.
+"""Q and R of a filter: the noise of sensors and model.
 
 Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's letters, and the paper's).
 
@@ -6,15 +6,11 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
     R = cov(μ_t − g(u_t, μ_{t−1})),  μ = (ν, ν̇) the truth of a simulation                                 (2)
     R = arg min Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),  R diagonal, where there is no truth               (3)
 
-z − h are the residuals of the fit, clipped at 4 σ, so that an outlier counts as a large residual and no
-more. Where they are coloured the model has drifted, which is R's business: then Q is half the covariance of
-the differences of successive residuals, in which a drift does not show. g is that of the estimator, in its
-mode (most_likely.py). (3) is the likelihood of the innovations y of the extended Kalman filter with their
-covariance S (most_likely.py).
-
-Both are symmetric positive definite, always: variances are lifted to a floor, eigenvalues of the
-correlation to `LEAST`; what was lifted is told in `notes`. The floor is FLOOR of the signal's own size.
-Errata 5: the paper's printed Q and R are not positive definite, and its filter diverges with them.
+z − h are the residuals of the fit, clipped at 4 σ. Where they are autocorrelated, Q is half the covariance of the
+differences of neighbours, in which a drift does not show. g is the estimator's, in its mode; (3) is the likelihood of
+its innovations y with covariance S (most_likely.py). Both are symmetric positive definite: variances have a floor,
+FLOOR of the signal's size, and eigenvalues of the correlation `LEAST`; `notes` say what was lifted. Errata 5: the
+paper's printed Q and R are not positive definite.
 """
 
 from collections.abc import Sequence
@@ -60,18 +56,47 @@ STATE_UNITS = ("m/s", "m/s", "rad/s", "m/s²", "m/s²", "rad/s²")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Noise(Result):
-    """Covariances of sensors and model."""
+    """Covariances of sensors and model.
 
-    in_motion: dict[str, np.ndarray]  # sensor → Q (m, m)
-    at_rest: dict[str, np.ndarray | None]  # sensor → Q (m, m); None: it hardly stood still
-    process: np.ndarray  # R (6, 6) of (ν, ν̇) per tick; of a filter that has no R (0, 0)
-    rate_hz: float  # ticks a second that R is given for
-    source: str  # of R: "truth" (2) or "innovations" (3)
+    Parameters
+    ----------
+    in_motion : dict of str to ndarray (m, m)
+        Sensor → Q.
+    at_rest : dict of str to ndarray (m, m) or None
+        Sensor → Q; None where it hardly stood still.
+    process : ndarray (6, 6)
+        R of (ν, ν̇) per tick; (0, 0) of a filter without R.
+    rate_hz : float
+        Ticks a second of R.
+    source : str
+        Of R: "truth" or "innovations".
+    notes : tuple of Diagnostic
+        What was changed to make them positive definite.
+    units : dict of str to str
+        Units of the sensors' numbers, by "imu[0]".
+    fields : dict of str to ndarray (k,)
+        Noise of the recommended filter (noise/filter_noise.py).
+    speed : SpeedChannels, optional
+        Accelerometers that may correct the speed, of the recommended filter.
+    accepted : Acceptance, optional
+        Judgement by held-out runs, of the recommended filter.
+
+    Examples
+    --------
+    >>> Noise({"imu": np.diag([0.04, 0.01])}, {"imu": None}, np.zeros((0, 0)), 100.0, "innovations", ()).rows()[0]["sd"]
+    0.2
+    """
+
+    in_motion: dict[str, np.ndarray]
+    at_rest: dict[str, np.ndarray | None]
+    process: np.ndarray
+    rate_hz: float
+    source: str
     notes: tuple[Diagnostic, ...]
-    units: dict[str, str] = field(default_factory=dict)  # of the numbers of the sensors, by "imu[0]"
-    fields: dict[str, np.ndarray] = field(default_factory=dict)  # of the recommended filter: filter_noise.py
-    speed: SpeedChannels | None = None  # of the recommended filter with an accelerometer
-    accepted: Acceptance | None = None  # of the recommended filter, by held-out runs
+    units: dict[str, str] = field(default_factory=dict)
+    fields: dict[str, np.ndarray] = field(default_factory=dict)
+    speed: SpeedChannels | None = None
+    accepted: Acceptance | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -147,19 +172,41 @@ def measure_noise(
     held_out: Sequence[Run] = (),
     backend: str = "auto",
 ) -> Noise:
-    """Q and R of a fit on the runs that it was made from.  (1), (2) or (3)
+    """Return the noise of sensors and model, from a fit and the runs that it was made from.
 
-    `source` of R: "truth" of a simulation, "innovations", or "auto", the first where there is one. `held_out`, runs
-    that the fit has not seen, decide which accelerometers may correct the speed (speed_channels.py), and if the noise
-    is true (acceptance.py). UsageError for
-    another source, or a truth that no run holds.
+    Parameters
+    ----------
+    fit : Fit
+        A fit.
+    runs : Run or sequence of Run
+        Its runs.
+    source : str
+        Of R: "truth" of a simulation, "innovations", or "auto", the first where there is one.
+    held_out : sequence of Run
+        Runs that the fit has not seen. They decide which accelerometers may correct the speed (speed_channels.py), and
+        whether the noise is true (acceptance.py).
+    backend : str
+        "auto", "c", "python" or "numpy".
 
-    >>> from baqueano.identify import identify
-    >>> from baqueano.simulate import simulate
-    >>> from baqueano.vehicle_file import load
-    >>> small, u = load("small"), np.repeat(np.random.default_rng(0).uniform(-1, 1, (10, 3)) * [1, 0, 1], 100, axis=0)
-    >>> run = simulate(small, u)
-    >>> noise = measure_noise(identify(run, small, ["model.mass_kg"]), run)
+    Returns
+    -------
+    Noise
+        Q in motion and at rest, and R.
+
+    Raises
+    ------
+    UsageError
+        For another source, or a truth that no run holds.
+
+    Notes
+    -----
+    Equations (1), (2) or (3) of the module.
+
+    Examples
+    --------
+    >>> small, u = bq.load("small"), bq.excitation("random_steps", [1.0, 0.0, 1.0], 10.0, 100.0)
+    >>> run = bq.simulate(small, u)
+    >>> noise = measure_noise(bq.identify(run, small, ["model.mass_kg"]), run)
     >>> sorted(noise.fields), np.sqrt(np.diag(noise.in_motion["imu"])).round(3)
     (['course_std', 'disturbance_fade_s', 'disturbance_std', 'velocity_walk_std'], array([0.104, 0.1  , 0.004]))
     """

@@ -1,20 +1,16 @@
-"""Noise of the recommended filter: the misfit of the model and the noise of the sensors, two numbers of two sources.
+"""Noise of the recommended filter: the misfit of the model and the noise of the sensors.
 
     J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of what corrects)       (1)
     of an inertial number:   σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
-
     c(τ) = σ_d² e^(−τ/T),  c the autocovariance of r, T of the file;   walk of ν_x ≤ σ √δ                    (3)
 
-y and S are the innovations of the filter over the log (augmented_ekf.py), ρ as in most_likely.py; in (2), (3) r are the
-residuals of the fit. Second differences leave out what a model does not foresee, which is slow, but not the jerks of a
-rough floor. A rest that scatters by more than that is not one. What corrects nothing while it drives, such as an
-accelerometer, has the noise of its residuals. A sensor that spoke less than FEWEST times, a mark on the floor, keeps
-the noise of the file; of the misfit it shows the size, not over which time it fades. Velocities that stand on a grid,
-as those of a counter, have σ² ≥ step²/12.
-With an IMU alone no number that corrects shows the misfit of the speed. Then (3) takes it from the accelerometer ahead,
-whose residuals hold it beside white noise. Where wheels show it, what the accelerometer does not feel is slip and
-not a misfit (accelerometer_misfit.py). A model may go beside its heading, and nothing on board shows if the vehicle
-does: course_std is at least that angle.
+y and S are the innovations of the filter over the log (augmented_ekf.py), r the residuals of the fit, ρ as in
+most_likely.py. Second differences leave out slow errors of the model, not the jerks of a rough floor; a rest with more
+scatter than that is not a rest. A channel that corrects nothing has the noise of its residuals. A sensor with fewer
+than FEWEST readings keeps the noise of the file. Velocities on a grid, as those of a counter, have σ² ≥ step²/12.
+With an IMU alone, (3) takes the misfit of the speed from the accelerometer ahead. Where wheels measure the speed, what
+the accelerometer does not feel is slip (accelerometer_misfit.py). course_std is at least the angle between the model's
+way and its heading.
 """
 
 from collections.abc import Callable, Mapping, Sequence

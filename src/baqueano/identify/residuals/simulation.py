@@ -6,12 +6,8 @@
 W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W),
 and for sensors whose stamps lie between ticks the part of the step by which they do; there
 h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free, h is read from a line of the past (data/record.py).
-The model is simulated from its start to the end without ever looking at a measurement: the paper's cost,
-`equ:cost_function`, simulation error.
-
-θ is one vector: what all runs share, what each run has for itself (biases, clocks), then the start of each
-piece of a run (segments.py). A kernel belongs to the structure of a fit and to the numbers that are not free; it
-is kept for the next fit. Pieces are evaluated on all cores: a kernel holds no lock.
+The model is simulated from its start to the end without a look at a measurement: simulation error, the cost
+`equ:cost_function` of Grotz et al. docs/derivations/residuals_and_sensitivities.md has the rest.
 """
 
 from collections import OrderedDict
@@ -58,9 +54,28 @@ class SimulationState(NamedTuple):
 
 
 class Residuals:
-    """Residuals of several runs as a function of one θ. It does not change: `weighed` is another one.
+    """Residuals of several runs as a function of one θ. They do not change: `weighed` returns others.
 
     A residual of one's own is a subclass with another `difference`.
+
+    Parameters
+    ----------
+    blocks : FittedBlocks
+        The model, and the sensors that are used.
+    shape : Shape
+        Meaning of θ for one segment of a run.
+    records : sequence of FitRecord
+        Rows of each segment.
+    backend : str
+        "auto", "c", "python" or "numpy".
+
+    Examples
+    --------
+    >>> from baqueano.identify import dataset, parameters_of
+    >>> small, u = bq.load("small"), np.full((50, 3), [0.5, 0.0, 0.2])
+    >>> parameters = parameters_of(dataset([bq.simulate(small, u)], small), ["model.mass_kg"])
+    >>> [r.shape for r in Residuals.of(parameters).residuals(parameters.first)]
+    [(50, 3)]
     """
 
     @staticmethod
@@ -181,13 +196,8 @@ class Residuals:
         return Evaluation(cost, g, H)
 
     def _of_starts(self) -> np.ndarray:
-        """(p,) the weight of 0 in the search for the start velocity of pieces, and of runs that begin without
-        measurements, else 0: the lead may let nothing of it be seen, and a search would wander along it for
-        ever.
-
-        Tyres forget a slip within a tick or two. What is left of it after the lead is what a little speed ahead would
-        leave, so that a wide weight lets both run off together, to slips at which no step is stable.
-        """
+        """Return the weight (p,) of 0 for start velocities of segments, and of runs that begin without measurements,
+        else 0. Tyres forget a slip at once: without it slip and speed may run off together."""
         prior = np.zeros(self.size)
         cut = len(self.records) > max(self.layout.runs) + 1
         weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])

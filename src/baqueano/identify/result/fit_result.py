@@ -47,35 +47,92 @@ class ChannelFit(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Fit(Result):
-    """Parameters in the order in which they were asked for; NaN where the data show nothing."""
+    """Parameters of a vehicle with their error bars, and a verdict. NaN where the data show nothing.
 
-    names: tuple[str, ...]  # (p,) dotted paths of the vehicle file, with entries
+    Parameters
+    ----------
+    names, units : tuple of str (p,)
+        Dotted paths of the vehicle file, with entries, in the order of `free`; their units.
+    start : ndarray (p,)
+        Where the search began.
+    estimate, sd : ndarray (p,)
+        Estimates, and their standard errors; NaN where the start was kept.
+    bound : ndarray (p,)
+        −1 at the low bound, 1 at the high one, 0 inside.
+    weak : ndarray of bool (p,)
+        Poorly identified.
+    cov : ndarray (p, p)
+        Covariance of the estimates; NaN where not identifiable.
+    own_names : tuple of str (q,)
+        What each run has for itself: biases, clocks, starts.
+    own, own_sd : ndarray (runs, q)
+        Their estimates and standard errors.
+    unobservable : tuple of Diagnostic
+        What a better run would show.
+    never : tuple of Diagnostic
+        What this vehicle can never show.
+    verdict : Verdict
+        USABLE, WARN or REFUSED.
+    reasons, notes : tuple of Diagnostic
+        Reasons of the verdict; changes to the data, and advice.
+    channels : tuple of ChannelFit
+        Measurement and prediction of each channel in each run.
+    sigma : dict of str to ndarray (m,)
+        Sensor → standard deviation of its noise.
+    coloured : bool
+        The residuals are autocorrelated, and the errors were widened for it.
+    converged : bool
+        The search ended at a minimum.
+    cost : float
+        Huber cost at the end.
+    evaluations : int
+        Of the cost.
+    runs : tuple of str
+        Names of the runs.
+    backend : str
+        Of the kernels.
+    file : VehicleFile
+        The file that was fitted.
+    blocks : FittedBlocks
+        Vehicle and sensors with the estimates.
+    envelope : Envelope
+        The motion in the runs.
+
+    Examples
+    --------
+    >>> small, u = bq.load("small"), bq.excitation("prbs", [1.0, 0.0, 1.0], 10.0, 100.0)
+    >>> fit = bq.identify(bq.simulate(small, u), small, ["model.mass_kg"], options=bq.FitOptions(diagnose=False))
+    >>> bool(fit.interval[0, 0] < small.vehicle.mass_kg < fit.interval[0, 1])
+    True
+    """
+
+    names: tuple[str, ...]
     units: tuple[str, ...]
-    start: np.ndarray  # (p,) where the search began
-    estimate: np.ndarray  # (p,) NaN: not observable, the start was kept
-    sd: np.ndarray  # (p,) standard errors
-    bound: np.ndarray  # (p,) −1 at the low bound, 1 at the high one, 0 inside
-    weak: np.ndarray  # (p,) bool
-    cov: np.ndarray  # (p, p) NaN where not observable
-    own_names: tuple[str, ...]  # (q,) what was estimated along, run by run: biases, start
-    own: np.ndarray  # (runs, q)
-    own_sd: np.ndarray  # (runs, q)
-    unobservable: tuple[Diagnostic, ...]  # what a better run would show
-    never: tuple[Diagnostic, ...]  # what this vehicle can never show
-    verdict: Verdict  # USABLE, WARN or REFUSED
+    start: np.ndarray
+    estimate: np.ndarray
+    sd: np.ndarray
+    bound: np.ndarray
+    weak: np.ndarray
+    cov: np.ndarray
+    own_names: tuple[str, ...]
+    own: np.ndarray
+    own_sd: np.ndarray
+    unobservable: tuple[Diagnostic, ...]
+    never: tuple[Diagnostic, ...]
+    verdict: Verdict
     reasons: tuple[Diagnostic, ...]
-    notes: tuple[Diagnostic, ...]  # what was done to the data, and what is good to know
+    notes: tuple[Diagnostic, ...]
     channels: tuple[ChannelFit, ...] = field(repr=False)
-    sigma: dict[str, np.ndarray]  # sensor → (m,) noise
-    coloured: bool  # whether the residuals are not white, and the errors were widened for it
+    sigma: dict[str, np.ndarray]
+    coloured: bool
     converged: bool
     cost: float
     evaluations: int
     runs: tuple[str, ...]
     backend: str
-    file: "VehicleFile" = field(repr=False)  # the file that was fitted
-    blocks: "FittedBlocks" = field(repr=False)  # vehicle and sensors with the estimates
-    envelope: "Envelope" = field(repr=False)  # the motion that was seen
+    file: "VehicleFile" = field(repr=False)
+    blocks: "FittedBlocks" = field(repr=False)
+    envelope: "Envelope" = field(repr=False)
 
     @property
     def findings(self) -> tuple[Diagnostic, ...]:

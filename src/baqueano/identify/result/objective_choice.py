@@ -1,19 +1,16 @@
-"""Which of the two costs to believe: θ̂ of the simulation error or θ̃ of the innovations.
+"""Choice between two costs: θ̂ of the simulation error or θ̃ of the innovations.
 
-    θ_b − θ = (A − A_b)⁻¹ g_b        of either answer, without block b of BLOCK_S (jackknife.py)          (1)
+    θ_b − θ = (A − A_b)⁻¹ g_b        of either fit, without block b of BLOCK_S (jackknife.py)             (1)
     D_b = C_b(θ̃_b) − C_b(θ̂_b),      z = Σ D_b / √(n var D_b)   over n blocks                              (2)
     t_i = (θ̂ − θ̃)_i / √((n − 1)/n Σ_b (δ_b − δ̄)_i²),   δ_b = θ̂_b − θ̃_b                                   (3)
 
-C_b is the cost of an open-loop simulation of a block that neither has used. (3) is Hausman's test: both are consistent
-where the model is right, and a model that lacks something has two answers.
-
-    floor still                               the simulation: both say the same, and it is the harder test of a model
-    floor moves, one answer, ΣD_b below 0     the innovations: the simulation's errors are a walk, neighbours no news
-    floor moves, one answer, larger by chance the simulation: nothing is gained
-    two answers, or a larger error            neither, the simulation rather: what the model lacks passes for a floor
-
-A floor explains what a simulation leaves where it moves, none of these contradicts, and the sensors' own noise is not
-far above the file's. Sources: Stone 1974 for (2); Hausman 1978 for (3); Quenouille 1956 for (1).
+C_b is the cost of an open-loop simulation of a held-out block. (3) is Hausman's test: both fits are consistent where
+the model is right. docs/derivations/robust_covariance.md says why.
+    process noise is 0                        the simulation: both agree, and it is the harder test of a model
+    noise, one θ, ΣD_b below 0                the innovations: errors of the simulation are a random walk
+    noise, one θ, ΣD_b above 0 by chance      the simulation: nothing is gained
+    two θ, or a larger error                  the simulation, with a warning: the model lacks something
+Sources: Stone 1974 for (2); Hausman 1978 for (3); Quenouille 1956 for (1).
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,18 +1,14 @@
-"""USABLE, WARN or REFUSED, with reasons: a fit that ended is not yet a fit to drive with.
+"""USABLE, WARN or REFUSED, with reasons.
 
-REFUSED   the search did not converge; the model explains nothing, or is far from a channel that was believed; most
-          of what was asked for is not seen, or with a large error only; a detector (diagnostics/) found data that
-          cannot be meant.
-WARN      a parameter that its bound holds back, weakly seen or not seen; residuals that are coloured and large, or
-          far above the sensors' noise in the file; many outliers, or outliers to one side; a detector found what
+REFUSED   the search did not converge; the model explains nothing, or is far from a channel in use; most parameters
+          are not identifiable, or have a large error only; a diagnostic found impossible data.
+WARN      a parameter is at its bound, poorly identified or not identifiable; residuals are autocorrelated and large, or
+          far above the sensors' noise in the file; outliers are many, or to one side; a diagnostic found what
           may have moved a parameter.
-USABLE    none of these.
+USABLE    none of these. What the vehicle can never show does not count; notes tell of repairs to the data.
 
-What the vehicle can never show does not count. What was mended, and a bound at which chance could put a parameter,
-is said in the notes.
-
-Runs are judged by the squares of what is left and of what moved, summed over all. One is unlike the others where
-with ḡ and s of the others' g_r = log mean e², over R runs
+Runs are compared by mean squares of residuals and of motion. One run differs from the others where with ḡ and s of the
+others' g_r = log mean e², over R runs,
 
     g_r − ḡ > t_{1−α/R} s √(1 + 1/(R − 1)),                                                               (1)
 

@@ -1,22 +1,17 @@
 """Optional terms of a vehicle model, each with its neutral value and its starts.
 
-The least model of a kind has forces (or velocities) of the commands and viscous friction; of a car also what
-steers it. Everything else is a term: dry friction, of the body and of each wheel, dead zones, quadratic drag, drag of
-cornering, lag and delay of the motors, cross-talk of the commands, unequal motors, sag and voltage of the battery, a
-centre of mass that is not where the file says. A dead zone stands among them both ways at once too: beside dry
-friction, which resembles it, one way alone shows little. They stand in the
-order in which they are believed where the data cannot tell them apart: first what holds in both directions and
-without a command, then what a command does, one way last. At its neutral value
-a term is not there. Where a search begins is told by the size that a term can have at most:
+The least model of a kind has forces (or velocities) of the commands and viscous friction, and a car its steering. All
+else is a term: dry friction, dead zones, drag, lag and delay, cross-talk, unequal motors, battery, centre of mass.
+At its neutral value a term has no effect. Its largest possible size gives the starts of a search:
 
-    friction, drag     a tenth, and 3 tenths, of what would eat up the largest command                     (1)
-    dead zone          a twentieth, and a quarter, of the largest command                                  (2)
+    friction, drag     0.1 and 0.3 of what would take up the largest command                               (1)
+    dead zone          0.05 and 0.25 of the largest command                                                (2)
     lag, delay         0.05 s; a delay, whose cost has a kink at every whole tick, every 0.025 s            (3)
 
-or by its field, `start`. (1) is asked of the equations: from the motion that the largest commands make within REACH_S,
-each channel's alone and all of them together, what one unit of the parameter changes in ν̇, against the largest ν̇ on
-the way. What changes nothing there is not a term of these commands. Names, neutral values and starts stand beside the
-fields of the vehicle's class (parameter.py): a class of your own has its terms as ours have.
+or the field's `start`. For (1) the largest commands drive the model for REACH_S, one channel at a time and all
+together: the change of ν̇ by a unit of the parameter, against the largest ν̇. Without a change it is not a term.
+Names, neutral values and starts stand beside the fields of the class (parameter.py); their order is explained in
+docs/derivations/d_optimal_design.md.
 """
 
 from collections.abc import Sequence

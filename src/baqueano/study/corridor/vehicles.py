@@ -12,7 +12,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.noise import measure_noise
+from baqueano.identify.noise.covariances import measure_noise
 from baqueano.study.driving import FREE, experiments, guess, together
 from baqueano.study.truth import Robots, drawn
 from baqueano.vehicle_file import VehicleFile

@@ -9,7 +9,7 @@ from baqueano.compare.consistency import Band, band
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.identify.noise import measure_noise
+from baqueano.identify.noise.covariances import measure_noise
 from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose

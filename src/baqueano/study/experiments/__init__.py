@@ -14,7 +14,7 @@ are at most as large as the file allows and go through the same `contained`.
 from functools import partial
 from typing import Any
 
-from baqueano.identify.design import room_of
+from baqueano.identify.design.room import room_of
 from baqueano.study.experiments.drives import outcome, plans, vehicles_around
 from baqueano.study.experiments.result import Drawn, Experiments, joined, rows_of
 from baqueano.study.workers import spread_over

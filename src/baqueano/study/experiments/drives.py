@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.design import Room, contained, designed, mean_error, possible_vehicles
-from baqueano.identify.design.information import NUISANCE_SD, unknowns
-from baqueano.identify.design.room import VEHICLES
+from baqueano.identify.design.information import NUISANCE_SD, mean_error, unknowns
+from baqueano.identify.design.plan import designed
+from baqueano.identify.design.room import VEHICLES, Room, contained
 from baqueano.identify.design.signals import KINDS, excitation
-from baqueano.identify.design.vehicle_cloud import Cloud
+from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 from baqueano.study.counterpart import world_of
 from baqueano.study.experiments.result import DESIGNED, Drawn
 from baqueano.study.identification.bound import beside, bound_of, numbers, substitute

@@ -11,7 +11,7 @@ from functools import partial
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
-from baqueano.identify.noise import measure_noise
+from baqueano.identify.noise.covariances import measure_noise
 from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
 from baqueano.study.driving import FREE, SHAPES, experiments, guess
 from baqueano.study.marks.drives import Team, follow, with_tags

@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.compare.errors import rms
 from baqueano.drive import replay
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.identify.noise import measure_noise
+from baqueano.identify.noise.covariances import measure_noise
 from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _
