@@ -24,13 +24,13 @@ def benches(smallest: bool) -> list[Bench]:
     )
     informant = Informant(file)
     live = RecursiveInformation(informant)
-    state = live.step(live.init(), u[: 10 * WINDOW])
+    state = live.add(live.begin(), u[: 10 * WINDOW])
     window = np.ascontiguousarray(u[:WINDOW])
     return [
         measured(
             f"information after {len(u) / file.rate_hz:.0f} s of driving, brought up to date",
             [
-                Case("one window of 10 ticks", lambda: live.step(state, window)),
+                Case("one window of 10 ticks", lambda: live.add(state, window)),
                 Case("the batch over all of it", lambda: informant.information(u)),
             ],
             targets={} if smallest else {"the batch over all of it": TIMES},

@@ -31,44 +31,44 @@ def test_the_sum_of_the_windows_is_the_batch_matrix(name):
     theta = informant.nominal.copy()
     theta[: informant.of.interest] *= 1.2  # not only where the file has it
     for at in (informant.nominal, theta):
-        F = live.step(live.init(at), u).F * np.outer(informant.of.size, informant.of.size)
+        F = live.add(live.begin(at), u).F * np.outer(informant.of.size, informant.of.size)
         assert relative(F, informant.information(u, at)) < EXACT
 
 
 def test_ticks_may_come_in_any_portions():
     file, u = driven("small", 2.0)
     live = RecursiveInformation(Informant(file))
-    state, at = live.init(), 0
+    state, at = live.begin(), 0
     for count in (1, 7, WINDOW, 33, len(u)):
-        state, at = live.step(state, u[at : at + count]), at + count
-    assert relative(state.F, live.step(live.init(), u).F) < EXACT
+        state, at = live.add(state, u[at : at + count]), at + count
+    assert relative(state.F, live.add(live.begin(), u).F) < EXACT
 
 
 def test_without_a_compiler_it_is_the_same():
     file, u = driven("small", 0.5)
     quick, slow = (RecursiveInformation(Informant(file, backend)) for backend in ("auto", "python"))
-    assert relative(slow.step(slow.init(), u).F, quick.step(quick.init(), u).F) < EXACT
+    assert relative(slow.add(slow.begin(), u).F, quick.add(quick.begin(), u).F) < EXACT
 
 
 def test_what_was_not_measured_adds_nothing():
     file, u = driven("small", 2.0)
     live = RecursiveInformation(Informant(file))
-    none = live.step(live.init(), u, np.zeros((len(u), 3)))
+    none = live.add(live.begin(), u, np.zeros((len(u), 3)))
     assert not none.F.any()
-    late = live.step(none, u, np.ones((len(u), 3)))  # the state has gone on meanwhile
-    whole = live.step(live.init(), np.concatenate([u, u]))
-    first = live.step(live.init(), u)
+    late = live.add(none, u, np.ones((len(u), 3)))  # the state has gone on meanwhile
+    whole = live.add(live.begin(), np.concatenate([u, u]))
+    first = live.add(live.begin(), u)
     assert relative(late.F, whole.F - first.F) < EXACT
 
 
 def test_errors_shrink_and_bits_grow_tick_by_tick():
     file, u = driven("small", 3.0)
     live = RecursiveInformation(Informant(file))
-    state, before = live.init(), np.ones(live.of.interest)
+    state, before = live.begin(), np.ones(live.of.interest)
     np.testing.assert_allclose(live.relative_sd(state), before)
     assert bits(before) == 0.0
     for at in range(0, len(u), WINDOW):
-        state = live.step(state, u[at : at + WINDOW])
+        state = live.add(state, u[at : at + WINDOW])
         now = live.relative_sd(state)
         assert np.all(now <= before + 1e-12)
         assert bits(now) >= bits(before) - 1e-9

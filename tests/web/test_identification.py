@@ -14,7 +14,7 @@ from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.web.lab import identification as module
-from baqueano.web.lab.identification import Identification, label_of
+from baqueano.web.lab.identification import DriveIdentification, label_of
 from baqueano.web.lab.recorded import recorded
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import browser, recorded_page, run_page
@@ -51,7 +51,7 @@ def fitted(drive, seconds=60.0):
 def test_before_8_s_errors_are_those_that_the_guess_expects(driven):
     guess, _, run = driven
     names, rows = rows_of(run)
-    drive = Identification(guess)
+    drive = DriveIdentification(guess)
     drive.rows(names, rows[:700])
     while (state := drive.state())["busy"]:
         pass
@@ -68,7 +68,7 @@ def test_before_8_s_errors_are_those_that_the_guess_expects(driven):
 def test_a_fit_fills_the_bars_and_its_values_are_near_the_truth(driven):
     guess, small, run = driven
     names, rows = rows_of(run)
-    drive = Identification(guess)
+    drive = DriveIdentification(guess)
     for at in range(0, len(rows), 100):
         drive.rows(names, rows[at : at + 100])
         drive.state()
@@ -93,8 +93,8 @@ def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
         return real(drive, drive.run())
 
     names, rows = rows_of(run)
-    drive = Identification(guess)
-    real = Identification._fit
+    drive = DriveIdentification(guess)
+    real = DriveIdentification._fit
     monkeypatch.setattr(module, "PERIOD_S", 0.05)
     monkeypatch.setattr(drive, "_fit", slow)
     drive.rows(names, rows)
@@ -110,7 +110,7 @@ def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
 def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven):
     guess, _, run = driven
     names, rows = rows_of(run)
-    drive = Identification(guess, "python")
+    drive = DriveIdentification(guess, "python")
     assert not drive.compiled
     drive.rows(names, rows[:60])
     while (state := drive.state())["busy"]:
@@ -124,7 +124,7 @@ def test_without_a_compiler_the_bars_stay_hollow_for_15_s(driven):
 def test_ticks_that_never_came_are_driven_but_measure_nothing(driven):
     guess, _, run = driven
     names, rows = rows_of(run)
-    whole, gap = Identification(guess), Identification(guess)
+    whole, gap = DriveIdentification(guess), DriveIdentification(guess)
     whole.rows(names, rows[:300])
     gap.rows(names, rows[:100])
     gap.rows(names, rows[140:300])
@@ -142,7 +142,7 @@ def test_ticks_that_never_came_are_driven_but_measure_nothing(driven):
 
 def test_every_parameter_of_the_garage_has_a_name_for_people():
     for name in ("small", "car", "case-study-1"):
-        drive = Identification(load(name), "numpy")
+        drive = DriveIdentification(load(name), "numpy")
         labels = [label_of(one) for one in drive._free]
         drive.close()
         assert labels
@@ -205,7 +205,7 @@ def test_a_run_that_is_over_is_shown_at_all_its_times(tmp_path, driven):
 
 def test_a_drive_that_cannot_be_fitted_says_why(tmp_path):
     guess = load("small")
-    drive = Identification(guess)
+    drive = DriveIdentification(guess)
     names = ["t", "u.0", "u.1", "u.2", "z.imu[0]", "z.imu[1]", "z.imu[2]"]
     drive.rows(names, [[0.01 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for k in range(900)])
     end = time.monotonic() + 20.0

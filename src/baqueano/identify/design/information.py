@@ -12,7 +12,7 @@ design; Chaloner and Verdinelli 1995). F is that of white sensor noise: what the
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class Informant:
         var = np.concatenate([np.diag(s.cov) for s in blocks.sensors])
         weight = 1.0 / np.sqrt(np.where(var > 0.0, var, 1.0))
 
-        def start(theta: np.ndarray) -> Any:
+        def start(theta: np.ndarray) -> "Tree":
             nu = np.zeros(3)
             for k, i in enumerate(of.start):
                 nu = nu + theta[len(of.paths) + k] * np.eye(3)[i]

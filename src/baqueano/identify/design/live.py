@@ -28,7 +28,7 @@ WINDOW = 10  # ticks
 
 
 class InformationState(NamedTuple):
-    """What is known after some ticks."""
+    """The information of the ticks so far."""
 
     theta: np.ndarray  # (q,) where the derivatives are taken
     x: np.ndarray  # (s,) of the simulation
@@ -37,7 +37,7 @@ class InformationState(NamedTuple):
 
 
 class RecursiveInformation:
-    """F of a drive that goes on. `step` takes any number of ticks, and costs least in whole windows."""
+    """F of a drive that goes on. `add` takes any number of ticks, and costs least in whole windows."""
 
     def __init__(self, informant: Informant) -> None:
         self.of, self.nominal = informant.of, informant.nominal
@@ -67,13 +67,13 @@ class RecursiveInformation:
         self._begin = lambda theta: np.array([_flat(shape, begin(theta))[k] for k in self._live])
         self._slope = jacobian(self._begin)
 
-    def init(self, theta: np.ndarray | None = None) -> InformationState:
+    def begin(self, theta: np.ndarray | None = None) -> InformationState:
         """Return what is known at the start of a drive: nothing."""
         theta = self.nominal if theta is None else np.asarray(theta, dtype=float)
         x, S = np.asarray(self._begin(theta), dtype=float), np.asarray(self._slope(theta), dtype=float)
         return InformationState(theta, x, S, np.zeros((len(theta), len(theta))))
 
-    def step(self, state: InformationState, u: np.ndarray, has: np.ndarray | None = None) -> InformationState:
+    def add(self, state: InformationState, u: np.ndarray, has: np.ndarray | None = None) -> InformationState:
         """Return what is known after the ticks with commands `u` (N, n), of which the numbers `has` (N, m) were
         measured; all where None.  (1), (2)"""
         theta, x, S, F = state

@@ -31,7 +31,7 @@ class NamedMotion(NamedTuple):
 
 
 class NextMotion(NamedTuple):
-    """What to drive next, and what it would do to the parameter that gains most by it."""
+    """The motion to drive next, and the standard error of the parameter that gains most by it."""
 
     words: Diagnostic
     parameter: int  # of interest

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
-    from baqueano.web.lab.identification import Identification
+    from baqueano.web.lab.identification import DriveIdentification
 
 KEPT = 8  # answers on runs
 
@@ -16,18 +16,18 @@ class Drives:
 
     def __init__(self) -> None:
         self._key: object = None
-        self._drive: Identification | None = None
+        self._drive: DriveIdentification | None = None
         self._answers: dict[tuple[str, int], JsonObject] = {}
 
     def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
         """Take rows of the drive `drive` of a vehicle; return what it has taught."""
-        from baqueano.web.lab.identification import Identification
+        from baqueano.web.lab.identification import DriveIdentification
 
         key = word["drive"], word["vehicle"]
         if self._drive is None or key != self._key:
             if self._drive is not None:
                 self._drive.close()
-            self._key, self._drive = key, Identification(_file(word["vehicle"]))
+            self._key, self._drive = key, DriveIdentification(_file(word["vehicle"]))
         if word["rows"]:
             self._drive.rows(word["names"], word["rows"])
         return self._drive.state(), b""
@@ -36,14 +36,14 @@ class Drives:
         """Return what a run has taught."""
         from baqueano.drive.verbs import vehicle_of
         from baqueano.runs import read_run
-        from baqueano.web.lab.identification import Identification
+        from baqueano.web.lab.identification import DriveIdentification
         from baqueano.web.lab.recorded import recorded
 
         path = Path(word["path"])
         key = str(path), path.stat().st_mtime_ns
         if key not in self._answers:
             run = read_run(path)
-            packed, drive = recorded(run), Identification(vehicle_of(run))
+            packed, drive = recorded(run), DriveIdentification(vehicle_of(run))
             drive.rows([one["name"] for one in packed.fields], packed.x.tolist())
             self._answers[key] = drive.whole(run)
             drive.close()

@@ -1,4 +1,4 @@
-"""What a drive has taught so far about its vehicle, from the rows of the page: in the lab worker, beside the drive.
+"""Parameters of a vehicle while it drives, from the rows of the page: in the lab worker, beside the drive.
 
 The information of each window is exact (identify/design/live.py); a real fit over all rows is made again and again in a
 thread, first after FIRST_S of driving, then each second, and no more often than SHARE of the time allows. Errors are
@@ -57,7 +57,7 @@ class FitOfDrive(NamedTuple):
     took_s: float
 
 
-class Identification:
+class DriveIdentification:
     """One drive of one vehicle. `rows` and `state` are called by one thread."""
 
     def __init__(self, file: "VehicleFile", backend: str = "auto") -> None:
@@ -84,7 +84,7 @@ class Identification:
         n, m = len(self.file.command.names), sum(self._sizes.values())
         self._ticks = np.zeros(0, dtype=np.int64)
         self._u, self._z = np.zeros((0, n)), np.zeros((0, m))
-        self._information = self._live.init(self._theta)
+        self._information = self._live.begin(self._theta)
         self._sd: list[np.ndarray] = []  # (p,) after each window
 
     @property
@@ -207,7 +207,7 @@ class Identification:
             [np.abs(self._theta[: self._informant.of.interest]), size[self._informant.of.interest :]]
         )
         self._size = np.where(own > LEAST * size, own, size)
-        self._information, self._sd = self._live.init(self._theta), []
+        self._information, self._sd = self._live.begin(self._theta), []
         self._advance(float("inf"))
         at = min(len(self._sd), round(one.t_s / self._window_s)) - 1
         if at >= 0:
@@ -219,7 +219,7 @@ class Identification:
         has = np.isfinite(self._z).astype(float)
         for at in range(len(self._sd) * WINDOW, len(self._ticks) - WINDOW + 1, WINDOW):
             part = slice(at, at + WINDOW)
-            self._information = self._live.step(self._information, self._u[part], has[part])
+            self._information = self._live.add(self._information, self._u[part], has[part])
             self._sd.append(self._live.relative_sd(self._information, self._size))
             if time.monotonic() > until_s:
                 return

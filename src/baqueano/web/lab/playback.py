@@ -81,8 +81,8 @@ class RunPlayer:
     async def _play(self, path: Path) -> None:
         about, _ = await self._lab.ask("open", path=str(path))
         names = [field["name"] for field in about["fields"]]
-        told = {"world": "simulated", "blocks": about["blocks"], "file": str(path)}
-        self._on_word({"is": "vehicle", **about["vehicle"], **told})
+        around = {"world": "simulated", "blocks": about["blocks"], "file": str(path)}
+        self._on_word({"is": "vehicle", **about["vehicle"], **around})
         self._on_word({"is": "fields", "names": names, "units": [field["unit"] for field in about["fields"]]})
         self._on_word({"is": "route", "x": [], "y": []} | (about["route"] or {}))
         if not await self._somebody():
