@@ -243,3 +243,88 @@ def test_no_vehicle_is_an_error_of_one_paragraph(tmp_path):
     assert done.returncode == 3
     assert "Traceback" not in done.stderr
     assert issubclass(UsageError, BaqueanoError)
+
+
+def truths(said, names):
+    """Time [s] → true x, y of each row since the last drive began."""
+    begin = max(k for k, m in enumerate(said) if m["is"] == "fields")
+    t, x, y = (names.index(n) for n in ("t", "truth.x", "truth.y"))
+    return {row[t]: (row[x], row[y]) for m in said[begin:] if m["is"] == "frame" for row in m["x"]}
+
+
+def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, folder):
+    child.say(do="watch", hz=20)
+    names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
+    child.say(do="mission", door=VERSION, id="one", kind="experiment", seconds=8.0, attended=False, seed=5)
+    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
+    child.say(do="shake", kind="tilt", x=0.03)
+    child.say(do="shake", kind="push", y=0.4)
+    child.say(do="shake", kind="cut", of="gps")
+    refusal = child.until(lambda m: m["is"] == "no")[-1]
+    assert refusal["about"]["code"] == "shake.of"
+    said = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["noticed"])
+    tilt, push = said[-1]["rows"]
+    assert (tilt["fault"]["kind"], push["what"]["code"]) == ("tilt", "shake.push")
+    assert push["noticed"][0]["who"]["code"] in ("ledger.who-nis", "ledger.who-gate")
+    child.say(do="shake", over=1)
+    row = child.until(lambda m: m["is"] == "ledger" and m["rows"][0]["over"])[-1]["rows"][0]
+    assert row["until_s"] > row["t_s"]
+    done = child.until(lambda m: m["is"] == "done")[-1]
+    shaken = read_run(folder / "runs" / done["run"])
+    child.say(do="again", from_s=push["t_s"], without=[2])
+    said = child.until(lambda m: m["is"] == "done")
+    assert (said[-1]["id"], said[-1]["code"]) == ("again", 0)
+    twin = read_run(folder / "runs" / said[-1]["run"])
+    kept = [e.diagnostic.code for e in twin.events if e.source == "shake"]
+    assert kept == ["shake.tilt"]
+    first = int(np.searchsorted(shaken.t_ns, round(push["t_s"] * 1e9) + 1))
+    np.testing.assert_array_equal(twin.truth.eta[:first], shaken.truth.eta[:first])
+    assert np.any(twin.truth.eta[first:] != shaken.truth.eta[first : len(twin.truth.eta)])
+    assert len(truths(said, names)) > 0.5 * len(twin.t_ns)
+
+
+def test_the_faults_of_a_mission_and_again_without_any_while_it_drives(child, folder):
+    mission = {"kind": "experiment", "seconds": 30.0, "seed": 5, "shake": ["0.5 s: sag 80 %"]}
+    child.say(do="mission", door=VERSION, id="one", attended=False, **mission)
+    child.until(lambda m: m["is"] == "ledger" and m["rows"])
+    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
+    child.say(do="again", from_s=0.4)
+    first = child.until(lambda m: m["is"] == "done")[-1]
+    assert first["id"] == "one"
+    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
+    child.say(do="stop", why="enough")
+    twin = read_run(folder / "runs" / child.until(lambda m: m["is"] == "done")[-1]["run"])
+    shaken = read_run(folder / "runs" / first["run"])
+    assert not [e for e in twin.events if e.source == "shake"]
+    n = min(len(twin.t_ns), len(shaken.t_ns))
+    np.testing.assert_array_equal(twin.truth.eta[:50], shaken.truth.eta[:50])
+    assert np.any(twin.truth.eta[50:n] != shaken.truth.eta[50:n])
+    child.say(do="clear")
+    child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
+
+
+@pytest.mark.parametrize(
+    ("word", "code"),
+    [
+        ({"do": "shake", "kind": "sag", "part": 0.5}, "shake.no-drive"),
+        ({"do": "shake", "over": 1}, "shake.no-drive"),
+        ({"do": "mission", "door": VERSION, "kind": "drive", "shake": ["dance"]}, "shake.words"),
+        ({"do": "mission", "door": VERSION, "kind": "drive", "shake": "dance"}, "shake.too-many"),
+    ],
+)
+def test_what_is_no_fault_now_is_refused(child, word, code):
+    child.say(**word, id="bad")
+    said = child.until(lambda m: m["is"] == "no" or (m["is"] == "done" and m["id"] == "bad"))[-1]
+    assert (said.get("about") or said["why"])["code"] == code
+
+
+def test_a_drive_by_hand_is_not_driven_again(child):
+    child.say(do="mission", door=VERSION, id="one", kind="drive")
+    child.until(
+        lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.1, {"do": "hand", "u": [0.3, 0.0, 0.0]}
+    )
+    child.say(do="again")
+    said = child.until(lambda m: m["is"] == "no", {"do": "beat"})[-1]
+    assert said["about"]["code"] == "shake.by-hand"
+    child.say(do="end")
+    child.until(lambda m: m["is"] == "done", {"do": "beat"})

@@ -70,6 +70,11 @@ class Operator:
         return who is self._holder
 
     @property
+    def silence_s(self) -> float:
+        """Return the silence after which its holder is gone [s]."""
+        return self._silence_s
+
+    @property
     def taken(self) -> bool:
         """Return True while a mission is driven, or waits."""
         return self._taken

@@ -14,7 +14,7 @@ FIELDS: dict[str, "JsonObject"] = {  # what a message must hold; what else is in
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
     "vehicle": {"name": str}, "fields": {"names": list}, "route": {"x": list, "y": list}, "frame": {"x": list},
-    "routes": {"routes": list}, "over": {"why": Diagnostic},
+    "routes": {"routes": list}, "over": {"why": Diagnostic}, "ledger": {"rows": list},
 }  # fmt: skip
 
 

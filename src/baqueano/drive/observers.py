@@ -40,6 +40,9 @@ class Observer:
         """Return the events of the run since the last tick."""
         return ()
 
+    def happened(self, t_ns: int, source: str, what: Diagnostic | str) -> None:
+        """Hear an event of the run, once it is written."""
+
     def look(self, record: Record) -> None:
         """Take the record of a tick, once it is written."""
 

@@ -13,7 +13,7 @@ from baqueano.signals import seconds
 STOP_SOURCE = "loop"
 HARDWARE_SOURCE, CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE = "hardware", "clock", "line", "uno"
 IMU_SOURCE = "imu"
-MARK_SOURCE = "mark"
+MARK_SOURCE, SHAKE_SOURCE = "mark", "shake"
 PROGRESS_EVERY = 50  # ticks
 
 
@@ -47,25 +47,31 @@ class Recording:
         for name, channel_ns, z in self.world.new_channels():
             sink.channel(name, channel_ns, z)
         for event_ns, one in self.world.new_events():
-            sink.event(event_ns, "warning", HARDWARE_SOURCE, one)
+            ours = isinstance(one, Diagnostic) and one.subject == SHAKE_SOURCE
+            self._event(event_ns, "warning", SHAKE_SOURCE if ours else HARDWARE_SOURCE, one)
         for source, level, one in self.health.lines(record.tick, record.estimate):
-            sink.event(t_ns, level, source, one)
+            self._event(t_ns, level, source, one)
         for _ in range(sum(one.marked() for one in self.observers)):
-            sink.event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
+            self._event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
         for source, level, said in [line for one in self.observers for line in one.events()]:
-            sink.event(t_ns, level, source, said)
+            self._event(t_ns, level, source, said)
         self._show(record)
         self.ticks, self.last_ns = self.ticks + 1, t_ns
 
     def stopped(self, t_ns: int, why: Diagnostic) -> None:
         """Why the motors are stopped from now on."""
-        self.sink.event(t_ns, "error", STOP_SOURCE, why)
+        self._event(t_ns, "error", STOP_SOURCE, why)
 
     def end(self, why: Diagnostic | None) -> None:
         """The last events; `why` the vehicle was stopped, None if nothing stopped it."""
         lines = [line for one in self.observers for line in one.ended(why)]
         for source, level, said in (*self.health.last_lines(), *lines):
             self.sink.event(self.last_ns, level, source, said)
+
+    def _event(self, t_ns: int, level: str, source: str, what: Diagnostic | str) -> None:
+        self.sink.event(t_ns, level, source, what)
+        for one in self.observers:
+            one.happened(t_ns, source, what)
 
     def _show(self, record: Record) -> None:
         failure, shown = self.sink.failure, record._replace(degraded=self.health.degraded)

@@ -28,7 +28,8 @@ from baqueano.signals import Command, Reference, Tick, silent
 from baqueano.symbolic import TraceError, compiled
 from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicle_file import VehicleFile
-from baqueano.worlds import SimulatedWorld
+from baqueano.worlds import ShakenWorld, SimulatedWorld
+from baqueano.worlds.faults.fault import Wanted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +38,8 @@ class Conditions:
 
     The world is a simulation of `truth` (a vehicle file; by default that which the file of the drive names, itself if
     none) with the noise of `seed`, for `duration_s` at most, unless another `world` and its clock `ticking` are given.
+    `shake` are the faults that happen to it, as `worlds.Fault` or in words ("12 s: push 0.3 N s left"); an empty list
+    gives the undisturbed twin of a shaken run, bit for bit up to its first fault.
     `eta` (3,) [m, rad] is the pose at the start; (6,) of a vehicle that is moving then, with its velocity. `backend`:
     see `symbolic.compiled`.
     """
@@ -48,6 +51,7 @@ class Conditions:
     backend: str = "auto"
     world: World | None = None
     ticking: Iterable[int] | None = None
+    shake: Sequence[Wanted] | None = None
 
     @property
     def start(self) -> np.ndarray:
@@ -56,12 +60,16 @@ class Conditions:
 
     def world_of(self, vehicle_file: VehicleFile) -> World:
         """Return the world; UsageError where file and world take another number of commands."""
-        real = vehicle_file.truth if self.truth is None else self.truth
-        world = self.world or SimulatedWorld(
-            real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
-        )
+        world = self.world or self._simulated(vehicle_file)
+        if self.world is not None and self.shake is not None:
+            raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
         _same_commands(vehicle_file, world)
         return world
+
+    def _simulated(self, vehicle_file: VehicleFile) -> World:
+        real = vehicle_file.truth if self.truth is None else self.truth
+        how = real.vehicle, real.sensors, real.rate_hz, self.seed, self.start, self.backend
+        return SimulatedWorld(*how) if self.shake is None else ShakenWorld(*how, self.shake)
 
     def clock_of(self, vehicle_file: VehicleFile) -> Iterable[int]:
         """Return the times of the ticks [ns]."""

@@ -21,7 +21,7 @@ from baqueano.web.feed import Feed
 from baqueano.web.guard import Role
 from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
-from baqueano.web.sentence import described
+from baqueano.web.sentence import described, ledger_rows
 from baqueano.web.service import Spoken
 from baqueano.web.visitor import Visitor
 
@@ -64,6 +64,7 @@ class Live:
         self._told: tuple[object, int] = (None, 0)  # holder and watchers, as all know them
         self._changed = True
         self.over = asyncio.Event()  # the drives have ended as they should, and the service with them
+        self._ledger: list[JsonObject] = []  # the rows, with diagnostics
 
     def begin(self) -> None:
         """Ask for frames and routes."""
@@ -102,6 +103,8 @@ class Live:
         """Send what has happened so far: the last 60 s, and events."""
         for t_s, said in self._events:
             self._say_event(visitor, t_s, said)
+        if self._ledger:
+            self._say_ledger(visitor)
         visitor.send_all(self._history(0.0))
 
     async def heard(self, visitor: Visitor, word: "JsonObject") -> None:
@@ -112,8 +115,8 @@ class Live:
         do = {
             "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give,
             "mission": self._mission, "pause": self._pass_on, "go": self._pass_on, "mark": self._pass_on,
-            "end": self._pass_on, "clear": self._clear, "set": self._set, "shake": self._set, "pace": self._pace,
-            "history": self._send_history, "identify": self._identify,
+            "end": self._pass_on, "clear": self._clear, "set": self._set, "shake": self._set, "again": self._set,
+            "pace": self._pace, "history": self._send_history, "identify": self._identify,
         }.get(word["is"])  # fmt: skip
         if do is None:
             raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:LONGEST]))
@@ -195,7 +198,7 @@ class Live:
         self._link.say("clear")
 
     def _set(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Hand on a gain, or a fault of a simulated vehicle."""
+        """Hand on a gain, a fault of a simulated vehicle, or that it drives again without one."""
         self.lease.check(visitor)
         self._asked = visitor
         self._link.say(word["is"], **{k: v for k, v in word.items() if k not in ("is", "do")})
@@ -229,7 +232,7 @@ class Live:
         do = {
             "frame": self._on_frame, "state": self._on_state, "event": self._on_event, "no": self._on_no,
             "vehicle": self._on_vehicle, "fields": self._on_fields, "route": self._on_route,
-            "routes": self._on_routes, "done": self._on_done, "over": self._on_over,
+            "routes": self._on_routes, "done": self._on_done, "over": self._on_over, "ledger": self._on_ledger,
         }.get(word["is"])  # fmt: skip
         if do is not None:
             do(word)
@@ -294,6 +297,16 @@ class Live:
     def _on_routes(self, word: "JsonObject") -> None:
         self._routes = [route for route in word["routes"] if isinstance(route, dict) and "name" in route]
         self._tell({"is": "routes", "routes": self._routes})
+
+    def _on_ledger(self, word: "JsonObject") -> None:
+        """Faults of a simulated drive, and who noticed them (sentence.py)."""
+        self._ledger = [row for row in word["rows"] if isinstance(row, dict)]
+        for visitor in self._all():
+            self._say_ledger(visitor)
+
+    def _say_ledger(self, visitor: Visitor) -> None:
+        with within(visitor.language):
+            visitor.say({"is": "ledger", "rows": ledger_rows(self._ledger)})
 
     def _on_done(self, word: "JsonObject") -> None:
         """A mission is over: say why, and what there is now."""

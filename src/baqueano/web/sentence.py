@@ -1,6 +1,8 @@
-"""The state of a vehicle in words: what it does, how well, and what is odd, in the language of a reader."""
+"""The state of a vehicle in words: what it does, how well, and what is odd, in the language of a reader; and its
+ledger, faults and who noticed them."""
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, note
@@ -20,6 +22,7 @@ STATES = {
 }  # fmt: skip
 NIS_S = 10.0
 FEWEST = 100  # values of the NIS that say something
+PLAIN = ("number", "t_s", "until_s", "over", "fault")  # of a row of the ledger
 HALF_BAND = 1.96 * math.sqrt(2.0)  # of the mean of N squared normals, times √N
 
 
@@ -79,3 +82,25 @@ def _lap(feed: "Feed", route: "JsonObject | None") -> int | None:
     if not (length_m > 0.0 and math.isfinite(progress)):
         return None
     return max(1, math.floor(progress / length_m) + 1)
+
+
+def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
+    """Return the rows of a `ledger` of the door with texts in place of diagnostics."""
+    return [
+        {name: row.get(name) for name in PLAIN}
+        | {
+            "what": _text(row.get("what")), "nobody": _text(row.get("nobody")),
+            "noticed": [
+                {"who": _text(one.get("who")), "after_s": one.get("after_s"), "text": _text(one.get("said"))}
+                for one in row.get("noticed") or [] if isinstance(one, dict)
+            ],
+            "silent": [_text(one) for one in row.get("silent") or []],
+        }
+        for row in rows
+    ]  # fmt: skip
+
+
+def _text(said: object) -> str | None:
+    with suppress(ValueError):
+        return text(Diagnostic.of_json(said)) if said is not None else None
+    return None

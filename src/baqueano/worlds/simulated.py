@@ -138,8 +138,7 @@ class SimulatedWorld(World):
         """All ticks up to `t_ns`; their times are whole multiples of the world's own period."""
         ticks = []
         while (next_ns := round((self._tick + 1) * NANOSECONDS / self._rate_hz)) <= t_ns:
-            dt_s = 1.0 / self._rate_hz
-            self._state, self.truth, slots = self._step(self._state, self._u, dt_s, self._noise())
+            slots = self._advance(1.0 / self._rate_hz)
             ticks.append(Tick(next_ns, self._u, slots))
             self._truths.append((next_ns, self.truth))
             self._tick += 1
@@ -154,6 +153,11 @@ class SimulatedWorld(World):
         truths = list(self._truths)
         self._truths.clear()
         return truths
+
+    def _advance(self, dt_s: float) -> ByName[Slot]:
+        """Go on by a tick; its readings."""
+        self._state, self.truth, slots = self._step(self._state, self._u, dt_s, self._noise())
+        return slots
 
     def _noise(self) -> DrawnNoise:
         row = self._tick % BATCH

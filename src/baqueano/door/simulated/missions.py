@@ -5,13 +5,15 @@
     {kind: "experiment", signal, seconds}
     {kind: "drive"}, {kind: "first drive"}
 
+Beside these: `seed`, `shake`, a list of faults (worlds/faults/), `hurry_s`, until which it is driven without waiting.
+
 A whole mission in JSON, as the laptop sends it to a robot, brings its own vehicle file and its own blocks.
 """
 
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -25,6 +27,8 @@ from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import shape
 from baqueano.runs.folder import plain_label
 from baqueano.runs.route_file import read_route
+from baqueano.worlds.faults.fault import Fault
+from baqueano.worlds.shaken import MOST_FAULTS
 
 if TYPE_CHECKING:
     from baqueano.guides.route import Route
@@ -45,6 +49,8 @@ class MissionPlan:
     keep: str = ""  # the name under which a lesson's route is stored
     closed: bool | None = None  # whether that route is closed; None: where the drive came back to its begin
     seed: int | None = None
+    shake: tuple[Fault, ...] = ()
+    hurry_s: float = 0.0  # of the drive, that pass as fast as they can be computed
 
     @property
     def start(self) -> np.ndarray:
@@ -60,14 +66,20 @@ def planned(asked: str, file: "VehicleFile", routes: "StoredRoutes", seed: int) 
         whole = "format" in said
         seed = int(said.get("seed", seed))
         kind = str(said["kind"])
+        shake, hurry_s = said.pop("shake", []), _number(said, "hurry_s", 0.0)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
+    if not isinstance(shake, list) or len(shake) > MOST_FAULTS:
+        raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
+    faults = tuple(Fault.of_words(one) for one in shake)
     if not whole:
-        yield _named(kind, said, file, routes, seed)
+        yield replace(_named(kind, said, file, routes, seed), shake=faults, hurry_s=hurry_s)
         return
-    mission = Mission.of_json(asked)
+    beside = ("seed", "shake", "hurry_s")
+    mission = Mission.of_json(json.dumps({k: v for k, v in said.items() if k not in beside}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
-        yield MissionPlan(mission, unpacked(mission, Path(folder)), seed=seed)
+        file = unpacked(mission, Path(folder))
+        yield MissionPlan(mission, file, seed=seed, shake=faults, hurry_s=hurry_s)
 
 
 class StoredRoutes:

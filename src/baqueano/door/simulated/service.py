@@ -3,7 +3,8 @@
     idle       a mission that waits begins when the vehicle is READY
     mission    the loop of loop.py in the time of the wall, at a pace (pace.py), into a run on disk
 
-It hears the words of the door, and those of a simulation: pause, go {ticks}, pace {factor}, routes.
+It hears the words of the door, and those of a simulation: pause, go {ticks}, pace {factor}, routes, shake, again
+(shaking.py).
 """
 
 import threading
@@ -24,6 +25,7 @@ from baqueano.door.operator import STOP, Operator
 from baqueano.door.outcome import outcome_of
 from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, planned
 from baqueano.door.simulated.pace import PacedClock
+from baqueano.door.simulated.shaking import Faults
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.mission import perform
 from baqueano.drive.observers import LastLine, Observer
@@ -35,7 +37,7 @@ from baqueano.messages import templates
 from baqueano.runs import read_run
 from baqueano.runs.folder import claim, release
 from baqueano.runs.route_file import write_route
-from baqueano.worlds import SimulatedWorld
+from baqueano.worlds import ShakenWorld
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -68,6 +70,7 @@ class SimulatedService:
         self._run: str | None = None  # that is written just now
         self._seen: Record | None = None
         self._told_s = float("-inf")
+        self.shaken = Faults(self.operator, lambda message: self.tell(message))
 
     def words(self) -> dict[str, Word]:
         """Return the words that the door does not know by itself."""
@@ -76,6 +79,8 @@ class SimulatedService:
             "go": lambda guest, said: self._while_holding(guest, lambda: self.pace.go(int(said.get("ticks", 0)))),
             "pace": lambda guest, said: self._while_holding(guest, lambda: self.pace.set(float(said["factor"]))),
             "routes": lambda guest, said: {"is": "routes", "routes": self.routes.rows()},
+            "shake": lambda guest, said: self._while_holding(guest, lambda: self.shaken.take(said)),
+            "again": lambda guest, said: self._while_holding(guest, lambda: self.shaken.again(guest, said)),
         }  # fmt: skip
 
     def run(self) -> None:
@@ -111,6 +116,7 @@ class SimulatedService:
         self.publish(at_once=True)
         self.operator.free()
         self.tell({"why": why, "code": code} | done)
+        self.shaken.ask_again()
 
     def _taken(self, asked: str, attended: bool, done: JsonObject) -> None:
         """Drive a mission as far as it comes; `done` is told of it then."""
@@ -121,7 +127,7 @@ class SimulatedService:
                 self.machine.go("manual" if by_hand else "mission")
                 self._plan, self._run = plan, path.name
                 self.publish(at_once=True)
-                why, code = outcome_of(lambda: self._driven(plan, attended, path))
+                why, code = outcome_of(lambda: self._driven(plan, asked, attended, path))
                 meant = why is None or code or self.operator.done
                 late = self.operator.why(
                     attended=False
@@ -135,14 +141,20 @@ class SimulatedService:
             finally:
                 release(path)
 
-    def _driven(self, plan: MissionPlan, attended: bool, path: Path) -> Diagnostic | None:
+    def _driven(self, plan: MissionPlan, asked: str, attended: bool, path: Path) -> Diagnostic | None:
         """Return why the vehicle was stopped, None if nothing stopped it."""
         truth, start = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
-        world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend)
+        world = ShakenWorld(
+            truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend, plan.shake
+        )
         self.operator.marked()  # those of before this drive
         watching = _DriveObserver(self, plan, world, attended)
-        observers = (watching, Adjusting(self.operator, self.tell))
+        observers = (
+            watching,
+            Adjusting(self.operator, self.tell),
+            self.shaken.begin(plan, world, asked, attended),
+        )
         try:
             perform(
                 plan.mission, plan.file, hand=lambda: self.operator.command(world.commands), world=world,
@@ -160,7 +172,7 @@ class SimulatedService:
             self.publish()
             return self.operator.done or self.operator.why(attended) is not None
 
-        for t_ns in self.pace.ticks(plan.file.rate_hz, wanted):
+        for t_ns in self.pace.ticks(plan.file.rate_hz, wanted, plan.hurry_s):
             if self.operator.done:
                 raise KeyboardInterrupt
             yield t_ns
@@ -218,7 +230,7 @@ class _DriveObserver(Observer):
     """The observer of a drive for the service."""
 
     def __init__(
-        self, service: SimulatedService, plan: MissionPlan, world: SimulatedWorld, attended: bool
+        self, service: SimulatedService, plan: MissionPlan, world: ShakenWorld, attended: bool
     ) -> None:
         self._service, self._plan, self._world, self._attended = service, plan, world, attended
         self.over = False

@@ -1,0 +1,148 @@
+"""Faults of the drive that goes on, the ledger of who noticed them, and the same drive again without them.
+
+    shake {kind, …}              a fault that begins with the next tick, by the fields of worlds/faults/fault.py
+    shake {over: number}         it ends
+    again {from_s, without}      the same mission with the same seed, without the faults of these numbers, or without
+                                 any; until `from_s` as fast as it can be computed. The drive that goes on ends first
+    ledger {rows}                said when something changes: number, t_s, until_s, over, what, noticed [who, after_s,
+                                 said], silent [who], nobody
+
+`what`, `said` and `nobody` are diagnostics.
+"""
+
+import json
+from typing import TYPE_CHECKING
+
+from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.drive.observers import LastLine, Observer
+from baqueano.errors import SafetyStop, UsageError
+from baqueano.signals import seconds
+from baqueano.worlds.faults.ledger import Ledger, LedgerRow
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from baqueano.door.operator import Operator
+    from baqueano.door.simulated.missions import MissionPlan
+    from baqueano.loop import Blocks, Record
+    from baqueano.worlds.shaken import ShakenWorld
+
+EVERY_S = 0.5  # of the drive, between ledgers while a fault is watched
+
+
+class Faults:
+    """The words of faults, for one service."""
+
+    def __init__(self, operator: "Operator", tell: "Callable[[JsonObject], None]") -> None:
+        self._operator, self._tell = operator, tell
+        self._world: ShakenWorld | None = None  # while it drives
+        self._last: tuple[JsonObject, bool, ShakenWorld] | None = None  # mission, attended, its world
+        self._by_hand = False
+        self._again: tuple[object, JsonObject, bool, float] | None = None
+
+    def begin(self, plan: "MissionPlan", world: "ShakenWorld", asked: str, attended: bool) -> Observer:
+        """A drive begins; its observer."""
+        said = {k: v for k, v in json.loads(asked).items() if k != "hurry_s"} | {"seed": plan.seed}
+        self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
+        self._world, self._last = world, (said, attended, world)
+        return _LedgerKeeper(self, plan, world)
+
+    def ended(self) -> None:
+        """The drive is over."""
+        self._world = None
+
+    def take(self, said: JsonObject) -> None:
+        """Let a fault begin or end. UsageError where nothing drives, or for what is none."""
+        if (world := self._world) is None:
+            raise UsageError(fault("shake.no-drive"))
+        if "over" in said:
+            world.over(int(said["over"]))
+        else:
+            world.shake({name: value for name, value in said.items() if name not in ("do", "is", "at_s")})
+
+    def again(self, guest: object, said: JsonObject) -> None:
+        """Ask for the last mission again. UsageError where there is none, or a hand drove it."""
+        if self._last is None:
+            raise UsageError(fault("shake.no-mission"))
+        if self._by_hand:
+            raise UsageError(fault("shake.by-hand"))
+        mission, attended, world = self._last
+        without = {int(n) for n in said["without"]} if said.get("without") is not None else None
+        kept = [
+            one.to_json() for number, one in enumerate(world.faults, 1)
+            if without is not None and number not in without
+        ]  # fmt: skip
+        hurry = {"hurry_s": max(0.0, float(said.get("from_s", 0.0)))}
+        self._again = guest, mission | hurry | {"shake": kept}, attended, self._operator.silence_s
+        if self._operator.taken:
+            self._operator.end(guest)
+        else:
+            self.ask_again()
+
+    def ask_again(self) -> None:
+        """Ask for the mission that was wanted again, now that nothing drives."""
+        if self._again is None:
+            return
+        (guest, mission, attended, silence_s), self._again = self._again, None
+        if not self._operator.holds(guest) and self._operator.taken:
+            return
+        try:
+            self._operator.ask(guest, json.dumps(mission), attended, "again", silence_s)
+        except SafetyStop as error:
+            self._tell({"is": "event", "level": str(Severity.ERROR), "said": error.diagnostic})
+
+    def tell(self, ledger: Ledger) -> None:
+        """Tell the ledger."""
+        self._tell({"is": "ledger", "rows": [_row(ledger, one) for one in ledger.rows]})
+
+
+class _LedgerKeeper(Observer):
+    """Keeps the ledger of a drive, and tells it when it changes."""
+
+    def __init__(self, faults: Faults, plan: "MissionPlan", world: "ShakenWorld") -> None:
+        self._faults, self._file, self._world = faults, plan.file, world
+        self._ledger: Ledger | None = None
+        self._told_s, self._changed = 0.0, True
+
+    def begin(self, blocks: "Blocks") -> "Blocks":
+        self._ledger = Ledger(self._file, blocks.estimator)
+        return blocks
+
+    def happened(self, t_ns: int, source: str, what: Diagnostic | str) -> None:
+        if self._ledger is not None:
+            self._ledger.happened(t_ns, source, what)
+            self._changed = self._changed or bool(self._ledger.rows)
+
+    def look(self, record: "Record") -> None:
+        ledger, estimate = self._ledger, record.estimate
+        if ledger is None:
+            return
+        before = sum(len(row.noticed) for row in ledger.rows)
+        ledger.look(
+            record.tick.t_ns, estimate.innovation, estimate.innovation_cov, estimate.weight, estimate.eta,
+            estimate.cov, self._world.truth.eta,
+        )  # fmt: skip
+        t_s = float(seconds(record.tick.t_ns))
+        due = t_s - self._told_s >= EVERY_S and any(row.watched(t_s) for row in ledger.rows)
+        if self._changed or due or before != sum(len(row.noticed) for row in ledger.rows):
+            self._changed, self._told_s = False, t_s
+            self._faults.tell(ledger)
+
+    def ended(self, why: Diagnostic | None) -> "Iterable[LastLine]":
+        self._faults.ended()
+        if self._ledger is not None and self._ledger.rows:
+            self._faults.tell(self._ledger)
+        return ()
+
+
+def _row(ledger: Ledger, row: LedgerRow) -> JsonObject:
+    until_s = None if row.until_s == float("inf") else row.until_s
+    return {
+        "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "over": row.until_s <= ledger.now_s,
+        "fault": row.fault.to_json(), "what": row.said,
+        "noticed": [
+            {"who": note(f"ledger.who-{one.who}"), "after_s": one.after_s, "said": one.said} for one in row.noticed
+        ],
+        "silent": [note(f"ledger.who-{who}") for who in row.silent()], "nobody": ledger.nobody(row),
+    }  # fmt: skip

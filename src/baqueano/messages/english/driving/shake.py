@@ -1,0 +1,67 @@
+"""English sentences about faults of a simulated world, and about who noticed them."""
+
+TEMPLATES: dict[str, str] = {
+    "shake.push": "push of {much:.2f} N s {way}",
+    "shake.way-ahead": "ahead",
+    "shake.way-left": "to the left",
+    "shake.way-back": "back",
+    "shake.way-right": "to the right",
+    "shake.tilt": "floor tilted by {much:.1f}°, up towards {toward_deg:.0f}°",
+    "shake.cut": "{of} cut",
+    "shake.drift": "zero of {of} drifts by {size:g}",
+    "shake.spikes": "spikes of ± {size:g} in {of}, {percent:.0f} % of its samples",
+    "shake.slip": "{wheel} with {percent:.0f} % of its force",
+    "shake.wheel-left": "left wheel slips,",
+    "shake.wheel-right": "right wheel slips,",
+    "shake.wheel-all": "wheels slip,",
+    "shake.sag": "battery sags to {percent:.0f} % of its voltage",
+    "shake.lose": "the line loses {percent:.0f} % of its frames",
+    "shake.over": "over after {for_s:.1f} s: {what}",
+    "shake.kind": "There is no fault {found}: expected one of {known}.",
+    "shake.number": "{kind}: {name} = {found}: expected a number from {low:g} to {high:g}.",
+    "shake.of": "{kind} of {found}: expected one of {known}.",
+    "shake.fields": "The fault {found} has no kind, or a field that no fault has: expected some of {known}.",
+    "shake.words": (
+        '{found} does not describe a fault: expected a time and a kind, such as "12 s: push 0.3 N s left" or '
+        '"3-6 s: cut imu". The kinds, each with an example: {known}.'
+    ),
+    "shake.form": '{found} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
+    "shake.no-inertia": "This vehicle is kinematic, its velocity is its command: a {kind} cannot move it.",
+    "shake.no-mass": (
+        "The vehicle file has no mass_kg, so a push of {found} has no known effect. Tilt the floor instead."
+    ),
+    "shake.too-many": "A drive has at most {most} faults. Begin another drive.",
+    "shake.no-number": "There is no fault number {found}: this drive has had {most}.",
+    "shake.of-another-world": (
+        "Faults happen in a simulation only, and this drive is given a world, {world}. Leave out `world` or `shake`."
+    ),
+    "shake.robot": "Faults happen in a simulation only. Leave out --shake, or --robot {host}.",
+    "shake.no-drive": "Nothing drives. Begin a mission first, or give it its faults: shake.",
+    "shake.no-mission": "No mission has been driven yet, so none can be driven again.",
+    "shake.by-hand": (
+        "A drive by hand cannot be driven again without a fault: the hand would not do the same again. Repeat a "
+        "route, or drive an experiment."
+    ),
+    "ledger.who-monitor": "monitor",
+    "ledger.who-model": "model check",
+    "ledger.who-supervisor": "supervisor",
+    "ledger.who-gate": "gate",
+    "ledger.who-nis": "NIS",
+    "ledger.gate": "refused {refused} innovations within {within_s:g} s",
+    "ledger.nis": "NIS {nis:.2f} over {window_s:g} s, by chance at most {most:.2f}",
+    "ledger.nobody": "for {after_s:.1f} s: NIS at most {nis:.2f}. {why}.",
+    "ledger.nobody-and-off": "for {after_s:.1f} s: NIS at most {nis:.2f}. {off}. {why}.",
+    "ledger.off": "The estimate is {off_cm:.1f} cm off and believes ± {believed_cm:.1f} cm.",
+    "ledger.why-push": "The push was within what the filter expects of the floor.",
+    "ledger.why-tilt": "An accelerometer shows a tilt as it shows a bias, and nothing else measures it.",
+    "ledger.why-tilt-pose": "The pose that is measured corrects what the tilt moves, so little is left to notice.",
+    "ledger.why-unused": "The estimator does not use {subject}.",
+    "ledger.why-cut": "The filter goes on by its model, and nobody waits for this sensor.",
+    "ledger.why-drift": "No other sensor shows this motion, so nothing contradicts {subject}.",
+    "ledger.why-drift-others": "The drift is small against the noise of what else shows this motion.",
+    "ledger.why-spikes": "Too few spikes, or too small ones, to stand out of the noise.",
+    "ledger.why-slip": "An IMU shows what the vehicle does, not what its wheels do.",
+    "ledger.why-slip-wheels": "The wheels slip by less than the filter expects of them.",
+    "ledger.why-sag": "The battery is not measured here, and a weaker motor looks like a heavier vehicle.",
+    "ledger.why-lose": "A filter goes on by its model through gaps this short.",
+}

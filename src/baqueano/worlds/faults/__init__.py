@@ -1,0 +1,13 @@
+"""Faults of a simulated world: what may happen to a vehicle, when, and who noticed it."""
+
+from typing import TYPE_CHECKING
+
+from baqueano.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from baqueano.worlds.faults.fault import Fault
+    from baqueano.worlds.faults.ledger import Ledger, ledger_of
+
+__all__ = ["Fault", "Ledger", "ledger_of"]
+
+__getattr__ = on_demand(__name__, {"fault": ("Fault",), "ledger": ("Ledger", "ledger_of")})

@@ -1,0 +1,155 @@
+"""Faults → the inputs of a tick: forces, floor, voltage, grip and readings, as plain numbers.
+
+The inputs of tick k are a function of the faults, k and the seed alone. Every random number has its place in a stream
+by k, drawn whether a fault uses it or not: a fault that is taken away changes no other.
+"""
+
+from collections.abc import Sequence
+from math import hypot, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.optional import has_field, is_dynamic, of
+from baqueano.contracts.values import Value
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.vehicles.state import Vehicle
+from baqueano.worlds.faults.fault import AHEAD, DRIFT_S, OF_CHANNEL, OF_SENSOR, Fault
+from baqueano.worlds.noise import stream
+
+BATCH = 256  # rows of random numbers drawn at a time
+WHEEL_SENSORS = ("wheels", "encoders")
+
+
+class SensorDisturbance(NamedTuple):
+    """What happens to the reading of a sensor."""
+
+    keep: Value  # 1 or 0
+    factor: np.ndarray  # (m,)
+    offset: np.ndarray  # (m,) [unit of each]
+
+
+class Disturbance(NamedTuple):
+    """What happens to a simulated world in a tick."""
+
+    push_body: np.ndarray  # (2,) acceleration of the centre of mass along body x, y [m/s²]
+    push_map: np.ndarray  # (2,) the same along x, y of the map
+    slope: np.ndarray  # (2,) sine of the floor's rise towards x, y of the map
+    supply: Value  # part of the battery's voltage
+    grip: np.ndarray  # (k,) part of each motor's force
+    sensors: tuple[SensorDisturbance, ...]
+
+
+class Calm(NamedTuple):
+    """The sizes that a disturbance has, and the random numbers of a tick without one."""
+
+    channels: int
+    sizes: tuple[int, ...]
+
+    def disturbance(self) -> Disturbance:
+        """Return the inputs of a tick in which nothing happens."""
+        sensors = tuple(SensorDisturbance(1.0, np.ones(m), np.zeros(m)) for m in self.sizes)
+        return Disturbance(np.zeros(2), np.zeros(2), np.zeros(2), 1.0, np.ones(self.channels), sensors)
+
+
+class Shaking:
+    """The faults of one world and what they do, tick by tick."""
+
+    def __init__(self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float, seed: int) -> None:
+        self.names, self._sensors, self._rate_hz = sensors._fields, sensors, rate_hz
+        drivetrain = vehicle.drivetrain
+        self.calm = Calm(drivetrain.channels, tuple(s.size for s in sensors))
+        self._motors = drivetrain.channels - drivetrain.servos
+        self._mass_kg = float(getattr(vehicle, "mass_kg", 0.0)) if has_field(vehicle, "mass_kg") else 0.0
+        self._moves = is_dynamic(vehicle)
+        self._line = stream(seed, "shake.line")
+        self._spikes = [stream(seed, f"shake.spikes.{name}") for name in self.names]
+        self._drawn: list[np.ndarray] = []
+
+    def check(self, one: Fault) -> Fault:
+        """Return the fault. UsageError where this vehicle cannot have it."""
+        if one.kind in ("push", "tilt") and not self._moves:
+            raise UsageError(fault("shake.no-inertia", kind=one.kind))
+        if one.kind == "push" and not self._mass_kg:
+            raise UsageError(fault("shake.no-mass", found=f"{hypot(one.x, one.y):g} N s"))
+        known: list[str] = []
+        if one.kind in OF_SENSOR:
+            known = list(self.names)
+        if one.kind in OF_CHANNEL:
+            known = [f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)]
+        if (one.kind in OF_SENSOR or one.kind in OF_CHANNEL) and one.of not in known:
+            raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known=known))
+        if one.kind == "slip" and self._motors < 2 and one.of != "all":
+            raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known="all"))
+        return one
+
+    def first(self, one: Fault) -> int:
+        """Return the number of the first tick that feels it."""
+        return round(one.at_s * self._rate_hz)
+
+    def last(self, one: Fault) -> float:
+        """Return the number of the first tick that feels it no more."""
+        if one.until_s == float("inf"):
+            return float("inf")
+        return max(self.first(one) + 1, round(one.until_s * self._rate_hz))
+
+    def inputs(self, faults: Sequence[Fault], k: int) -> tuple[Disturbance, bool]:
+        """Return the inputs of tick k, and whether the command of before it arrives."""
+        chance, spikes = self._random(k)
+        active = [one for one in faults if self.first(one) <= k < self.last(one)]
+        if not active:
+            return self.calm.disturbance(), True
+        d = self.calm.disturbance()
+        keep, arrives, supply = [1.0] * len(self.names), True, 1.0
+        for one in active:
+            match one.kind:
+                case "push":
+                    ticks = self.last(one) - self.first(one)
+                    force = np.array([one.x, one.y]) * (self._rate_hz / (ticks * self._mass_kg))
+                    (d.push_map if one.frame == "map" else d.push_body)[:] += force
+                case "tilt":
+                    rise = hypot(one.x, one.y)
+                    d.slope[:] += np.array([one.x, one.y]) * (sin(rise) / rise if rise > 0.0 else 0.0)
+                case "cut":
+                    keep[self.names.index(one.of)] = 0.0
+                case "drift":
+                    s, c = self._channel(one)
+                    age_s = (k - self.first(one)) / self._rate_hz
+                    d.sensors[s].offset[c] += one.size * min(1.0, age_s / DRIFT_S)
+                case "spikes":
+                    s, c = self._channel(one)
+                    hit, side = spikes[s][c]
+                    d.sensors[s].offset[c] += (one.size if side < 0.5 else -one.size) * (hit < one.part)
+                case "slip":
+                    self._slip(d, one)
+                case "sag":
+                    supply *= one.part
+                case "lose":
+                    arrives = arrives and bool(chance[0] >= one.part)
+                    keep = [0.0 if chance[1 + s] < one.part else x for s, x in enumerate(keep)]
+        sensors = tuple(one._replace(keep=x) for one, x in zip(d.sensors, keep, strict=True))
+        return d._replace(supply=supply, sensors=sensors), arrives
+
+    def _slip(self, d: Disturbance, one: Fault) -> None:
+        wheels = {"all": slice(None), "left": slice(0, 1), "right": slice(1, 2)}[one.of]
+        d.grip[: self._motors][wheels] *= one.part
+        for sensor, block in zip(d.sensors, self._sensors, strict=True):
+            if of(block, "reads") in WHEEL_SENSORS:
+                sensor.factor[wheels] *= AHEAD
+            elif of(block, "reads") == "odometer":
+                sensor.factor[:] *= AHEAD
+
+    def _channel(self, one: Fault) -> tuple[int, int]:
+        name, _, rest = one.of.partition("[")
+        return self.names.index(name), int(rest[:-1])
+
+    def _random(self, k: int) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Return the uniform numbers of tick k: (1 + sensors,) of the line, (m, 2) of the spikes of each sensor."""
+        if k % BATCH == 0:
+            self._drawn = [self._line.random((BATCH, 1 + len(self.names)))]
+            pairs = zip(self._spikes, self.calm.sizes, strict=True)
+            self._drawn += [generator.random((BATCH, m, 2)) for generator, m in pairs]
+        row = k % BATCH
+        return self._drawn[0][row], [drawn[row] for drawn in self._drawn[1:]]

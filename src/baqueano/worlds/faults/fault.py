@@ -1,0 +1,168 @@
+"""Faults: numbers that say what happens to a simulated vehicle, from when on, and for how long.
+
+    push     x, y [N s]   impulse at the centre of mass, in the frame "body" (x ahead, y left) or "map"; in PUSH_S
+    tilt     x, y [rad]   rise of the floor towards x and y of the map, beside that of the vehicle file
+    cut      of           a sensor, "imu", that gives no sample
+    drift    of, size     a channel, "imu[2]", whose zero moves by `size` in its own unit, evenly within DRIFT_S
+    spikes   of, size     a channel, of which the part `part` of the samples is off by ± `size` in its own unit
+    slip     of, part     a wheel, left, right or all, that pushes with this part of its force; its own sensor reads
+                          AHEAD times the way that it rolled
+    sag      part         the battery gives this part of its voltage
+    lose     part         of the frames that are lost on the line: readings that come, commands that go
+
+A fault is written in words too: "12 s: push 0.3 N s left" (text.py).
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from math import atan2, degrees, hypot, isfinite, pi
+from typing import Any, Self, TypeAlias
+
+from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.errors import UsageError
+
+PUSH_S, DRIFT_S = 0.05, 1.0
+AHEAD = 1.5  # of the reading of a wheel that slips
+SOURCE = "shake"  # of its events in a run
+WHEELS = ("left", "right", "all")
+WAYS = ("ahead", "left", "back", "right")
+Usual: TypeAlias = tuple[float, float]  # least and most of a field
+
+RANGES: dict[str, dict[str, Usual]] = {  # fields that count for a kind, beside `of`
+    "push": {"x": (-100.0, 100.0), "y": (-100.0, 100.0)},
+    "tilt": {"x": (-0.5, 0.5), "y": (-0.5, 0.5)},
+    "cut": {},
+    "drift": {"size": (-1e4, 1e4)},
+    "spikes": {"size": (-1e4, 1e4), "part": (0.0, 1.0)},
+    "slip": {"part": (0.0, 1.0)},
+    "sag": {"part": (0.1, 1.0)},
+    "lose": {"part": (0.0, 1.0)},
+}
+OF_CHANNEL, OF_SENSOR, OF_WHEEL = ("drift", "spikes"), ("cut",), ("slip",)
+Wanted: TypeAlias = "Fault | str | Mapping[str, object]"
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A fault of a simulated world.
+
+    Parameters
+    ----------
+    kind : str
+        One of push, tilt, cut, drift, spikes, slip, sag, lose; the module says which fields count for it.
+    at_s : float [s]
+        Time of the drive at which it begins; the tick that begins there is the first that feels it.
+    for_s : float, optional [s]
+        For how long; to the end of the drive if it is left out. A push lasts PUSH_S.
+    of : str
+        The sensor, channel or wheel.
+    x, y : float [N s] or [rad]
+        Of a push or a tilt.
+    size : float [unit of the channel]
+        Of a drift or of spikes.
+    part : float [1]
+        Part of samples, of force, of voltage or of frames.
+    frame : str
+        Of a push: "body" or "map".
+
+    Examples
+    --------
+    >>> Fault.of_words("12 s: push 0.3 N s left")
+    Fault(kind='push', at_s=12.0, for_s=None, of='', x=0.0, y=0.3, size=0.0, part=0.0, frame='body')
+    """
+
+    kind: str
+    at_s: float = 0.0
+    for_s: float | None = None
+    of: str = ""
+    x: float = 0.0
+    y: float = 0.0
+    size: float = 0.0
+    part: float = 0.0
+    frame: str = "body"
+
+    def __post_init__(self) -> None:
+        if self.kind not in RANGES:
+            raise UsageError(fault("shake.kind", found=str(self.kind), known=RANGES))
+        times = {"at_s": (0.0, 1e6)} | ({} if self.for_s is None else {"for_s": (0.0, 1e6)})
+        for name, (low, high) in (times | RANGES[self.kind]).items():
+            value = getattr(self, name)
+            right = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+            if not (right and low <= value <= high):
+                known = {"kind": self.kind, "name": name, "low": low, "high": high}
+                raise UsageError(fault("shake.number", found=repr(value)[:40], **known))
+        if self.kind in OF_WHEEL and self.of not in WHEELS:
+            raise UsageError(fault("shake.of", kind=self.kind, found=repr(self.of)[:40], known=WHEELS))
+        if self.frame not in ("body", "map"):
+            raise UsageError(fault("shake.of", kind="frame", found=repr(self.frame)[:40], known="body, map"))
+
+    @property
+    def until_s(self) -> float:
+        """Return the time at which it ends [s]."""
+        if self.kind == "push":
+            return self.at_s + PUSH_S
+        return float("inf") if self.for_s is None else self.at_s + self.for_s
+
+    def to_json(self) -> JsonObject:
+        """Return its fields."""
+        return asdict(self)
+
+    def shown(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
+        """Return its message, which holds all of its numbers; `psi_rad` is the heading of the vehicle."""
+        much, toward = hypot(self.x, self.y), atan2(self.y, self.x)
+        if self.kind == "push" and self.frame == "map":
+            toward -= psi_rad
+        way = WAYS[round(toward / (pi / 2.0)) % 4]
+        more: dict[str, Any] = {
+            "much": degrees(much) if self.kind == "tilt" else much,
+            "toward_deg": degrees(toward),
+        }
+        if self.kind == "push":
+            more["way"] = note(f"shake.way-{way}")
+        if self.kind == "slip":
+            more["wheel"] = note(f"shake.wheel-{self.of}")
+        more["percent"] = 100.0 * self.part
+        return note(f"shake.{self.kind}", subject=SOURCE, number=number, **self.to_json(), **more)
+
+    @classmethod
+    def of_diagnostic(cls, said: Diagnostic) -> Self:
+        """Return the fault that a message shows."""
+        return cls(**{one.name: said.figures[one.name] for one in fields(cls)})
+
+    @classmethod
+    def of_words(cls, words: Wanted) -> Self:
+        """Return the fault that a text, or a mapping of its fields, asks for."""
+        from baqueano.worlds.faults.text import fields_of
+
+        if isinstance(words, cls):
+            return words
+        if isinstance(words, str):
+            return cls(**fields_of(words))
+        known = [one.name for one in fields(cls)]
+        if not isinstance(words, Mapping) or "kind" not in words or not set(words) <= set(known):
+            raise UsageError(fault("shake.fields", found=repr(words)[:120], known=known))
+        named: dict[str, Any] = dict(words)
+        for name, value in words.items():
+            if isinstance(value, int) and not isinstance(value, bool):
+                named[name] = float(value)
+        for name in ("kind", "of", "frame"):
+            named[name] = str(words.get(name, "body" if name == "frame" else ""))
+        return cls(**named)
+
+
+def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fault]:
+    """Return the faults that the events of a run show, (time [ns], source, message) each, in their order: what was
+    ended by a person lasts until then."""
+    found: dict[int, Fault] = {}
+    for _, source, said in events:
+        if source != SOURCE or said is None:
+            continue
+        number = int(said.figures["number"])
+        if said.code == "shake.over":
+            at_s = found[number].at_s
+            found[number] = replace(found[number], for_s=float(said.figures["for_s"]))
+            assert found[number].at_s == at_s
+        else:
+            found[number] = Fault.of_diagnostic(said)
+    return list(found.values())

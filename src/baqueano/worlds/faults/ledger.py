@@ -1,0 +1,229 @@
+"""The ledger of a drive: each fault, who noticed it, when; and who could not, and why.
+
+    monitor      names a sensor that disagrees (monitor/)
+    model        the model fits no longer, over 5 s (drive/health.py)
+    supervisor   stops the vehicle
+    gate         the estimator gave less than half a weight to GATED innovations within WINDOW_S
+    nis          Σ yᵀS⁻¹y over WINDOW_S lies above what k numbers reach by chance once in 10⁴ windows:
+                 k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and above RATIO times what it was before      (1)
+
+What is noticed belongs to the last fault that began, or to the one of the sensor that the monitor names. A fault that
+is over is watched for AFTER_S more.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from math import isfinite, sqrt
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts import optional
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.monitor.watching import innovations_of
+from baqueano.sensors.sampling import tells_pose
+from baqueano.signals import seconds
+from baqueano.worlds.faults.fault import OF_CHANNEL, OF_SENSOR, SOURCE, Fault
+
+if TYPE_CHECKING:
+    from baqueano.contracts.blocks import Estimator
+    from baqueano.runs.run import Run
+    from baqueano.vehicle_file.file import VehicleFile
+
+WITNESSES = ("monitor", "model", "supervisor", "gate", "nis")
+OF_SOURCE = {"sensors": "monitor", "model": "model", "loop": "supervisor"}
+AFTER_S, WINDOW_S, BEFORE_S = 2.0, 1.0, 5.0
+GATED, Z, RATIO = 3, 3.72, 1.3
+SOON_S = 1.0  # of a fault: before, nobody could be said not to have noticed
+WHEELS = ("wheels", "encoders", "odometer")
+
+
+class Notice(NamedTuple):
+    """One who noticed a fault."""
+
+    who: str  # of WITNESSES
+    after_s: float
+    said: Diagnostic
+
+
+@dataclass
+class LedgerRow:
+    """A fault and its witnesses."""
+
+    number: int
+    fault: Fault
+    said: Diagnostic
+    until_s: float
+    noticed: list[Notice] = field(default_factory=list)
+    worst_nis: float = float("nan")  # mean over a window, while it lasted
+    error_m: float = float("nan")  # of the estimate at the end of what was watched
+    believed_m: float = float("nan")  # 1.96 standard deviations then
+
+    def watched(self, t_s: float) -> bool:
+        """Return True while what is noticed may be of this fault."""
+        return self.fault.at_s <= t_s <= self.until_s + AFTER_S
+
+    def silent(self) -> tuple[str, ...]:
+        """Return the witnesses that did not notice it."""
+        return tuple(who for who in WITNESSES if who not in [one.who for one in self.noticed])
+
+
+class Ledger:
+    """The faults of one drive, fed with its events and its ticks in their order.
+
+    Examples
+    --------
+    >>> from baqueano.drive import experiment
+    >>> robot = bq.load("small")
+    >>> u = np.tile([0.6, 0.0, 0.1], (500, 1))
+    >>> run = experiment(robot, u, shake=["2-4 s: cut imu"])
+    >>> [(row.fault.kind, [one.who for one in row.noticed]) for row in ledger_of(run, robot).rows]
+    [('cut', ['supervisor'])]
+    """
+
+    def __init__(self, file: "VehicleFile", estimator: "Estimator | None" = None) -> None:
+        sensors, self._estimator = file.sensors, estimator or file.estimator()
+        self._sensors = sensors
+        self._reads = {name: optional.of(getattr(sensors, name), "reads") for name in sensors._fields}
+        self._sees_pose = any(tells_pose(one) for one in sensors)
+        self._used: set[str] | None = None  # channels, once an innovation was seen; None: not known
+        self.rows: list[LedgerRow] = []
+        self.now_s = 0.0
+        self._window: deque[tuple[float, float, int]] = deque()
+        self._sum, self._count = 0.0, 0
+        self._before: deque[tuple[float, float]] = deque()  # means of the windows, each WINDOW_S
+        self._refused: deque[float] = deque()
+
+    def happened(self, t_ns: int, source: str, what: "Diagnostic | str") -> None:
+        """Take an event of the run."""
+        if not isinstance(what, Diagnostic):
+            return
+        t_s = seconds(t_ns)
+        if source == SOURCE:
+            self._shaken(what)
+        elif (who := OF_SOURCE.get(source)) is not None and what.code != "sensor.agrees-again":
+            self._noticed(who, t_s, what)
+
+    def look(
+        self, t_ns: int, y: np.ndarray | None, S: np.ndarray | None, weight: np.ndarray | None,
+        eta: np.ndarray, cov: np.ndarray, truth: np.ndarray | None,
+    ) -> None:  # fmt: skip
+        """Take the estimate of a tick, and the true pose (3,) where it is known."""
+        self.now_s = t_s = seconds(t_ns)
+        self._square(t_s, y, S)
+        if weight is not None and self.rows:
+            self._gate(t_s, weight)
+        for row in self.rows:
+            if row.watched(t_s):
+                if truth is not None:
+                    row.error_m = float(np.hypot(*(eta[:2] - truth[:2])))
+                row.believed_m = 1.96 * sqrt(max(float(np.linalg.eigvalsh(cov[:2, :2])[-1]), 0.0))
+
+    def nobody(self, row: LedgerRow) -> Diagnostic | None:
+        """Return why nobody has noticed a fault; None where somebody has, or it is too early to tell."""
+        lasted_s = min(self.now_s, row.until_s + AFTER_S) - row.fault.at_s
+        if row.noticed or lasted_s < SOON_S:
+            return None
+        figures = {"after_s": lasted_s, "nis": row.worst_nis, "why": self.why(row.fault)}
+        if isfinite(row.error_m) and isfinite(row.believed_m):
+            off = note("ledger.off", off_cm=100.0 * row.error_m, believed_cm=100.0 * row.believed_m)
+            return note("ledger.nobody-and-off", subject="nobody", off=off, **figures)
+        return note("ledger.nobody", subject="nobody", **figures)
+
+    def why(self, one: Fault) -> Diagnostic:
+        """Return what keeps the witnesses from noticing a fault of this kind, with these sensors."""
+        wheels = any(reads in WHEELS for reads in self._reads.values())
+        code = one.kind
+        if self._used is not None and one.kind in OF_CHANNEL and one.of not in self._used:
+            return note("ledger.why-unused", subject=one.of)
+        if one.kind == "slip" and wheels:
+            code = "slip-wheels"
+        if one.kind == "tilt" and self._sees_pose:
+            code = "tilt-pose"
+        if one.kind == "drift":
+            others = [name for name in self._reads if name != one.of.partition("[")[0]]
+            code = "drift-others" if others else "drift"
+        return note(f"ledger.why-{code}", subject=one.of or one.kind)
+
+    def _shaken(self, what: Diagnostic) -> None:
+        number = int(what.figures["number"])
+        if what.code == "shake.over":
+            row = next(row for row in self.rows if row.number == number)
+            row.until_s = row.fault.at_s + float(what.figures["for_s"])
+            return
+        one = Fault.of_diagnostic(what)
+        self._before = deque(pair for pair in self._before if pair[0] >= one.at_s - BEFORE_S)
+        self.rows.append(LedgerRow(number, one, what, one.until_s))
+
+    def _noticed(self, who: str, t_s: float, said: Diagnostic) -> None:
+        watched = [row for row in self.rows if row.watched(t_s)]
+        if not watched:
+            return
+        name = said.subject.partition("[")[0]
+        own = [row for row in watched if row.fault.kind in (*OF_CHANNEL, *OF_SENSOR)
+               and row.fault.of.partition("[")[0] == name]  # fmt: skip
+        row = (own if who == "monitor" and own else watched)[-1]
+        if who not in [one.who for one in row.noticed]:
+            row.noticed.append(Notice(who, t_s - row.fault.at_s, said))
+
+    def _gate(self, t_s: float, weight: np.ndarray) -> None:
+        refused = int(np.sum(weight < 0.5))
+        self._refused.extend([t_s] * refused)
+        while self._refused and t_s - self._refused[0] > WINDOW_S:
+            self._refused.popleft()
+        if refused and len(self._refused) >= GATED:
+            self._noticed("gate", t_s, note("ledger.gate", refused=len(self._refused), within_s=WINDOW_S))
+
+    def _channels(self, m: int) -> set[str] | None:
+        """Return the channels of m innovations; None where that is not known."""
+        at = innovations_of(self._estimator, self._sensors, m)
+        names = [f"{n}[{c}]" for n, s in self._sensors._asdict().items() for c in range(s.size)]
+        return None if at is None else {names[c] for c in at}
+
+    def _square(self, t_s: float, y: np.ndarray | None, S: np.ndarray | None) -> None:
+        """Add the innovations of a tick to the window, and judge it.  (1)"""
+        if y is not None and self._used is None and self._count == 0:
+            self._used = self._channels(len(y))
+        if y is not None and S is not None and (there := np.isfinite(y)).any():
+            part = y[there]
+            try:
+                square = float(part @ np.linalg.solve(S[np.ix_(there, there)], part))
+            except np.linalg.LinAlgError:
+                return
+            self._window.append((t_s, square, int(there.sum())))
+            self._sum, self._count = self._sum + square, self._count + int(there.sum())
+        while self._window and t_s - self._window[0][0] > WINDOW_S:
+            _, square, m = self._window.popleft()
+            self._sum, self._count = self._sum - square, self._count - m
+        if self._count < 20:
+            return
+        mean, k = self._sum / self._count, self._count
+        if not self._before or t_s - self._before[-1][0] >= WINDOW_S:
+            self._before.append((t_s, mean))
+        for row in [row for row in self.rows if row.watched(t_s)][-1:]:
+            row.worst_nis = mean if not isfinite(row.worst_nis) else max(mean, row.worst_nis)
+            usual = [nis for at_s, nis in self._before if at_s < row.fault.at_s]
+            by_chance = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
+            most = max(by_chance, RATIO * float(np.mean(usual)) if usual else 0.0)
+            if mean > most:
+                self._noticed("nis", t_s, note("ledger.nis", nis=mean, most=most, window_s=WINDOW_S))
+
+
+def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
+    """Return the ledger of a recorded run of the vehicle of a file. A run does not hold the weights of its
+    innovations, so what the gate noticed stands in the ledger of the drive alone."""
+    ledger, log, truth = Ledger(file), run.estimate, run.truth
+    events = sorted(run.events, key=lambda one: one.t_ns)
+    at = 0
+    for k, t_ns in enumerate([] if log is None else log.t_ns):
+        while at < len(events) and events[at].t_ns <= t_ns:
+            ledger.happened(events[at].t_ns, events[at].source, events[at].diagnostic or "")
+            at += 1
+        assert log is not None
+        y = None if log.innovation is None else log.innovation[k]
+        S = None if log.innovation_cov is None else log.innovation_cov[k]
+        there = None if truth is None or k >= len(truth.eta) else truth.eta[k]
+        ledger.look(int(t_ns), y, S, None, log.eta[k], log.cov[k], there)
+    for one in events[at:]:
+        ledger.happened(one.t_ns, one.source, one.diagnostic or "")
+    return ledger

@@ -1,0 +1,69 @@
+"""A fault in words, as a person types it: `12 s: push 0.3 N s left`, `3-6 s: cut imu`.
+
+    T s: push 0.3 N s ahead | back | left | right
+    T s: tilt 2 deg, or 2 deg towards 90 deg            0 deg is x of the map, 90 deg is y
+    T s: cut imu
+    T s: drift imu[2] 0.05
+    T s: spikes imu[0] 50, 1 %
+    T s: slip left 30 %                                 left, right or all wheels push with 30 % of their force
+    T s: sag 84 %                                       of the voltage
+    T s: lose 30 %                                      of the frames
+
+T is the time at which it begins, or 3-6 for what ends by itself.
+"""
+
+import re
+from math import cos, radians, sin
+from typing import Any
+
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+
+N = r"([+-]?\d+(?:\.\d*)?(?:e[+-]?\d+)?)"
+WHEN = re.compile(rf"\s*{N}(?:\s*-\s*{N})?\s*s\s*:\s*(\w+)\s*(.*?)\s*")
+WAYS = {"ahead": (1.0, 0.0), "back": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
+FORMS = {
+    "push": (re.compile(rf"{N}\s*N\s*s\s+(ahead|back|left|right)"), "0.3 N s left"),
+    "tilt": (re.compile(rf"{N}\s*deg(?:\s+towards\s+{N}\s*deg)?"), "2 deg towards 90 deg"),
+    "cut": (re.compile(r"(\w+)"), "imu"),
+    "drift": (re.compile(rf"(\w+\[\d+\])\s+{N}"), "imu[2] 0.05"),
+    "spikes": (re.compile(rf"(\w+\[\d+\])\s+{N}\s*,\s*{N}\s*%"), "imu[0] 50, 1 %"),
+    "slip": (re.compile(rf"(left|right|all)\s+{N}\s*%"), "left 30 %"),
+    "sag": (re.compile(rf"{N}\s*%"), "84 %"),
+    "lose": (re.compile(rf"{N}\s*%"), "30 %"),
+}
+
+
+def fields_of(words: str) -> dict[str, Any]:
+    """Return the fields of the fault. UsageError where the words are none."""
+    when = WHEN.fullmatch(words)
+    form, example = FORMS.get(when[3] if when else "", (None, ""))
+    if when is None or form is None:
+        known = ", ".join(f'"{kind} {one}"' for kind, (_, one) in FORMS.items())
+        raise UsageError(fault("shake.words", found=repr(words)[:80], known=known))
+    said = form.fullmatch(when[4])
+    if said is None:
+        raise UsageError(fault("shake.form", found=repr(words)[:80], kind=when[3], example=example))
+    begin, end = float(when[1]), None if when[2] is None else float(when[2])
+    more = _of_kind(when[3], said.groups())
+    for_s = None if end is None or when[3] == "push" else end - begin
+    return {"kind": when[3], "at_s": begin, "for_s": for_s, **more}
+
+
+def _of_kind(kind: str, said: tuple[str, ...]) -> dict[str, Any]:
+    match kind:
+        case "push":
+            x, y = WAYS[said[1]]
+            return {"x": x * float(said[0]), "y": y * float(said[0])}
+        case "tilt":
+            rise, toward = radians(float(said[0])), radians(float(said[1] or 0.0))
+            return {"x": rise * cos(toward), "y": rise * sin(toward)}
+        case "cut":
+            return {"of": said[0]}
+        case "drift":
+            return {"of": said[0], "size": float(said[1])}
+        case "spikes":
+            return {"of": said[0], "size": float(said[1]), "part": float(said[2]) / 100.0}
+        case "slip":
+            return {"of": said[0], "part": float(said[1]) / 100.0}
+    return {"part": float(said[0]) / 100.0}

@@ -1,0 +1,238 @@
+"""A simulated world to which faults happen, as one pure step with the disturbance of the tick as an input.
+
+    ν ← ν + ½ δ a,   the vehicle's own tick,   ν ← ν + ½ δ a        a of push and floor, half before and half after  (1)
+    a = P (F/m + g),   g = −g₀ Jᵀ(ψ) s                               s the slope; P leaves what the vehicle can do   (2)
+    V ← part of V,   force of a motor ← grip of it                   battery_v and gain of the drivetrain            (3)
+    z ← factor z + offset, or no z                                                                                   (4)
+
+An IMU feels F/m and not g, as a real one does. The same faults, seed and commands give the same numbers, bit for bit;
+without a fault they are those of an undisturbed twin.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import SensorBlocks
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.errors import UsageError
+from baqueano.geometry import map_from_body
+from baqueano.sensors.sampling import difference
+from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY, ByName, Command, Motion, Slot, sensor_slots
+from baqueano.symbolic import function, put
+from baqueano.vehicles.state import Vehicle
+from baqueano.worlds.faults.disturbance import Disturbance, SensorDisturbance, Shaking
+from baqueano.worlds.faults.fault import SOURCE, Fault, Wanted
+from baqueano.worlds.simulated import DrawnNoise, SimulatedWorld, WorldState, no_noise
+
+MOST_FAULTS = 500  # of one drive
+
+
+def shaken_step(
+    vehicle: Vehicle, sensors: SensorBlocks, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise,
+    shake: Disturbance,
+) -> tuple[WorldState, Motion, ByName[Slot]]:  # fmt: skip
+    """Advance by a tick under the command `u` (n,) and a disturbance: state, truth, readings.  (1)-(4)"""
+    vehicle = _weakened(vehicle, shake)
+    before = state.vehicle
+    a, _ = _acceleration(vehicle, before.eta, shake)
+    pushed = before._replace(nu=before.nu + 0.5 * dt_s * a)
+    body, motion = vehicle.step(pushed, u, dt_s, noise.vehicle)
+    a, gravity = _acceleration(vehicle, body.eta, shake)
+    nu = body.nu + 0.5 * dt_s * a
+    late = _slower(vehicle, body.eta[2], body.nu, nu)  # ν̇ of the tick is that before the second half
+    body = body._replace(nu=nu, nu_dot=body.nu_dot + late + a)
+    truth = _felt(motion, late + a, gravity)._replace(nu=nu)
+    if motion.tick is not None:
+        begin, middle, end = motion.tick
+        early = _slower(vehicle, before.eta[2], pushed.nu, before.nu)
+        truth = truth._replace(
+            tick=(_felt(begin, early + a, gravity), _felt(middle, a, gravity), _felt(end, late + a, gravity))
+        )
+    states, slots = [], []
+    for s, x, w, one in zip(sensors, state.sensors, noise.sensors, shake.sensors, strict=True):
+        after, slot = s.step(x, truth, dt_s, w)
+        states.append(after)
+        slots.append(_read(s, slot, one))
+    made = sensor_slots(tuple(sensors._fields))(*slots)
+    return WorldState(body, tuple(states)), truth._replace(tick=None), made
+
+
+def _with_gains(vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle with a gain for each motor, where one stands for all."""
+    drivetrain = vehicle.drivetrain
+    gains = replace(drivetrain, gain=drivetrain.gain * np.ones(drivetrain.channels))
+    return put({"model": vehicle}, "model.drivetrain", gains)["model"]
+
+
+def _weakened(vehicle: Vehicle, shake: Disturbance) -> Vehicle:
+    """Return the vehicle with what is left of its voltage and of the grip of its motors.  (3)"""
+    tree, drivetrain = {"model": vehicle}, vehicle.drivetrain
+    tree = put(tree, "model.drivetrain.battery_v", drivetrain.battery_v * shake.supply)
+    return put(tree, "model.drivetrain.gain", drivetrain.gain * shake.grip)["model"]
+
+
+def _acceleration(vehicle: Vehicle, eta: np.ndarray, shake: Disturbance) -> tuple[np.ndarray, np.ndarray]:
+    """Return ν̇ (3,) of push and floor, and the gravity (2,) of the floor, in the body.  (2)"""
+    back = map_from_body(eta[2])[:2, :2].T
+    gravity = -STANDARD_GRAVITY * (back @ shake.slope)
+    a = shake.push_body + back @ shake.push_map + gravity
+    return vehicle.init(nu=np.array([a[0], a[1], 0.0])).nu, gravity
+
+
+def _slower(vehicle: Vehicle, psi: float, nu: np.ndarray, then: np.ndarray) -> np.ndarray:
+    """Return by how much ν̇ (3,) differs at another ν, for what opposes the motion."""
+    own, off = optional.of(vehicle, "nu_dot"), np.zeros(vehicle.commands)
+    return np.zeros(3) if own is None else own(then, off, psi) - own(nu, off, psi)
+
+
+def _felt(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
+    return motion._replace(nu_dot=motion.nu_dot + a, gravity=motion.gravity + gravity)
+
+
+def _read(sensor: Tree, slot: Slot, one: SensorDisturbance) -> Slot:
+    has = slot.has * one.keep
+    z, limit = one.factor * slot.z + one.offset, optional.of(sensor, "limit")
+    off = np.clip(difference(sensor, z, np.zeros(sensor.size)), -limit, limit)  # an angle is wrapped
+    z = np.where(one.offset != 0.0, off, z)
+    return slot._replace(has=has, z=np.where(has > 0.0, z, 0.0))
+
+
+class _Shaken(NamedTuple):
+    """A vehicle and its sensors as one block."""
+
+    vehicle: Vehicle
+    sensors: SensorBlocks
+
+    def step(
+        self, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise, shake: Disturbance
+    ) -> tuple[WorldState, Motion, Tree]:
+        return shaken_step(self.vehicle, self.sensors, state, u, dt_s, noise, shake)
+
+
+class ShakenWorld(SimulatedWorld):
+    """A simulated vehicle to which faults happen.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        The vehicle.
+    sensors : NamedTuple of Sensor
+        Its sensors, by name.
+    rate_hz : float
+        Ticks a second.
+    seed : int
+        Of the noise, and of what is random in a fault.
+    eta0 : ndarray (3,), optional [m, m, rad]
+        Pose at the start in the map.
+    backend : str
+        "auto", "c", "python" or "numpy".
+    shake : sequence of Fault or str
+        The faults, see `worlds.Fault`; `shake` adds more while it runs.
+
+    Raises
+    ------
+    UsageError
+        For a fault that this vehicle cannot have.
+
+    Notes
+    -----
+    Equations (1)-(4) of the module. Each fault is an event of the run, with all of its numbers.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> world = ShakenWorld(robot.vehicle, robot.sensors, shake=["0.02 s: push 0.3 N s left"])
+    >>> _ = world.read(t_ns=100_000_000)
+    >>> print(f"{world.truth.nu[1]:.2f} m/s to the left")
+    0.05 m/s to the left
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float = 100.0, seed: int = 0,
+        eta0: np.ndarray | None = None, backend: str = "auto", shake: Iterable[Wanted] = (),
+    ) -> None:  # fmt: skip
+        self._shaking = Shaking(vehicle, sensors, rate_hz, seed)
+        self.faults: list[Fault] = []  # by their number less 1
+        for one in shake:
+            self._take(self._shaking.check(Fault.of_words(one)))
+        self._coming: deque[Fault | int] = deque()
+        self._said: list[tuple[int, Diagnostic | str]] = []
+        self._begun, self._over = set[int](), set[int]()
+        super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
+        self._wanted = self._u
+        block = _Shaken(_with_gains(vehicle), sensors).step
+        calm = self._shaking.calm.disturbance()
+        example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors), calm)
+        self._shaken = block if backend == "numpy" else function(block, *example, backend=backend)
+
+    def shake(self, one: Wanted) -> Fault:
+        """Let a fault begin with the next tick, from any thread; its `at_s` is set then. UsageError for one that this
+        vehicle cannot have."""
+        checked = self._shaking.check(Fault.of_words(one))
+        if len(self.faults) + len(self._coming) >= MOST_FAULTS:
+            raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
+        self._coming.append(checked)
+        return checked
+
+    def over(self, number: int) -> None:
+        """Let a fault end with the next tick, from any thread. UsageError where none has this number."""
+        if not 1 <= number <= len(self.faults):
+            raise UsageError(fault("shake.no-number", found=number, most=len(self.faults)))
+        self._coming.append(number)
+
+    def write(self, command: Command) -> None:
+        """The command for the ticks that follow, as far as the line carries it."""
+        self._wanted = np.array(command.u, dtype=float)
+
+    def new_events(self) -> list[tuple[int, Diagnostic | str]]:
+        """Time [ns] and message of what began or was ended, since this was last asked."""
+        said, self._said = self._said, []
+        return said
+
+    def _advance(self, dt_s: float) -> ByName[Slot]:
+        k = self._tick
+        self._take_all(k)
+        for number, one in enumerate(self.faults, 1):
+            if number not in self._begun and self._shaking.first(one) <= k:
+                self._begun.add(number)
+                self._said.append((self._end_ns(k), one.shown(number, float(self.truth.eta[2]))))
+        shake, arrives = self._shaking.inputs(self.faults, k)
+        if arrives:
+            self._u = self._wanted
+        self._state, self.truth, slots = self._shaken(self._state, self._u, dt_s, self._noise(), shake)
+        return slots
+
+    def _take_all(self, k: int) -> None:
+        """Take what was asked for since the last tick."""
+        now_s = k / self._rate_hz
+        while self._coming:
+            one = self._coming.popleft()
+            if isinstance(one, Fault):
+                if one.kind == "tilt":  # the floor has one slope at a time, if a person moves it
+                    for number in [n for n in self._begun - self._over if self.faults[n - 1].kind == "tilt"]:
+                        self._end(number, k)
+                self._take(replace(one, at_s=now_s))
+            else:
+                self._end(one, k)
+
+    def _end(self, number: int, k: int) -> None:
+        one, now_s = self.faults[number - 1], k / self._rate_hz
+        if number in self._over or self._shaking.last(one) <= k or number not in self._begun:
+            return
+        self._over.add(number)
+        ended = replace(one, for_s=now_s - one.at_s)
+        self.faults[number - 1] = ended
+        said = note("shake.over", subject=SOURCE, number=number, for_s=ended.for_s, what=one.shown(number))
+        self._said.append((self._end_ns(k), said))
+
+    def _take(self, one: Fault) -> None:
+        self.faults.append(one)
+
+    def _end_ns(self, k: int) -> int:
+        return round((k + 1) * NANOSECONDS / self._rate_hz)

@@ -1,0 +1,212 @@
+"""A shaken world: pure inputs, the same faults and seed give the same numbers, a twin differs by its fault alone."""
+
+import numpy as np
+import pytest
+
+from baqueano.drive import experiment, repeat
+from baqueano.drive.recording import SHAKE_SOURCE
+from baqueano.errors import UsageError
+from baqueano.guides.shapes import circle
+from baqueano.runs import read_run
+from baqueano.signals import STANDARD_GRAVITY, Command
+from baqueano.vehicle_file import load
+from baqueano.vehicle_file.file import parse
+from baqueano.worlds import Fault, ShakenWorld, SimulatedWorld, ledger_of
+from baqueano.worlds.faults.fault import PUSH_S, faults_in
+from tests.codes import refused
+
+FILE = load("small")
+ALL = [
+    "0.5 s: push 0.2 N s left", "0.8-1.2 s: tilt 2 deg towards 90 deg", "1.3-1.5 s: cut imu",
+    "0.2 s: drift imu[2] 0.05", "0.1-2 s: spikes imu[0] 5, 10 %", "0.6-1 s: slip left 30 %", "1.6 s: sag 84 %",
+    "0.4-1.9 s: lose 30 %",
+]  # fmt: skip
+
+
+def world(cls=ShakenWorld, file=FILE, **options):
+    return cls(file.vehicle, file.sensors, file.rate_hz, backend="numpy", **options)
+
+
+def driven(made, seconds=2.0, u=(0.5, 0.0, 0.1), at=None, rate_hz=FILE.rate_hz):
+    """Truth and readings (N, 9) of each tick; `at` is done before the tick of a number."""
+    rows = []
+    for k in range(round(seconds * rate_hz)):
+        if at is not None and k in at:
+            at[k](made)
+        made.write(Command(0, np.array(u)))
+        (tick,) = made.read(round((k + 1) * 1e9 / rate_hz))
+        rows.append(np.concatenate([made.truth.eta, made.truth.nu, tick.sensors.imu.z]))
+    return np.array(rows)
+
+
+def test_without_a_fault_it_is_the_simulated_world():
+    np.testing.assert_array_equal(driven(world()), driven(world(SimulatedWorld)))
+
+
+@pytest.mark.parametrize("words", ALL)
+def test_a_fault_changes_something_from_its_first_tick_on_and_nothing_before(words):
+    one = Fault.of_words(words)
+    rows, twin = driven(world(shake=[one])), driven(world())
+    first = round(one.at_s * FILE.rate_hz)
+    np.testing.assert_array_equal(rows[:first], twin[:first])
+    if one.kind != "lose":  # the command does not change here, but readings do
+        assert np.any(rows[first:] != twin[first:])
+    else:
+        assert np.mean(rows[first:190, 8] == 0.0) == pytest.approx(0.3, abs=0.1)
+
+
+def test_a_fault_that_is_taken_away_leaves_the_noise_of_the_others():
+    spikes = Fault.of_words("0.1-2 s: spikes imu[0] 5, 10 %")
+    lone = driven(world(shake=[spikes]))
+    both = driven(world(shake=[spikes, "1 s: spikes imu[1] 5, 20 %", "1.5 s: drift imu[2] 0.1"]))
+    np.testing.assert_array_equal(lone[:, 6], both[:, 6])
+
+
+def test_a_push_is_its_impulse_over_the_mass_in_either_frame():
+    still = {"u": (0.0, 0.0, 0.0), "seconds": 0.5 + PUSH_S}
+    heavy = FILE.with_values({"model.friction.linear": [0.0] * 3, "model.friction.coulomb": [0.0] * 3,
+                              "model.friction.quadratic": [0.0] * 3, "model.process_noise_std": [0.0] * 3})  # fmt: skip
+    for words in ("0.5 s: push 0.3 N s left", {"kind": "push", "at_s": 0.5, "x": -0.3, "frame": "map"}):
+        pushed = world(file=heavy, shake=[words], eta0=np.array([0.0, 0.0, np.pi / 2.0]))
+        nu = driven(pushed, **still)[-1, 3:6]
+        np.testing.assert_allclose(nu, [0.0, 0.3 / 0.61, 0.0], atol=1e-9)
+        said = pushed.new_events()[0][1]
+        assert said.figures["way"].code == "shake.way-left"
+
+
+def test_an_imu_feels_a_push_and_the_floor_that_holds_a_vehicle_but_not_its_fall():
+    quiet = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.accel_bias": [0.0, 0.0],
+             "sensors.imu.tilt_rad": [0.0, 0.0], "sensors.imu.accel_bias_walk": 0.0}  # fmt: skip
+    rough = FILE.with_values(quiet | {"model.friction.linear": [15.0, 15.0, 0.05]})
+    ahead = driven(world(file=rough, shake=[Fault("tilt", x=0.05)]), u=(0.0, 0.0, 0.0))[-1, 6]
+    assert ahead == pytest.approx(STANDARD_GRAVITY * np.sin(0.05), rel=0.02)  # nose up: it is pushed ahead
+    free = FILE.with_values(
+        quiet | {f"model.friction.{k}": [0.0] * 3 for k in ("linear", "quadratic", "coulomb")}
+    )
+    falling = driven(world(file=free, shake=[Fault("tilt", x=0.05)]), u=(0.0, 0.0, 0.0))
+    assert falling[-1, 6] == pytest.approx(0.0, abs=1e-3)
+    assert falling[-1, 3] == pytest.approx(-2.0 * STANDARD_GRAVITY * np.sin(0.05), rel=0.01)
+
+
+def test_wheels_that_slip_read_ahead_of_the_vehicle_and_push_less():
+    file = parse(
+        FILE.text + '\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.0\n', "wheels"
+    )
+    made = world(file=file, shake=["1-2 s: slip left 30 %"])
+    read = []
+    for k in range(150):
+        made.write(Command(0, np.array([0.7, 0.0, 0.0])))
+        (tick,) = made.read((k + 1) * 10_000_000)
+        nu = made.truth.nu
+        rolled = nu[0] + np.array([-0.06, 0.06]) * nu[2]
+        read.append(tick.sensors.wheels.z / np.where(rolled == 0.0, 1.0, rolled))
+    np.testing.assert_allclose(read[90], [1.0, 1.0], rtol=1e-9)
+    np.testing.assert_allclose(read[140], [1.5, 1.0], rtol=1e-9)
+
+
+def test_a_shaken_run_holds_its_faults_and_is_made_again_bit_for_bit(tmp_path):
+    path = tmp_path / "run.mcap"
+    run = repeat(FILE, circle(0.3, 0.2), shake=ALL, seed=4, duration_s=3.0, path=path)
+    kept = faults_in((e.t_ns, e.source, e.diagnostic) for e in read_run(path).events)
+    assert sorted(kept, key=str) == sorted(map(Fault.of_words, ALL), key=str)
+    again = repeat(FILE, circle(0.3, 0.2), shake=kept, seed=4, duration_s=3.0)
+    for one, other in ((run.truth.eta, again.truth.eta), (run.estimate.eta, again.estimate.eta),
+                       (run.applied, again.applied), (run.sensors["imu"].z, again.sensors["imu"].z)):  # fmt: skip
+        np.testing.assert_array_equal(one, other)
+
+
+def test_what_a_person_does_while_it_runs_is_made_again_bit_for_bit():
+    lively = world()
+    at = {
+        50: lambda w: w.shake({"kind": "drift", "of": "imu[2]", "size": 0.1}),
+        80: lambda w: w.shake({"kind": "tilt", "x": 0.03}),
+        120: lambda w: w.over(1),
+        130: lambda w: w.shake({"kind": "tilt", "y": 0.02}),  # in place of the first
+        150: lambda w: w.shake({"kind": "push", "x": 0.1, "frame": "map"}),
+    }
+    rows = driven(lively, at=at)
+    events = [(t_ns, SHAKE_SOURCE, said) for t_ns, said in lively.new_events()]
+    kept = faults_in(events)
+    assert [one.kind for one in kept] == ["drift", "tilt", "tilt", "push"]
+    assert (kept[0].at_s, kept[0].for_s) == (0.5, pytest.approx(0.7))
+    assert kept[1].for_s == pytest.approx(0.5)
+    np.testing.assert_array_equal(driven(world(shake=kept)), rows)
+
+
+def test_the_twin_is_the_same_until_the_fault():
+    u = np.tile([0.5, 0.0, 0.1], (300, 1))
+    shaken, twin = (experiment(FILE, u, seed=2, shake=s) for s in (["1 s: sag 84 %"], []))
+    np.testing.assert_array_equal(shaken.truth.eta[:100], twin.truth.eta[:100])
+    assert np.hypot(*(shaken.truth.eta - twin.truth.eta)[-1, :2]) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ("push 0.3 N s left", "shake.words"),
+        ("3 s: dance", "shake.words"),
+        ("3 s: push 0.3 N s up", "shake.form"),
+        ("3 s: cut gps", "shake.of"),
+        ("3 s: drift imu[7] 1", "shake.of"),
+        ("5-3 s: cut imu", "shake.number"),
+        ("3 s: sag 200 %", "shake.number"),
+        ("3 s: slip front 30 %", "shake.form"),
+        ({"kind": "push", "x": float("nan")}, "shake.number"),
+        ({"kind": "push", "y": 1e6}, "shake.number"),
+        ({"kind": "push", "frame": "moon"}, "shake.of"),
+        ({"kind": "slip", "of": "front", "part": 0.3}, "shake.of"),
+        ({"kind": "tilt", "angle": 3}, "shake.fields"),
+        ({"kind": "tilt", "x": "steep"}, "shake.number"),
+        ({"x": 1.0}, "shake.fields"),
+        (7, "shake.fields"),
+        ({"kind": "earthquake"}, "shake.kind"),
+    ],
+)
+def test_what_is_no_fault_is_refused(words, code):
+    with refused(code, UsageError):
+        world(shake=[words])
+
+
+def test_a_vehicle_that_cannot_have_a_fault_says_so():
+    car = load("car")
+    with refused("shake.no-mass", UsageError):
+        world(file=car, shake=["1 s: push 0.3 N s left"])
+    with refused("shake.of", UsageError):
+        world(file=car, shake=["1 s: slip left 30 %"])
+    with refused("shake.of-another-world", UsageError):
+        experiment(FILE, np.zeros((10, 3)), world=world(), shake=[])
+    with refused("shake.no-number", UsageError):
+        world().over(1)
+
+
+def rows_of(words, seconds=8.0):
+    run = repeat(FILE, circle(0.4, 0.25), laps=0, seed=1, duration_s=seconds, shake=[words])
+    ledger = ledger_of(run, FILE)
+    (row,) = ledger.rows
+    return ledger, row
+
+
+def test_the_ledger_says_who_noticed_and_when():
+    _, row = rows_of("4 s: push 0.4 N s left")
+    nis = next(one for one in row.noticed if one.who == "nis")
+    assert 0.0 < nis.after_s < 0.1
+    assert nis.said.figures["nis"] > nis.said.figures["most"]
+    _, row = rows_of("4-6 s: cut imu")
+    stop = next(one for one in row.noticed if one.who == "supervisor")
+    assert stop.after_s == pytest.approx(0.5, abs=0.05)  # imu_timeout_s
+    _, row = rows_of("4 s: drift imu[2] 1")
+    assert "monitor" in [one.who for one in row.noticed]
+
+
+def test_the_ledger_says_who_could_not_and_why():
+    ledger, row = rows_of("4 s: drift imu[2] 0.15")
+    assert row.noticed == []
+    assert set(row.silent()) == {"monitor", "model", "supervisor", "gate", "nis"}
+    said = ledger.nobody(row)
+    assert said.code == "ledger.nobody-and-off"
+    assert said.figures["why"].code == "ledger.why-drift"
+    assert said.figures["off"].figures["off_cm"] > 5.0
+    ledger, row = rows_of("4 s: sag 84 %")
+    assert ledger.why(row.fault).code == "ledger.why-sag"
+    ledger, row = rows_of("7.5 s: sag 84 %")
+    assert ledger.nobody(row) is None  # too early to tell
