@@ -7,7 +7,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from baqueano.door.remote import nobody_there
 from baqueano.errors import RobotUnreachable
 
 PIECE = 1 << 16
@@ -15,6 +14,8 @@ PIECE = 1 << 16
 
 def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
     """Join a pair of pipes to the socket of the service until one side ends."""
+    from baqueano.door.remote import nobody_there  # it loads numpy, which the page does not need
+
     line = socket.socket(socket.AF_UNIX)
     try:
         line.connect(str(path))

@@ -23,7 +23,7 @@ from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
 from baqueano.web.sentence import described, ledger_rows
 from baqueano.web.service import Spoken
-from baqueano.web.visitor import Visitor
+from baqueano.web.visitor import Visitor, packed
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -241,8 +241,9 @@ class Live:
         frame = self.feed.take(word)
         if frame is not None:
             self.identifying.take(word["x"])
+            picture = packed(frame)
             for visitor in self._all():
-                visitor.show(frame)
+                visitor.show(picture)
 
     def _on_state(self, word: "JsonObject") -> None:
         if {k: word.get(k) for k in ("state", "mission", "paused", "pace")} != {

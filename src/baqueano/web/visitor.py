@@ -11,6 +11,7 @@ import asyncio
 import json
 import math
 import socket
+import struct
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -35,6 +36,7 @@ SENDING = 64 << 10  # bytes in the socket's buffer
 PING_S = 2.0
 WAY_S = 0.2  # there and back, at most, that a picture is given
 GONE_S = 20.0  # without a byte
+BINARY = 0x82  # the first byte of a whole binary message
 POLICY, UNSUPPORTED, TOO_SLOW = 1008, 1003, 1013
 
 
@@ -79,7 +81,11 @@ class Visitor:
         self._waiting.set()
 
     def show(self, picture: bytes) -> None:
-        """Put a frame in the place of the last one.  (3)"""
+        """Send a picture, `packed` once for all, at once if nothing waits, else in the place of the last one.  (3)"""
+        waits = self._words or self._picture or self._pieces is not None or self._ending is not None
+        if self.open and not waits and not self._writer.transport.get_write_buffer_size():
+            self._writer.write(picture)
+            return
         self._picture = picture
         self._waiting.set()
 
@@ -175,7 +181,8 @@ class Visitor:
             self.leave(self._ending)
         elif self._picture is not None:
             picture, self._picture = self._picture, None
-            await self._write(picture)
+            self._writer.write(picture)
+            await self._drained()
         elif self._pieces is not None:
             pieces = self._pieces
             try:
@@ -195,6 +202,10 @@ class Visitor:
         else:
             self._protocol.send_text(encoded(what))
         self._flush()
+        await self._drained()
+
+    async def _drained(self) -> None:
+        """Wait until the kernel has it."""
         if not self._writer.is_closing():
             await self._writer.drain()
 
@@ -217,6 +228,16 @@ class Visitor:
             self._pinged_s = time.monotonic()
             self._protocol.send_ping(b"")
             self._flush()
+
+
+def packed(data: bytes) -> bytes:
+    """Return a binary message as it travels to a browser (RFC 6455, 5.2): the same bytes for all of them."""
+    size = len(data)
+    if size < 126:
+        return bytes((BINARY, size)) + data
+    if size < 1 << 16:
+        return struct.pack("!BBH", BINARY, 126, size) + data
+    return struct.pack("!BBQ", BINARY, 127, size) + data
 
 
 def encoded(word: "JsonObject") -> bytes:

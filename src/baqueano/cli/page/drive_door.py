@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -226,7 +226,9 @@ class DriveDoor:
 class _DriveObserver(Observer):
     """The observer of a drive for the page."""
 
-    def __init__(self, door: DriveDoor, mission: "Mission", file: "VehicleFile", world: Any) -> None:
+    def __init__(
+        self, door: DriveDoor, mission: "Mission", file: "VehicleFile", world: WorldWithBody
+    ) -> None:
         self._door, self._mission, self._file, self._world = door, mission, file, world
 
     def begin(self, blocks: Blocks) -> Blocks:

@@ -53,6 +53,7 @@ export class Hand {
   /** Return whether the key was one of ours. */
   key(event, down) {
     if (!(event.code in WAYS) || event.ctrlKey || event.metaKey || event.altKey) return false;
+    if (down !== this.keys.has(event.code)) this.sent_ms = 0; // the next picture has its beat
     if (down && this.mine) this.keys.add(event.code); else this.keys.delete(event.code);
     this.#knob();
     return this.mine;

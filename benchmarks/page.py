@@ -1,0 +1,336 @@
+"""What the page costs: its process with viewers, the loop beside it, and the time to a first picture.
+
+The service of a simulated vehicle drives at 100 Hz in a process of its own, the page process speaks to it over its
+socket, as on a robot. Processor time is what the system gave to the page process, whatever else the machine does; a
+time to wait is the machine's, too. Two ways are measured in turn, so that a busy machine slows both.
+"""
+
+import asyncio
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from benchmarks.harness import Bench, LeftOut, Row
+
+VIEWERS = 5
+MOST_PERCENT, MOST_MB = 2.0, 35.0
+MOST_LATER_MS = 0.2  # of the p99 of a tick, by a visitor who takes history
+MOST_PICTURE_MS, MOST_KEY_MS, MOST_FRAME_MS = 500.0, 60.0, 8.0
+STARTS_S = 120.0
+
+
+def benches(smallest: bool) -> list[Bench | LeftOut]:
+    """The cost of viewers, of a visitor who takes history, and what a browser waits for."""
+    if not hasattr(socket, "AF_UNIX"):
+        return [LeftOut("the page", "it speaks to a service through a socket of Unix")]
+    with ExitStack() as open_things:
+        folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
+        service, door = open_things.enter_context(_service(folder))
+        page, port = open_things.enter_context(_page(folder, door))
+        guest = open_things.enter_context(_Guest(door))
+        rounds, seconds = (1, 0.5) if smallest else (6, 4.0)
+        found: list[Bench | LeftOut] = [
+            asyncio.run(_viewers(page, port, rounds, seconds)),
+            asyncio.run(_history(service, guest, port, rounds, seconds)),
+        ]
+        guest.say("end")
+    return [*found, *_browser(smallest)]
+
+
+async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
+    """Processor time and memory of the page process without and with viewers, in turn."""
+    alone, watched = [], []
+    for _ in range(rounds):
+        alone.append(await _share(page, seconds))
+        async with _looking(port, VIEWERS):
+            watched.append(await _share(page, seconds))
+    resident = _resident_mb(page)
+    none, five = median(alone), median(watched)
+    rows = (
+        Row("nobody looks", none / 100.0, 1.0, note=f"{none:.2f} % of a core"),
+        Row(
+            f"{VIEWERS} browsers at 20 Hz", five / 100.0, five / max(none, 1e-9), missed=five > MOST_PERCENT,
+            note=f"{five:.2f} % of a core (at most {MOST_PERCENT:g}); {_spread(watched)}",
+        ),
+        Row(
+            "memory", 0.0, 1.0, missed=resident > MOST_MB,
+            note=f"{resident:.1f} MB resident (at most {MOST_MB:g})",
+        ),
+    )  # fmt: skip
+    return Bench("the page process in a second of driving at 100 Hz", rows)
+
+
+async def _history(service: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
+    """How late a tick begins in the service while a visitor of the page takes the last 60 s twice a second."""
+    first = "with SCHED_FIFO" if _first_of_all(service) else "without SCHED_FIFO"
+    plain, taken = [], []
+    await asyncio.sleep(0.5 if rounds == 1 else 10.0)  # the ring of the page fills
+    for _ in range(rounds):
+        plain.append(await asyncio.to_thread(guest.late_ms, seconds))
+        async with _looking(port, 1) as lines:
+            asking = asyncio.create_task(_ask_again(lines[0]))
+            taken.append(await asyncio.to_thread(guest.late_ms, seconds))
+            asking.cancel()
+    without, beside = (_p99([x for one in several for x in one]) for several in (plain, taken))
+    later = median(_p99(b) - _p99(a) for a, b in zip(plain, taken, strict=True))
+    rows = (
+        Row("p99 without a visitor", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
+        Row(
+            "with one who takes history", 1e-3 * beside, beside / max(without, 1e-9), missed=later > MOST_LATER_MS,
+            note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g})",
+        ),
+    )  # fmt: skip
+    return Bench("how late a tick of the loop begins", rows)
+
+
+def _browser(smallest: bool) -> list[Bench | LeftOut]:
+    """First picture, key to command and the cost of a drawing, in Chromium without a window."""
+    from tests.web.chromium import CHROMIUM, Chromium
+
+    if CHROMIUM is None:
+        return [LeftOut("the page in a browser", "sudo apt-get install chromium")]
+    pictures, keys, drawings, strips = [], [], [], 0
+    with ExitStack() as open_things:
+        folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
+        _, door = open_things.enter_context(_service(folder))
+        _, port = open_things.enter_context(_page(folder, door))
+        chromium = open_things.enter_context(Chromium())
+        tab = chromium.tab()
+        tab.size(1280, 800)
+        tab.do("Page.addScriptToEvaluateOnNewDocument", source=FIRST)
+        tab.goto(f"http://127.0.0.1:{port}/")
+        tab.wait("globalThis.baqueano?.page.hello", STARTS_S)
+        tab.js("baqueano.page.hand.take()")
+        tab.wait("baqueano.page.hand.mine", STARTS_S)
+        tab.js("baqueano.page.link.send({is: 'mission', kind: 'drive'})")
+        tab.wait("baqueano.page.state.state === 'MANUAL' && baqueano.page.record.length > 20", STARTS_S)
+        with _Guest(door, begin=False) as guest:
+            for _ in range(2 if smallest else 15):
+                keys.append(_key_to_command(tab, guest))
+        drawings = tab.js("baqueano.costs")
+        strips = tab.js("document.querySelectorAll('.strip canvas, canvas.strip').length")
+        for _ in range(1 if smallest else 5):
+            other = chromium.tab()
+            other.size(1280, 800)
+            other.do("Page.addScriptToEvaluateOnNewDocument", source=FIRST)
+            other.goto(f"http://127.0.0.1:{port}/")
+            other.wait("globalThis.first_ms", STARTS_S)
+            pictures.append(other.js("first_ms"))
+            other.close()
+        tab.close()
+    picture, key, drawing = median(pictures), median(keys), _quantile(drawings, 0.95)
+    rows = (
+        Row("from open to the first picture", 1e-3 * picture, 1.0, missed=picture > MOST_PICTURE_MS,
+            note=f"median of {len(pictures)} (at most {MOST_PICTURE_MS:g} ms); {_spread(pictures)}"),
+        Row("from a key to the command of a tick", 1e-3 * key, key / picture, missed=key > MOST_KEY_MS,
+            note=f"median of {len(keys)} (at most {MOST_KEY_MS:g} ms); {_spread(keys)}"),
+        Row(f"a drawing of the map and {strips} strips", 1e-3 * drawing, drawing / picture,
+            missed=drawing > MOST_FRAME_MS,
+            note=f"p95 of {len(drawings)}, median {median(drawings):.1f} ms (at most {MOST_FRAME_MS:g})"),
+    )  # fmt: skip
+    return [Bench("the page in a browser on this machine", rows)]
+
+
+FIRST = """
+const looked = () => {
+  const { page, costs } = globalThis.baqueano ?? {};
+  if (page?.record?.length > 0 && costs.length > 0) globalThis.first_ms = performance.now();
+  else requestAnimationFrame(looked);
+};
+requestAnimationFrame(looked);
+"""
+
+
+def _key_to_command(tab: Any, guest: "_Guest") -> float:
+    """Return the time from a key of the browser to the tick whose command it is [ms]."""
+    offset_s = guest.offset_s(1.0)
+    begun = time.monotonic()
+    tab.down("w", "KeyW")
+    moved_s = guest.first_s("u.0", lambda u: u > 0.01)
+    tab.up("w", "KeyW")
+    guest.first_s("u.0", lambda u: abs(u) < 1e-6)
+    return 1e3 * (moved_s + offset_s - begun)
+
+
+class _Guest:
+    """A guest of the service, who drives it and looks at its ticks; `begin` with an experiment that does not end."""
+
+    def __init__(self, door: Path, begin: bool = True) -> None:
+        self._begin = begin
+        self._line = socket.socket(socket.AF_UNIX)
+        self._line.connect(str(door))
+        self._line.settimeout(STARTS_S)
+        self._file = self._line.makefile("rb")
+        self._at: dict[str, int] = {}
+
+    def __enter__(self) -> "_Guest":
+        if self._begin:
+            self.say("mission", id="bench", kind="experiment", seconds=3600, attended=False, door=2)
+            while self._word()["state"] != "MISSION":
+                pass
+        self.say("watch", hz=50)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(OSError):
+            self._file.close()
+            self._line.close()
+
+    def say(self, do: str, **words: object) -> None:
+        """Send a word."""
+        self._line.sendall(json.dumps({"do": do, **words}).encode() + b"\n")
+
+    def late_ms(self, seconds: float) -> list[float]:
+        """Return how late each tick of the next seconds began."""
+        end, found = time.monotonic() + seconds, []
+        for rows in self._frames(end):
+            found += [row[self._at["late_ms"]] for row in rows]
+        return found
+
+    def offset_s(self, seconds: float) -> float:
+        """Return the time of the wall at 0 s of the drive: that of the frame that came soonest."""
+        end = time.monotonic() + seconds
+        return min(time.monotonic() - rows[-1][self._at["t"]] for rows in self._frames(end))
+
+    def first_s(self, column: str, true: Any) -> float:
+        """Return the time of the drive of the next tick for which this is true of a column."""
+        for rows in self._frames(time.monotonic() + STARTS_S):
+            for row in rows:
+                if true(row[self._at[column]]):
+                    return row[self._at["t"]]
+        raise TimeoutError(column)
+
+    def _frames(self, end_s: float) -> Iterator[list[list[float]]]:
+        while time.monotonic() < end_s:
+            word = self._word("frame", "fields")
+            if word["is"] == "fields":
+                self._at = {name: k for k, name in enumerate(word["names"])}
+            elif self._at:
+                yield word["x"]
+
+    def _word(self, *kinds: str) -> dict[str, Any]:
+        for line in self._file:
+            word = json.loads(line)
+            if word["is"] in (kinds or ("state",)):
+                return word
+        raise EOFError
+
+
+@contextmanager
+def _service(folder: Path) -> Iterator[tuple[int, Path]]:
+    """The service of a simulated vehicle; its process, and its socket."""
+    door = folder / "door"
+    words = ["-m", "baqueano.door.simulated", "small", "--socket", str(door), "--runs", str(folder / "runs")]
+    program = subprocess.Popen([sys.executable, *words, "--routes", str(folder)])
+    try:
+        end = time.monotonic() + STARTS_S
+        while not door.exists():
+            assert program.poll() is None, "the service did not start"
+            assert time.monotonic() < end, "the service did not start"
+            time.sleep(0.05)
+        yield program.pid, door
+    finally:
+        program.terminate()
+        program.wait()
+
+
+@contextmanager
+def _page(folder: Path, door: Path) -> Iterator[tuple[int, int]]:
+    """The page process of that service; its process, and its port."""
+    words = ["-m", "baqueano", "serve", "--vehicle", "small", "--robot", str(door), "--no-browser"]
+    command = [sys.executable, *words, "--runs", str(folder / "runs")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as program:
+        assert program.stderr is not None
+        try:
+            found = next(m for line in program.stderr if (m := re.search(r"127\.0\.0\.1:(\d+)/", line)))
+            yield program.pid, int(found[1])
+        finally:
+            program.send_signal(signal.SIGTERM)
+
+
+@asynccontextmanager
+async def _looking(port: int, number: int) -> Any:
+    """Browsers that read what comes."""
+    from websockets.asyncio.client import connect
+
+    host = f"127.0.0.1:{port}"
+    async with asyncio.timeout(STARTS_S):
+        lines = [
+            await connect(
+                f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None, max_size=None
+            )
+            for _ in range(number)
+        ]  # fmt: skip
+    reading = [asyncio.create_task(_read(line)) for line in lines]
+    for line in lines:
+        await line.send('{"is":"hello","lang":"en"}')
+    await asyncio.sleep(1.0)  # hello, history and list of runs are done with
+    try:
+        yield lines
+    finally:
+        for task in reading:
+            task.cancel()
+        for line in lines:
+            line.transport.abort()
+
+
+async def _read(line: Any) -> None:
+    async for _ in line:
+        pass
+
+
+async def _ask_again(line: Any) -> None:
+    while True:
+        await line.send('{"is":"history","from":0}')
+        await asyncio.sleep(0.5)
+
+
+async def _share(process: int, seconds: float) -> float:
+    """Return the processor time of a process [% of a core]."""
+    before, begun = _used_s(process), time.monotonic()
+    await asyncio.sleep(seconds)
+    return 100.0 * (_used_s(process) - before) / (time.monotonic() - begun)
+
+
+def _used_s(process: int) -> float:
+    """Return the processor time of all threads of a process until now."""
+    tasks = Path(f"/proc/{process}/task").glob("*/schedstat")
+    return 1e-9 * sum(float(task.read_text().split()[0]) for task in tasks)
+
+
+def _resident_mb(process: int) -> float:
+    text = Path(f"/proc/{process}/status").read_text()
+    return 1024e-6 * float(re.search(r"VmRSS:\s+(\d+)", text)[1])  # pyright: ignore[reportOptionalSubscript]
+
+
+def _first_of_all(process: int) -> bool:
+    """Let the loop of a process run before all others, where that is allowed."""
+    try:
+        os.sched_setscheduler(process, os.SCHED_FIFO, os.sched_param(50))
+    except (OSError, AttributeError):
+        return False
+    return True
+
+
+def _p99(values: list[float]) -> float:
+    return _quantile(values, 0.99)
+
+
+def _quantile(values: list[float], q: float) -> float:
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(q * len(ordered)))]
+
+
+def _spread(values: list[float]) -> str:
+    return f"{min(values):.3g} to {max(values):.3g}"
