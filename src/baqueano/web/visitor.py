@@ -170,6 +170,7 @@ class Visitor:
             while self.open:
                 await self._waiting.wait()
                 self._waiting.clear()
+                await self._drained()  # of a picture that was sent at once
                 while self.open and (await self._one()):
                     pass
 
