@@ -20,6 +20,8 @@ def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
     try:
         line.connect(str(path))
     except OSError as error:
+        from baqueano.door.remote import nobody_there  # it reads runs, which a page process does not
+
         raise RobotUnreachable(nobody_there(path, error)) from error
     join(line, coming, going)
 

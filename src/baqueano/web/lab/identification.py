@@ -246,7 +246,8 @@ class DriveIdentification:
     def _parameter(self, one: Free, sd: float, value: float | None) -> "JsonObject":
         missing = one.shown_by and (sd > UNSEEN or (self._fitted is not None and value is None))
         return {
-            "path": one.short, "label": label_of(one).to_json(), "unit": one.unit,
+            "path": one.short, "label": label_of(one).to_json(),
+            "unit": "" if one.unit == "1" else one.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
             "guess": float(self._informant.nominal[self._informant.of.names.index(one.path)]),
             "needs": note("known.needs", motion=one.shown_by).to_json() if missing else None,
         }  # fmt: skip
@@ -263,7 +264,8 @@ class DriveIdentification:
             sd.append(min(part, 10.0) if np.isfinite(part) else None)
         reason = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
         return {
-            "t": one.t_s, "took_s": one.took_s, "value": value, "sd": sd, "verdict": str(fit.verdict), "why": reason,
+            "t": one.t_s, "took_s": one.took_s, "value": value, "sd": sd, "verdict": str(fit.verdict),
+            "verdict_is": str(fit.verdict), "why": reason,
         }  # fmt: skip
 
     def _next(self) -> "JsonObject | None":

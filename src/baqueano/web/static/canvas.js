@@ -1,6 +1,6 @@
 // A canvas that has the size of its box, and the colours of the theme.
 
-const NAMES = ["ink", "muted", "faint", "line", "grid", "card", "measured", "model", "route", "ghost", "alarm", "band", "corridor", "sim"];
+const NAMES = ["ink", "muted", "faint", "line", "grid", "card", "measured", "model", "route", "ghost", "alarm", "band", "corridor", "sim", "quiet", "middle", "loud"];
 export const colours = {};
 
 export function readColours() {
@@ -8,6 +8,20 @@ export function readColours() {
   for (const name of NAMES) colours[name] = style.getPropertyValue(`--${name}`).trim();
   colours.font = style.getPropertyValue("--font").trim();
   colours.rem = parseFloat(style.fontSize);
+}
+
+/** Return so many colours from quiet to loud: lighter or darker all the way, so that they need no hue. */
+export function ramp(count) {
+  const ends = ["quiet", "middle", "loud"].map((name) => colours[name]).join();
+  if (ramp.ends !== ends) {
+    const rgb = ends.split(",").map((one) => [1, 3, 5].map((k) => parseInt(one.slice(k, k + 2), 16)));
+    ramp.made = Array.from({ length: count }, (_, k) => {
+      const at = (2 * k) / (count - 1), from = rgb[Math.min(Math.floor(at), 1)], to = rgb[Math.min(Math.floor(at), 1) + 1], part = at - Math.min(Math.floor(at), 1);
+      return `rgb(${from.map((c, j) => Math.round(c + part * (to[j] - c))).join(" ")})`;
+    });
+    ramp.ends = ends;
+  }
+  return ramp.made;
 }
 
 const sizes = new ResizeObserver((entries) => {

@@ -5,6 +5,7 @@ import { Blocks } from "./blocks.js";
 import { $, el, show, write } from "./dom.js";
 import { Drive } from "./drive.js";
 import { Hand } from "./hand.js";
+import { Identify } from "./identify.js";
 import { Link } from "./link.js";
 import { Record } from "./record.js";
 import { Opened, Replay } from "./replay.js";
@@ -13,7 +14,7 @@ import { duration, language, num, otherLanguage, speak, t } from "./strings.js";
 
 const KEPT_S = 60; // of a live drive
 const OLD_MS = 200; // from where on the age of the picture is shown
-const SCREENS = [Drive, Replay, Runs, Blocks];
+const SCREENS = [Drive, Identify, Replay, Runs, Blocks];
 const KEYS = ["Space", "L", "W A S D ↑ ↓ ← →", "T R B", "P M E", "1 2 3 4", "F 0 + −", "K ← → Home End", "[ ]", "N V"];
 
 const page = {
@@ -61,6 +62,7 @@ const on = {
   route(word) { page.route = word.x?.length ? word : null; },
   routes({ routes }) { page.screens.drive?.routes(routes.map((one) => one.name ?? one)); },
   runs({ runs }) { page.runs = runs; for (const one of Object.values(page.screens)) one.runs?.(); },
+  identify(word) { page.screens.identify?.take(word); },
   lease(word) { page.hand.lease(word); lease(word); page.screens.drive?.state(page.state); },
   event({ severity, text }) { if (["warning", "error", "fatal"].includes(severity)) say(text); },
   no({ why }) {
@@ -115,7 +117,7 @@ function frame() {
   $("meters").replaceChildren(...(replay ? [] : ["battery", "link", "loop"].map((key) => el("span", { class: `meter of-${key}` }, el("span", {}, t(`meter.${key}`)), el("b", { id: `meter-${key}` }, "–")))));
   show($("lease"), !replay && hello.role === "drive");
   lease({ who: hello.driver, you: false, watching: hello.watching });
-  open(page.screens[before] ? before : shown[0].key);
+  open(page.screens[before] ? before : replay ? "replay" : shown[0].key);
   page.ping();
   told();
 }
@@ -133,10 +135,12 @@ function fixedTexts() {
 
 function open(key) {
   if (!page.screens[key]) return;
+  page.screen?.hidden?.();
   page.screen = page.screens[key];
   $("screen").replaceChildren(page.screen.node);
   document.body.dataset.screen = key;
   for (const one of $("tabs").children) one.setAttribute("aria-selected", String(one.id === `tab-${key}`));
+  $(`tab-${key}`).scrollIntoView({ inline: "center", block: "nearest" });
   page.hand.still();
   page.screen.shown?.();
   told();

@@ -174,7 +174,7 @@ export class Map2D {
     c.closePath();
   }
 
-  #trail(c, { trail, style, row }) {
+  #trail(c, { trail, style, row, paint }) {
     const p = trail.points, end = row === undefined ? p.length : trail.until(row);
     const line = (from, to) => {
       c.beginPath();
@@ -191,7 +191,15 @@ export class Map2D {
     c.lineWidth = width;
     c.setLineDash(dash);
     if (end < p.length) { c.globalAlpha = 0.28; line(Math.max(end - 1, 0), p.length); c.globalAlpha = 1; }
-    if (end > 1) line(0, end);
+    if (paint) {
+      c.lineWidth = Math.max(4, 0.36 * colours.rem);
+      for (let k = 1, from = 0; k <= end; k++) {
+        if (k < end && paint(p[k][2]) === paint(p[from][2])) continue;
+        c.strokeStyle = paint(p[from][2]);
+        line(from, Math.min(k + 1, end));
+        from = k;
+      }
+    } else if (end > 1) line(0, end);
     c.setLineDash([]);
   }
 

@@ -167,15 +167,19 @@ export class Replay {
     return (this.pairs = { map, rows: run.record.length, others: ghost.record.length });
   }
 
+  /** Let time go on while it plays. */
+  advance(now_ms) {
+    if (!this.playing) return;
+    if (this.last_ms) this.seek(this.now_s + ((now_ms - this.last_ms) / 1000) * RATES[this.rate]);
+    this.last_ms = now_ms;
+    if (this.now_s >= this.run.record.end) this.playing = false;
+  }
+
   draw(now_ms) {
     const { run, ghost } = this;
     if (!run?.record.length) return;
     const { record } = run;
-    if (this.playing) {
-      if (this.last_ms) this.seek(this.now_s + ((now_ms - this.last_ms) / 1000) * RATES[this.rate]);
-      this.last_ms = now_ms;
-      if (this.now_s >= record.end) this.playing = false;
-    }
+    this.advance(now_ms);
     const i = record.row(this.now_s), row = ghost ? this.#paired().map[i] : -1;
     const other = ghost && { record: ghost.record, trail: ghost.path, row: row < 0 ? ghost.record.last : row, footprint: ghost.about.vehicle.footprint };
     drawMap(this.map, run.about.route, record, ghost ? run.path : run.estimate, run.truth, i, run.about.vehicle.footprint, i, other);

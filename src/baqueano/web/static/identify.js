@@ -1,0 +1,216 @@
+// What the drive has taught about its vehicle: errors that shrink, the path by what it taught, what to drive next.
+
+import { begin, colours, follow, ramp } from "./canvas.js";
+import { el, icon, show, write } from "./dom.js";
+import { mapKey, poseOf } from "./drive.js";
+import { moving } from "./hand.js";
+import { Map2D } from "./map.js";
+import { Trail } from "./record.js";
+import { clock, num, t } from "./strings.js";
+
+const LEAST = 1e-4, POOR = 0.1; // of the value: where the scale begins, and from where on an error is poor
+const QUIET = 0.1, LOUD = 100; // bits/s, the ends of the colours
+const AGO_S = 2.5, EXPERIMENT_S = 60;
+const SHADES = 12;
+
+export class Identify {
+  static key = "identify";
+
+  constructor(page) {
+    this.page = page;
+    this.rows = [];
+    this.map = new Map2D();
+    this.bits = el("b", {}, "0");
+    this.learned = el("div", { class: "numbers" }, el("div", { class: "number" }, el("span", { class: "of" }, t("identify.learned")), el("span", { class: "much" }, this.bits, el("span", {}, t("identify.bits")))));
+    this.map.beside = { get width() { return 70; } };
+    this.list = el("ol", { class: "knowns", tabindex: "0", role: "region", "aria-label": t("identify.known") });
+    this.verdict = el("span", { class: "chip" });
+    this.about = el("p", { class: "about" });
+    this.now = el("b", {});
+    this.curve = follow(el("canvas", this.recorded ? { class: "curve", tabindex: "0", role: "slider", "aria-label": t("replay.scrub"), "aria-valuemin": "0" } : { class: "curve", "aria-hidden": "true" }));
+    this.play = el("button", { type: "button", class: "primary play", onclick: () => this.replay.toggle() });
+    this.next = el("p", {}, el("strong", {}, t("identify.next")), " ", el("span", {}), " ", el("span", { class: "gain" }));
+    this.go = el("button", { type: "button", class: "action primary" }, t("identify.experiment", { s: EXPERIMENT_S }));
+    moving(this.go, page, () => page.link.send({ is: "mission", kind: "experiment", seconds: EXPERIMENT_S }));
+    const key = (kind) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(`identify.${kind}`));
+    const ends = [0.01, 0.1, 1, 10, 100].map((one) => el("span", {}, `${num(one, one < 0.1 ? 2 : one < 1 ? 1 : 0)} %`));
+    this.node = el("div", { class: "identify" },
+      el("section", { class: "card known-card" },
+        el("header", {}, el("h2", {}, t("identify.known")), this.verdict, this.about),
+        this.list, el("div", { class: "scale", "aria-hidden": "true" }, el("div", {}, ...ends)),
+        el("div", { class: "legend" }, key("expected"), key("filled"), key("own"), key("ago"))),
+      el("section", { class: "card map-card" },
+        el("div", { class: "legend map-legend" }, el("span", {}, t("identify.path")), el("span", { class: "key ramp" }, num(QUIET, 1), el("i", { "aria-hidden": "true" }), `${LOUD} ${t("identify.rate")}`)),
+        this.map.canvas, this.map.buttons, this.learned),
+      el("section", { class: "card curve-card" }, this.recorded ? this.play : null, el("figure", {}, el("figcaption", {}, el("b", {}, t("identify.curve")), " ", el("span", { class: "unit" }, t("identify.rate")), this.now), this.curve)),
+      el("section", { class: "card next-card" }, icon("M4 9a6 6 0 1 1 1.8 5.2M4 4v5h5"), this.next, this.go));
+    this.#scrubs();
+    this.#clear();
+  }
+
+  get recorded() { return this.page.hello.mode === "replay"; }
+  get replay() { return this.page.screens.replay; }
+
+  shown() {
+    const { page } = this;
+    if (!this.recorded) page.link.send({ is: "identify", on: true });
+    else if (page.opened && this.asked !== page.opened) {
+      this.#clear();
+      const of = this.asked = page.opened;
+      write(this.about, t("identify.computing"));
+      page.link.ask("identify", { run: of.about.run.id }, (word) => { if (of === page.opened) this.take(word); });
+    }
+  }
+
+  hidden() { if (!this.recorded) this.page.link.send({ is: "identify", on: false }); }
+  opened() { if (this.page.screen === this) this.shown(); }
+  state() { this.go.disabled = !(this.page.hand?.mine && this.page.state.state === "READY"); }
+
+  /** Take what came: of the drive, or of the run at all its times. */
+  take(word) {
+    if (!word.parameters.length) { write(this.about, word.why); return; }
+    this.word = word;
+    if (this.rows.length !== word.parameters.length || this.first !== word.parameters[0].path) this.#make(word);
+    this.shownAt = null;
+    if (!this.recorded) this.#fill(word, word.now, word.before, word.fit, word.bits);
+  }
+
+  #clear() {
+    this.word = this.trail = null;
+    this.rows = [];
+    this.list.replaceChildren();
+    write(this.bits, "0");
+    write(this.about, t(this.recorded ? "replay.none-how" : "identify.nothing"));
+    show(this.verdict, false);
+    write(this.next.children[1], "–");
+    show(this.go, !this.recorded && this.page.hello.role === "drive");
+  }
+
+  #make({ parameters }) {
+    this.first = parameters[0].path;
+    this.order = "";
+    this.rows = parameters.map((one) => {
+      const rail = ["past", "bar", "own"].map((kind) => el("i", { class: kind }));
+      const value = el("b", {}), error = el("span", {}), needs = el("p", { class: "needs" });
+      const node = el("li", {}, el("div", { class: "who" }, el("b", {}, one.label), el("span", {}, one.path.replace("drivetrain.", ""))), el("div", { class: "rail" }, ...rail), el("div", { class: "much" }, value, error, el("small", {}, one.unit)), needs);
+      return { node, rail, value, error, needs };
+    });
+    this.list.replaceChildren(...this.rows.map((one) => one.node));
+  }
+
+  /** Show errors expected now and a while ago, and a fit. */
+  #fill(word, now, before, fit, bits) {
+    const trusted = fit && fit.verdict_is !== "REFUSED";
+    word.parameters.forEach((one, k) => {
+      const { node, rail, value, error, needs } = this.rows[k], own = trusted ? fit.sd[k] : null, x = trusted ? fit.value[k] : null;
+      const [past, bar, mark] = rail, seen = x !== null, sd = own ?? now[k];
+      past.style.width = `${share(before[k])}%`;
+      bar.style.width = `${share(now[k])}%`;
+      mark.style.left = `${share(own ?? 1)}%`;
+      show(mark, own !== null);
+      node.dataset.kind = `${seen ? "filled" : "hollow"} ${sd > POOR ? "poor" : "good"}`;
+      write(value, precise(seen ? x : one.guess, seen ? sd : 0.1));
+      write(error, trusted && !seen ? t("identify.not-seen") : `± ${percent(sd)}`);
+      show(needs, Boolean(one.needs) && sd > POOR);
+      write(needs, one.needs);
+    });
+    write(this.bits, num(bits, 0));
+    show(this.verdict, Boolean(fit));
+    if (fit) { write(this.verdict, fit.verdict); this.verdict.dataset.verdict = fit.verdict_is; }
+    write(this.about, fit ? [t("identify.fit", { s: num(fit.t, 1), took: num(fit.took_s, 1) }), fit.why].filter(Boolean).join(" ") : word.why ?? t(word.compiled ? "identify.hollow" : "identify.slow", { s: word.first }));
+    const order = `${word.parameters.length}|${fit?.t}`;
+    if (order !== this.order) {
+      this.order = order;
+      const rank = now.map((sd, k) => [fit?.sd[k] ?? sd, k]).sort((a, b) => b[0] - a[0]);
+      this.list.replaceChildren(...rank.map(([, k]) => this.rows[k].node));
+    }
+    const { next } = word, [, text, gain] = this.next.children;
+    write(text, next ? `${next.motion}.` : "–");
+    write(gain, next ? `${next.label}: ± ${percent(next.from)} → ± ${percent(next.to)}` : "");
+  }
+
+  /** Show a recorded run as it was known at a time. */
+  #at(seconds) {
+    const { word } = this, { expected, step_s } = word, last = expected.length - 1;
+    const at = (s) => expected[Math.min(Math.max(Math.round((s - word.start) / step_s) - 1, 0), last)] ?? word.now;
+    const key = `${Math.floor(seconds / step_s)}`;
+    if (key === this.shownAt) return;
+    this.shownAt = key;
+    const now = seconds < step_s ? word.now.map(() => 1) : at(seconds), fit = word.fits.filter((one) => one.t <= seconds + 0.05).pop() ?? null;
+    this.#fill(word, now, at(Math.max(seconds - AGO_S, step_s)), fit, -now.reduce((sum, sd) => sum + Math.log2(sd), 0));
+  }
+
+  key(event, down) { return mapKey(this.map, event, down) || (this.recorded && this.replay.key(event, down)); }
+
+  #scrubs() {
+    if (!this.recorded) return;
+    const seek = (e) => { const { record } = this.page.opened; this.replay.seek(record.start + (e.offsetX / this.curve.clientWidth) * (record.end - record.start)); };
+    this.curve.addEventListener("pointerdown", (e) => { this.curve.setPointerCapture(e.pointerId); seek(e); });
+    this.curve.addEventListener("pointermove", (e) => { if (e.buttons) seek(e); });
+  }
+
+  draw(now_ms) {
+    const { page, word } = this, of = this.recorded ? page.opened : page;
+    if (!of?.record.length) return;
+    const { record } = of, { footprint } = this.recorded ? of.about.vehicle : page.hello.vehicle;
+    if (this.recorded) {
+      this.replay.advance(now_ms);
+      const sign = this.replay.playing ? "❚❚" : "▶";
+      if (this.play.textContent !== sign) { write(this.play, sign); this.play.setAttribute("aria-label", t(this.replay.playing ? "replay.pause" : "replay.play")); }
+      if (word) this.#at(this.replay.now_s - record.start);
+    } else this.state();
+    const i = this.recorded ? record.row(this.replay.now_s) : record.last;
+    if (this.trail?.record !== record) this.trail = new Trail(record, "eta.x", "eta.y", footprint.width_m / 18);
+    const shades = ramp(SHADES);
+    const paint = (row) => {
+      const rate = this.#rate(record.t[row]);
+      return rate === undefined ? colours.route : shades[Math.round(Math.min(Math.max(Math.log(rate / QUIET) / Math.log(LOUD / QUIET), 0), 1) * (SHADES - 1))];
+    };
+    this.map.draw({ route: null, trails: [{ trail: this.trail, style: "estimate", row: i, paint }], vehicles: [{ pose: poseOf(record, i), footprint, style: "now" }], reference: null });
+    this.#draw(record, this.recorded ? this.replay.now_s : null);
+  }
+
+  #rate(s) { const { word } = this; return word?.rate[Math.floor((s - word.start) / word.dt)]; }
+
+  #draw(record, cursor) {
+    const { word } = this, begun = begin(this.curve);
+    if (!begun) return;
+    const [c, w, h] = begun, most = Math.log10(1 + 3 * LOUD), Y = (rate) => h - 2 - (Math.min(Math.log10(1 + rate) / most, 1)) * (h - 6);
+    c.font = `${0.75 * colours.rem}px ${colours.font}`;
+    c.textBaseline = "bottom";
+    for (const rate of [1, 10, 100]) {
+      const y = Math.round(Y(rate)) + 0.5;
+      c.strokeStyle = colours.grid;
+      c.lineWidth = 1;
+      c.beginPath(); c.moveTo(0, y); c.lineTo(w, y); c.stroke();
+    }
+    const label = () => [1, 10, 100].forEach((rate) => { c.fillStyle = colours.muted; c.textAlign = "right"; c.lineWidth = 4; c.strokeStyle = colours.card; c.strokeText(rate, w - 2, Y(rate) - 1); c.fillText(rate, w - 2, Y(rate) - 1); });
+    if (!word?.rate.length) return;
+    const from = word.start, end = this.recorded ? record.end : from + word.rate.length * word.dt, X = (s) => ((s - from) / (end - from)) * w;
+    c.beginPath();
+    word.rate.forEach((rate, k) => { c.lineTo(X(from + k * word.dt), Y(rate)); c.lineTo(X(from + (k + 1) * word.dt), Y(rate)); });
+    c.strokeStyle = colours.model;
+    c.lineWidth = 1.6;
+    c.lineJoin = "round";
+    c.stroke();
+    c.lineTo(X(from + word.rate.length * word.dt), h); c.lineTo(0, h); c.closePath();
+    c.fillStyle = colours.band;
+    c.fill();
+    label();
+    write(this.now, cursor === null ? num(word.rate.at(-1), 1) : `${clock(cursor)} s · ${num(this.#rate(cursor), 1)}`);
+    if (cursor === null) return;
+    this.curve.setAttribute("aria-valuemax", end.toFixed(1));
+    this.curve.setAttribute("aria-valuenow", cursor.toFixed(1));
+    c.strokeStyle = colours.ink;
+    c.lineWidth = 2;
+    c.beginPath(); c.moveTo(X(cursor), 0); c.lineTo(X(cursor), h); c.stroke();
+  }
+}
+
+/** Return where an error stands on the scale [%]. */
+const share = (sd) => Math.min(Math.max(100 * (1 - Math.log10(sd) / Math.log10(LEAST)), 1), 100);
+
+/** Return a number with the figures that its error leaves. */
+const precise = (x, sd) => (x === 0 ? "0" : num(x, Math.min(Math.max((sd > POOR) - Math.floor(Math.log10(Math.abs(x) * Math.min(sd, 1))), 0), 7)));
+
+const percent = (sd) => (sd >= 1 ? `${num(100, 0)} %` : `${num(100 * sd, sd < 0.01 ? 2 : sd < 0.1 ? 1 : 0)} %`);
