@@ -13,6 +13,7 @@ from typing import Any
 
 from websockets.sync.client import connect
 
+SIZES = {"phone": (390, 844), "laptop": (1280, 800), "projector": (1920, 1080)}
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--mute-audio",

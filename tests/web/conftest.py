@@ -1,0 +1,32 @@
+"""A browser, a tab of it, and page processes that play a script."""
+
+import pytest
+
+from tests.web.chromium import SIZES, Chromium
+from tests.web.scripted import Scripted
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with Chromium() as made:
+        yield made
+
+
+@pytest.fixture
+def tab(browser):
+    made = browser.tab()
+    made.size(*SIZES["laptop"])
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def live():
+    with Scripted("live") as server:
+        yield server
+
+
+@pytest.fixture
+def replay():
+    with Scripted("replay") as server:
+        yield server

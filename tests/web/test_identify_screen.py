@@ -1,0 +1,104 @@
+"""The screen *Identify* in a real browser: bars, the painted path, a run that is scrubbed."""
+
+import time
+
+import pytest
+
+from tests.web.chromium import CHROMIUM
+from tests.web.taught import taught
+from tests.web.test_page import PAGE, opened, until
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
+
+
+WIDTHS = "[...document.querySelectorAll('.knowns .bar')].map((one) => parseFloat(one.style.width))"
+
+
+def kinds(tab) -> set[str]:
+    return set(
+        tab.js("[...document.querySelectorAll('.knowns li')].map((one) => one.dataset.kind.split(' ')[0])")
+    )
+
+
+def test_bars_are_hollow_until_a_fit_and_shrink_while_it_drives(tab, live):
+    opened(tab, live, screen="identify")
+    tab.wait("document.querySelectorAll('.knowns li').length === 14")
+    word = taught("en", live=True)
+    live.put(word | {"fit": None})
+    until(lambda: kinds(tab) == {"hollow"})
+    assert "8 s of driving" in tab.js("document.querySelector('.about').textContent")
+    before = tab.js(WIDTHS)
+    live.put(word | {"now": [sd / 3 for sd in word["now"]]})
+    until(lambda: kinds(tab) == {"hollow", "filled"})  # one of them the fit has not seen
+    assert all(
+        now < then for now, then in zip(sorted(tab.js(WIDTHS)), sorted(before), strict=True) if then > 1.0
+    )
+    assert tab.js("document.querySelector('.known-card .chip').textContent") == "USABLE"
+    unseen = "document.querySelector('[data-kind~=hollow]')"
+    assert "not seen" in tab.js(f"{unseen}.textContent")
+    assert "missing: sliding sideways" in tab.js(f"{unseen}.textContent")
+    live.put(word | {"fit": word["fit"] | {"verdict_is": "REFUSED", "verdict": "REFUSED"}})
+    until(lambda: kinds(tab) == {"hollow"})  # a fit that is refused fills nothing
+
+
+def test_the_page_says_when_somebody_looks_and_when_no_more(tab, live):
+    opened(tab, live)
+    assert not live.words("identify")
+    tab.press("2", "Digit2", "2")
+    until(lambda: [one["on"] for one in live.words("identify")] == [True])
+    tab.press("1", "Digit1", "1")
+    until(lambda: [one["on"] for one in live.words("identify")] == [True, False])
+
+
+def test_an_experiment_begins_from_the_screen_that_shows_it(tab, live):
+    live.state, live.kind = "READY", None
+    opened(tab, live, screen="identify")
+    assert tab.js("document.querySelector('.next-card button').disabled")
+    tab.press("l", "KeyL", "l")
+    tab.wait("!document.querySelector('.next-card button').disabled")
+    tab.click(".next-card button")
+    assert until(lambda: live.words("mission"))[-1] == {"is": "mission", "kind": "experiment", "seconds": 60}
+
+
+def test_what_a_run_taught_is_scrubbed(tab, replay):
+    opened(tab, replay, screen="identify")
+    tab.wait("document.querySelectorAll('.knowns li').length === 14")
+    bits = "Number(document.querySelector('.identify .numbers b').textContent)"
+    seen = []
+    for seconds in (4.0, 12.0, 40.0):
+        tab.js(f"{PAGE}.screens.replay.seek({seconds})")
+        time.sleep(0.15)
+        seen.append((tab.js(bits), kinds(tab)))
+    assert seen[0][0] < seen[1][0] < seen[2][0]
+    assert seen[0][1] == {"hollow"}  # before the first fit
+    assert "filled" in seen[1][1]
+    tab.press("Home", "Home")
+    until(lambda: tab.js(bits) == 0.0)
+    assert len(set(tab.js(WIDTHS))) == 1
+    tab.press("k", "KeyK", "k")
+    until(lambda: tab.js(f"{PAGE}.screens.replay.now_s") > 0.3)
+
+
+def test_reduced_motion_moves_no_bar_by_itself(tab, live):
+    tab.media(prefers_reduced_motion="reduce")
+    opened(tab, live, screen="identify")
+    tab.wait("document.querySelectorAll('.knowns li').length === 14")
+    assert tab.js("getComputedStyle(document.querySelector('.knowns .bar')).transitionDuration") == "0s"
+
+
+def test_the_path_is_painted_by_what_it_taught(tab, live):
+    opened(tab, live, screen="identify")
+    tab.wait(f"Boolean({PAGE}.screens.identify.word)")
+    time.sleep(0.2)
+    script = """(() => {
+        const c = document.querySelector(".identify .map"), seen = new Set();
+        const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
+        for (let k = 0; k < d.length; k += 4) {
+            if (d[k + 3] === 255) seen.add((d[k] >> 3) * 1024 + (d[k + 1] >> 3) * 32 + (d[k + 2] >> 3));
+        }
+        return seen.size;
+    })()"""
+    painted = tab.js(script)
+    live.put(taught("en", live=True) | {"rate": []})
+    time.sleep(0.4)
+    assert painted > tab.js(script) + 5
