@@ -211,5 +211,5 @@ def test_a_vehicle_text_without_its_checksum_is_not_believed(tmp_path, checksum)
     path.write_bytes(data)
     run = read_run(path)
     assert run.vehicle_text == ""
-    assert any("vehicle" in one for one in run.notes)
+    assert "run.vehicle-file-lost" in [one.code for one in run.notes]
     assert len(run.t_ns) == 6, "the rest is whole"

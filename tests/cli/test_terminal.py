@@ -114,7 +114,7 @@ def test_a_program_that_is_killed_loses_at_most_its_last_second(project):
         time.sleep(0.1)
     process.kill()
     process.wait(60)
-    assert "not closed" in read_run(path).notes[0]
+    assert read_run(path).notes[0].code == "run.not-closed"
     assert run(project, "runs", "show", "killed.mcap").returncode == 0
 
 

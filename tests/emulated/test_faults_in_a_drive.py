@@ -351,4 +351,4 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehic
     assert moved == [True], "it turned on while nothing was written"
     run = read_run(service.folder / done["run"])
     assert 1.5 < run.duration_s < 5.5
-    assert "were saved" in run.notes[0]
+    assert run.notes[0].code == "run.not-closed"

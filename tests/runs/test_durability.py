@@ -60,7 +60,7 @@ def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
         run = read_run(path)
         lost_s = (said[-1] - run.t_ns[-1]) * 1e-9
         assert lost_s <= 1.0
-        assert "was not closed" in run.notes[0]
+        assert run.notes[0].code == "run.not-closed"
         assert run.metadata["seed"] == "1"
 
 
@@ -143,7 +143,7 @@ def test_lg4_one_damaged_chunk_costs_no_other(chunked, tmp_path):
         assert (
             40 <= len(run.t_ns) < 60 or place == 0
         )  # a chunk of another kind is still known by its checksum
-        assert "is damaged" in run.notes[-1]
+        assert run.notes[-1].code == "run.damaged"
 
 
 def test_recover_writes_what_was_saved_to_a_new_whole_file(chunked, tmp_path):
@@ -152,10 +152,10 @@ def test_recover_writes_what_was_saved_to_a_new_whole_file(chunked, tmp_path):
     cut.write_bytes(data[: len(data) // 2])
     saved = recover(cut)
     assert saved.path == tmp_path / "0001-test-cut-recovered.mcap"
-    assert "was not closed" in saved.notes[0]
+    assert saved.notes[0].code == "run.not-closed"
     again = read_run(saved.path)
     assert again.notes == ()
-    assert again.metadata == whole.metadata | {"note": "recovered from 0001-test-cut.mcap"}
+    assert again.metadata == whole.metadata | {"recovered_from": "0001-test-cut.mcap"}
     assert again.applied.tobytes() == whole.applied[: len(again.t_ns)].tobytes()
     assert cut.read_bytes() == data[: len(data) // 2]
 

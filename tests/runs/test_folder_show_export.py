@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import note
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
 from baqueano.runs import (
@@ -129,13 +130,14 @@ def test_show_counts_rates_gaps_and_events():
 
 
 def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
-    topics = [row["topic"] for row in show(replace(run, notes=("cut",))).rows()]
+    topics = [row["topic"] for row in show(replace(run, notes=(note("run.vehicle-file-lost"),))).rows()]
     assert topics == [
         "command applied", "command requested", "command sent", "sensor imu", "sensor odometer", "estimate",
         "reference", "truth",
     ]  # fmt: skip
-    assert show(replace(run, notes=("cut",))).verdict == "WARN"
-    assert show(replace(run, notes=("it was cut",))).table().endswith("note: it was cut")
+    lost = show(replace(run, notes=(note("run.vehicle-file-lost"),)))
+    assert lost.verdict == "WARN"
+    assert lost.table().endswith("note: the vehicle file in force was lost")
 
 
 def test_show_keeps_its_columns_under_a_long_name(make_run):

@@ -68,7 +68,7 @@ def test_a_run_without_ticks_is_read_back(make_run, tmp_path):
 
 
 def test_runs_differ_by_one_bit_but_not_by_name(run):
-    assert run == replace(run, name="other", path=None, notes=("said",))
+    assert run == replace(run, name="other", path=None, notes=(note("run.metadata-lost"),))
     applied = run.applied.copy()
     applied[7, 1] = np.nextafter(applied[7, 1], 1e9)
     assert run != replace(run, applied=applied)

@@ -128,9 +128,9 @@ def test_milliseconds_of_a_fast_log_for_seconds_are_told_though_a_second_is_no_n
     ("how", "unit", "line"),
     [
         (lambda u: 100.0 * u, "1", 'write unit = "%"'),
-        (lambda u: np.round(255.0 * u), "1", "scale = 0.00392157, of 255"),
-        (lambda u: np.round(200.0 * u), "1", "scale = 0.00392157, of 255"),
-        (lambda u: np.round(900.0 * u), "1", "scale = 0.001, of 1000"),
+        (lambda u: np.round(255.0 * u), "1", "scale = 0.00392157, where a full command is 255"),
+        (lambda u: np.round(200.0 * u), "1", "scale = 0.00392157, where a full command is 255"),
+        (lambda u: np.round(900.0 * u), "1", "scale = 0.001, where a full command is 1000"),
         (lambda u: np.round(1500.0 + 500.0 * u), "1", PULSES),
         (lambda u: np.round(1500.0 + 500.0 * u), "us", f'unit = "raw", {PULSES}'),
         (lambda u: u, "%", 'write unit = "1"'),

@@ -136,7 +136,7 @@ def test_a_hole_is_filled_with_silent_ticks_under_the_command_of_its_end():
     ticks, _ = ticks_of(SENSORS, n=200)
     world = ReplayedWorld(run_of(ticks[:50] + ticks[150:]))
     assert world.times == [t.t_ns for t in ticks]
-    assert world.notes == ("100 silent ticks were put where the recording has holes",)
+    assert [(one.code, one.figures["count"]) for one in world.notes] == [("replay.holes", 100)]
     hole = world.read(world.times[-1])[50:150]
     assert all(t.sensors.imu.has == 0.0 and np.array_equal(t.u, U) for t in hole)
 

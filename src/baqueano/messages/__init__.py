@@ -20,7 +20,7 @@ ROOMS = (
     "cli", "fit", "fit_errors", "front", "live", "names", "noise", "page", "vehicle_file", "blocks.block_checks",
     "blocks.block_fields", "blocks.loop", "blocks.symbolic", "driving.compare", "driving.drive", "driving.monitor",
     "driving.shake", "driving.simulate", "driving.study", "driving.tune", "recordings.damage", "recordings.data",
-    "recordings.runs", "vehicle.door", "vehicle.hardware", "vehicle.robot",
+    "recordings.imports", "recordings.runs", "vehicle.door", "vehicle.hardware", "vehicle.robot",
 )  # fmt: skip
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 

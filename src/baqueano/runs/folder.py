@@ -154,12 +154,14 @@ def _listed(path: Path) -> ListedRun:
         why = replace(error.diagnostic, figures={**error.diagnostic.figures, "path": path.name})
         return ListedRun(number_of(path), path.stem, "?", None, "", "UNREADABLE", text(why))
     verdict = run.metadata.get("verdict", "")
-    notes = [run.metadata["note"]] if run.metadata.get("note") else []
+    notes = [run.metadata["note"]] if run.metadata.get("note") else []  # of older versions
+    if source := run.metadata.get("recovered_from"):
+        notes.append(_("recovered from {file}", file=source))
     worst = [event for event in run.events if event.level in ("error", "fatal")]
     if worst:
-        notes.append(worst[0].text)
+        notes.append(worst[0].sentence)
     if run.notes:
-        verdict, notes = verdict or "RECOVERED", [*notes, run.notes[0]]
+        verdict, notes = verdict or "RECOVERED", [*notes, text(run.notes[0])]
     return ListedRun(
         number_of(path), run.name, run.metadata.get("kind", ""), run.duration_s,
         vehicle_name(run.vehicle_text), verdict, "; ".join(notes),

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.runs.container.reader import read_run
 from baqueano.runs.container.writer import write_run
 from baqueano.runs.folder import RECOVERED
@@ -14,7 +15,7 @@ class RecoveredRun(NamedTuple):
 
     path: Path
     run: Run
-    notes: tuple[str, ...]  # empty: the original was whole already
+    notes: tuple[Diagnostic, ...]  # empty: the original was whole already
 
 
 def recover(path: Path | str, to: Path | str | None = None) -> RecoveredRun:
@@ -48,5 +49,5 @@ def recover(path: Path | str, to: Path | str | None = None) -> RecoveredRun:
     run = read_run(path)
     target = Path(to) if to is not None else path.with_name(f"{path.stem}{RECOVERED}.mcap")
     if run.notes:
-        run.metadata["note"] = "recovered from " + path.name
+        run.metadata["recovered_from"] = path.name
     return RecoveredRun(write_run(run, target), run, run.notes)

@@ -15,6 +15,7 @@ import numpy as np
 
 from baqueano.contracts.result import Result, pandas, shortened
 from baqueano.contracts.values import Value
+from baqueano.diagnostics import Diagnostic
 from baqueano.runs.logs import (
     Channel,
     EstimateLog,
@@ -70,7 +71,7 @@ class Run(Result):
         Seed, versions, back end, kind.
     sent : ndarray (N, n), optional [unit of u]
         Commands that the supervisor let through at t_ns; NaN where it was silent.
-    notes : tuple of str
+    notes : tuple of Diagnostic
         Remarks of the reader about the file.
 
     Examples
@@ -93,7 +94,7 @@ class Run(Result):
     vehicle_text: str = ""
     metadata: dict[str, str] = field(default_factory=dict)
     sent: np.ndarray | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
 
     def __post_init__(self) -> None:
         put = object.__setattr__

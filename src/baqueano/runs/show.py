@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _
+from baqueano.messages import texts
 from baqueano.printable import in_lines
 from baqueano.signals import NANOSECONDS
 
@@ -19,7 +21,13 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
 
 GAP = 1.8
+COMMANDS = {"requested": N_("command requested"), "sent": N_("command sent")}
 SHOWN_EVENTS = 20
+KEYS = {  # of the metadata, as they are shown
+    "kind": N_("kind"), "seed": N_("seed"), "backend": N_("backend"), "verdict": N_("verdict"), "laps": N_("laps"),
+    "recovered_from": N_("recovered from"), "map": N_("map"), "commands": N_("commands"), "files": N_("files"),
+    "signal": N_("signal"), "route": N_("route"), "note": N_("note"), "created": N_("created"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,10 +45,10 @@ class ShownRun:
         """Return a flat dict per topic; unknown is None."""
         run = self.run
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
-        rows = [_row("command applied", run.t_ns, run.applied, start)]
-        for name in ("requested", "sent"):
+        rows = [_row(N_("command applied"), run.t_ns, run.applied, start)]
+        for name in COMMANDS:
             if getattr(run, name) is not None:
-                rows.append(_row(f"command {name}", run.t_ns, getattr(run, name), start))
+                rows.append(_row(COMMANDS[name], run.t_ns, getattr(run, name), start))
         for name, channel in run.sensors.items():
             row = _row(f"sensor {name}", channel.t_ns, channel.z, start)
             late = channel.arrival_ns - channel.t_ns
@@ -56,7 +64,9 @@ class ShownRun:
         """Topics, then events and what the reader had to say."""
         run, lines = self.run, []
         counts = " ".join(
-            f"{key} {value};" for key, value in run.metadata.items() if "\n" not in value and value
+            f"{_(KEYS.get(key, key))} {_(value)};"
+            for key, value in run.metadata.items()
+            if "\n" not in value and value
         )
         ticks, duration_s = len(run.t_ns), run.duration_s
         head = _(
@@ -80,12 +90,12 @@ class ShownRun:
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
         for event in run.events[:SHOWN_EVENTS]:
             t_s = (event.t_ns - start) / NANOSECONDS
-            lines.append(f"{number(t_s):10.3f} s  {_(event.level):8} {event.source}: {event.sentence}")
+            lines.append(f"{number(t_s):10.3f} s  {_(event.level):8} {_(event.source)}: {event.sentence}")
         if len(run.events) > SHOWN_EVENTS:
             lines.append(
                 _("and {more} more events; all of them with --json", more=len(run.events) - SHOWN_EVENTS)
             )
-        return in_lines([*lines, *(_("note: {note}", note=note) for note in run.notes)])
+        return in_lines([*lines, *(_("note: {note}", note=one) for one in texts(run.notes))])
 
     def events(self) -> list["TableRow"]:
         """All events as flat dicts, times in seconds since the first tick."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from baqueano.contracts.blocks import SensorBlocks, World
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Severity, fault, note
 from baqueano.errors import Invalid
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
@@ -46,8 +46,8 @@ class ReplayedWorld(World):
         )
         self._ticks = list(filled(run.ticks(), period_ns(run.t_ns)))
         silent = len(self._ticks) - len(run.t_ns)
-        holes = [f"{silent} silent ticks were put where the recording has holes"] if silent else []
-        quiet = [f"the run holds nothing of the sensor {name}: it is silent" for name in lacking]
+        holes = [note("replay.holes", Severity.WARNING, count=silent)] if silent else []
+        quiet = [note("replay.without-sensor", Severity.WARNING, sensor=name) for name in lacking]
         self.notes = (*holes, *quiet)
         self._truth = run.truth
         self._told = 0  # truths

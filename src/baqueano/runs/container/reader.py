@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import FileError, Invalid, cause_of
 from baqueano.printable import typed
 from baqueano.runs.container import memory_limit, messages
@@ -118,7 +118,7 @@ class _Assembly:
 
     def __init__(self, path: Path, contents: Contents) -> None:
         self.path, self.contents = path, contents
-        self.notes: list[str] = []
+        self.notes: list[Diagnostic] = []
         self.taken = 0  # bytes of memory that the messages do not have themselves
         self.topics: dict[str, list[tuple[McapChannel, int]]] = {}  # in the order in which they were named
         for key, channel in sorted(contents.channels.items()):
@@ -152,7 +152,7 @@ class _Assembly:
         found = self.read("/command/applied", "u", self.sized(messages.command_layout))
         if found is None:
             held = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
-            why = "; ".join(self.contents.problems[:2])
+            why = _listed(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA) is None and self.topics:
                 raise FileError(
                     fault(
@@ -172,7 +172,7 @@ class _Assembly:
             )
         newer = np.diff(found.arrival_ns, prepend=-1) > 0
         if not newer.all():
-            self.notes.append(f"{np.count_nonzero(~newer)} repeated ticks were left out")
+            self.notes.append(_warning("run.repeated-ticks", count=np.count_nonzero(~newer)))
         return Channel(found.t_ns[newer], found.arrival_ns[newer], found.z[newer])
 
     def sensors(self) -> dict[str, Channel]:
@@ -191,9 +191,8 @@ class _Assembly:
         if found is None:
             return None
         if found.z.shape[1] != applied.z.shape[1]:
-            self.notes.append(
-                f"{topic} has {found.z.shape[1]} numbers, /command/applied {applied.z.shape[1]}: left out"
-            )
+            sizes = {"found": found.z.shape[1], "expected": applied.z.shape[1]}
+            self.notes.append(_warning("run.other-size", topic=topic, **sizes))
             return None
         self.fill(topic, len(applied.t_ns) - len(found.t_ns), applied.z.shape[1])
         rows = np.full(applied.z.shape, np.nan)
@@ -234,47 +233,41 @@ class _Assembly:
         return _joined([(t_ns, f["eta"], f["nu"], f["nu_dot"])], TruthLog)
 
     def events(self) -> Iterable[Event]:
-        unread, why = 0, ""
+        unread, why = 0, None
         for _, key in self.topics.get("/events", []):
             for t_ns, message in self.contents.messages.pop(key, NOTHING).each():
                 self.take("/events", EVENT + 4 * len(message))
                 try:
                     level, source, text, data = messages.unpack_log(message)
                 except ValueError as error:
-                    unread, why = unread + 1, why or str(error)
+                    unread, why = unread + 1, why or cause_of(error)
                     continue
                 yield Event(t_ns, LEVELS[min(max(level // 10 - 1, 0), 4)], source, text, _diagnostic(data))
         if unread:
-            self.notes.append(f"{'an event' if unread == 1 else f'{unread} events'} could not be read: {why}")
+            self.notes.append(_warning("run.unread-events", count=unread, cause=why))
 
     def vehicle_text(self) -> str:
         text = self.contents.attachments.get(VEHICLE_FILE)
         if text is None:
-            self.notes.append("the vehicle file in force was lost")
+            self.notes.append(_warning("run.vehicle-file-lost"))
         return "" if text is None else text.decode("utf-8", "replace")
 
     def metadata(self) -> dict[str, str]:
         metadata = unsealed(self.contents.metadata.get(METADATA, {}))
         if metadata is None:
-            self.notes.append("the metadata (seed, versions) were lost: their checksum does not hold")
+            self.notes.append(_warning("run.metadata-lost"))
         return metadata or {}
 
-    def losses(self, run: Run) -> list[str]:
+    def losses(self, run: Run) -> list[Diagnostic]:
         """Return the messages about the file as a whole."""
-        said = []
+        of, found = {"file": self.path.name, "ticks": len(run.t_ns)}, []
         if not self.contents.complete:
-            said.append(
-                f"{self.path.name} was not closed: {len(run.t_ns)} ticks, {run.duration_s:.2f} s, were "
-                "saved; what the program had not yet written, at most its last second, is lost"
-            )
+            found.append(_warning("run.not-closed", **of, duration_s=run.duration_s))
         if self.contents.problems:
-            seen = "; ".join(self.contents.problems[:3])
-            more = self.contents.places - 3
-            said.append(
-                f"{self.path.name} is damaged ({seen}{f'; and {more} more places' if more > 0 else ''}): "
-                f"what could not be verified was left out; {len(run.t_ns)} ticks are whole"
-            )
-        return said
+            more = max(self.contents.places - 3, 0)
+            seen, code = _listed(self.contents.problems[:3]), "run.damaged-often" if more else "run.damaged"
+            found.append(_warning(code, **of, places=seen, more=more))
+        return found
 
     def sized(self, layout: Any) -> Any:
         return lambda topic, schema, size: layout(size)
@@ -338,6 +331,18 @@ class _Assembly:
                 error=why,
             )
         )
+
+
+def _warning(code: str, **figures: object) -> Diagnostic:
+    return note(code, Severity.WARNING, **figures)
+
+
+def _listed(found: list[Diagnostic | str]) -> Diagnostic | str | None:
+    """Return several causes as one, None of none."""
+    first = found[0] if found else None
+    for then in found[1:]:
+        first = note("run.and", first=first, then=then)
+    return first
 
 
 def _estimate_piece(

@@ -15,9 +15,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from baqueano.diagnostics import Diagnostic, fault
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import Invalid
-from baqueano.messages import text
 from baqueano.runs.container import memory_limit
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -73,7 +72,9 @@ class Contents:
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     complete: bool = False  # the file was closed properly
-    problems: list[str] = field(default_factory=list)  # damage, one line for each of the first places
+    problems: list[Diagnostic | str] = field(
+        default_factory=list
+    )  # damage, one line for each of the first places
     places: int = 0  # that are damaged
     kept: int = 0  # bytes of memory that all this takes
 
@@ -204,7 +205,7 @@ class _Walk:
         if at < 0 or at != self.lost_to:
             self.found.places += 1
             if self.found.places <= TOLD:
-                self.found.problems.append(text(why) if at < 0 else f"bytes {at} to {to}: {text(why)}")
+                self.found.problems.append(why if at < 0 else note("damage.at", first=at, last=to, cause=why))
         self.lost_to = to
 
     def next_chunk(self, at: int) -> int:

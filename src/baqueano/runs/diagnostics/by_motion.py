@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.diagnostics.motion import LoggedMotion
 from baqueano.runs.diagnostics.signal_map import (
@@ -56,22 +57,28 @@ def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
     return found + _steering(motion)
 
 
-def _doubt(found: Hypothesis, entry: "Entry", by: str, otherwise: str) -> Doubt:
+def _doubt(found: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> Doubt:
     """An error that contradicts the map: the channel, and the line to write; `otherwise` for a scale of no unit."""
-    lines = [f"write scale = {-entry.scale:g} for it"] if found.code == "inverted" else []
-    lines += [found.meaning or otherwise] if found.meaning or not lines else []
-    return Doubt(found.code, "error", None, _said(found, entry, by), ", and ".join(lines))
+    line = found.meaning or otherwise
+    if found.code == "inverted":
+        inverted = note("doubt.write-scale", scale=f"{-entry.scale:g}")
+        line = note("doubt.and", first=inverted, then=found.meaning) if found.meaning else inverted
+    return Doubt(found.code, "error", None, _why(found, entry, code), line)
 
 
-def _said(found: Hypothesis, entry: "Entry", by: str) -> str:
+def _why(found: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
     r = found.relation
-    return f"{entry.key} is {r.slope:.3g} times what {by} (correlation {r.correlation:.2f})"
+    return note(code, key=entry.key, slope=r.slope, correlation=r.correlation)
 
 
-def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, str]:
+def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]:
     """The line to write for each unit that `entry` may have instead, by its ratio."""
     units = ratios(measures, entry.unit).items()
-    return {r: f'write unit = "{unit}" for {entry.key}' for r, unit in units if not only or unit in only}
+    return {
+        r: note("doubt.write-unit", unit_of_it=unit, key=entry.key)
+        for r, unit in units
+        if not only or unit in only
+    }
 
 
 def _by_truth(
@@ -82,18 +89,17 @@ def _by_truth(
         return []
     true, doubts = _late(motion, entry, z, true_of)
     units = _lines(measures, entry)
-    twice = {1.0 / r: f'"{entry.unit}" is too small by {r:.4g}; is it SI?' for r in units if r > 1.0}
+    twice = {1.0 / r: note("doubt.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
     (found,) = signal_map(z[:, None], true[:, None], [MappedChannel(1.0 / SCALE, SCALE, twice | units)])
-    r, said = found.relation, _said(found, entry, "[truth] says")
+    r, why = found.relation, _why(found, entry, "doubt.against-truth")
     if found.code:
-        doubts.append(_doubt(found, entry, "[truth] says", "check its unit and scale"))
+        doubts.append(_doubt(found, entry, "doubt.against-truth", note("doubt.check-unit-and-scale")))
     elif found.is_clear:
-        doubts += [Doubt("scale", "info", None, said)] if abs(r.slope - 1.0) > 0.02 else []
+        doubts += [Doubt("scale", "info", None, why)] if abs(r.slope - 1.0) > 0.02 else []
     elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
-        said = f"{entry.key} is never negative: the sensor does not know the way"
-        doubts.append(Doubt("no sign", "info", None, said))
+        doubts.append(Doubt("no sign", "info", None, note("doubt.no-sign", key=entry.key)))
     elif abs(r.correlation) < NO_RELATION:
-        doubts.append(Doubt("unrelated", "warning", None, said))
+        doubts.append(Doubt("unrelated", "warning", None, why))
     return doubts
 
 
@@ -111,11 +117,10 @@ def _late(
     late_s, true = float(lags[k]), true_of(float(lags[k]))
     if truth is None or abs(late_s) < APART_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[now] ** 2):
         return true, []
-    spec, way = motion.m.files[truth.file], "later" if late_s > 0.0 else "earlier"
-    said = f"[truth] goes with {entry.key} best {1e3 * abs(late_s):.0f} ms {way}"
-    text = f"{said} (correlation {r[now]:.3f}, then {r[k]:.3f})"
-    cure = f"write shift_s = {spec.shift_s + late_s:.3g} in [files.{spec.name}]"
-    return true, [Doubt("clock", "info", None, text, cure)]
+    spec, code = motion.m.files[truth.file], "doubt.clock-later" if late_s > 0.0 else "doubt.clock-earlier"
+    why = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[now], then=r[k])
+    line = note("doubt.write-shift", shift_s=f"{spec.shift_s + late_s:.3g}", file=spec.name)
+    return true, [Doubt("clock", "info", None, why, line)]
 
 
 def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
@@ -125,32 +130,30 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
         return []
     (found,) = signal_map(apart[:, None], rate[:, None], [MappedChannel(*TRACK_M)])
     r, wheels = found.relation, f"[sensors.{motion.wheels_name}]"
-    by, seen = "[truth]" if motion.run.truth else imu[2].key, f"(correlation {r.correlation:.2f})"
+    of = {"wheels": wheels, "by": "[truth]" if motion.run.truth else imu[2].key, "correlation": r.correlation}
     if found.code == "inverted":
-        return [_opposed(motion, f"{by} turns against {wheels} {seen}", wheels, imu)]
+        return [_opposed(motion, note("doubt.turns-against", **of), wheels, imu)]
     if found.code:
-        said = f"{wheels} and {by} turn as wheels that are {r.slope:.3g} m apart do {seen}"
-        cure = f"check the scale of both: counts_per_turn, radius_m, unit of {wheels}, unit of {by}"
-        return [Doubt("track", "error", None, said, cure)]
+        line = note("doubt.check-track", wheels=wheels, by=of["by"])
+        return [Doubt("track", "error", None, note("doubt.track", **of, apart_m=r.slope), line)]
     if abs(r.correlation) < NO_RELATION and np.std(apart) > 0.0:
-        return [Doubt("unrelated", "warning", None, f"{wheels} does not turn as {by} says {seen}")]
+        return [Doubt("unrelated", "warning", None, note("doubt.turns-otherwise", **of))]
     return []
 
 
-def _opposed(motion: LoggedMotion, said: str, wheels: str, imu: "Imu") -> Doubt:
+def _opposed(motion: LoggedMotion, why: Diagnostic, wheels: str, imu: "Imu") -> Doubt:
     """Gyro or wheels, whichever the sideways acceleration contradicts, or both of them."""
-    swap = f"swap left and right of {wheels}"
     if motion.run.truth is not None:
-        return Doubt("inverted", "error", None, said, swap)
-    mend, also = (f"scale = {-entry.scale:g} for {entry.key}" for entry in (imu[2], imu[1]))
+        return Doubt("inverted", "error", None, why, note("doubt.swap-wheels", wheels=wheels))
+    of = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
     felt = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
     if felt.is_clear() and felt.slope < 0.0:
-        text = f"{said}, and {imu[1].key} against it ({felt.correlation:.2f})"
-        return Doubt("inverted", "error", None, text, f"write {mend}")
-    upside_down = f"the IMU is upside down write {mend} and {also}"
-    if not felt.is_clear():
-        upside_down = f"the gyro is negative where the vehicle turns left write {mend}"
-    return Doubt("inverted", "error", None, said, f"{swap}, or if {upside_down}")
+        both = note("doubt.and-sideways", cause=why, key=imu[1].key, correlation=felt.correlation)
+        return Doubt("inverted", "error", None, both, note("doubt.write-gyro", **of))
+    line = note("doubt.swap-or-gyro", **of)
+    if felt.is_clear():
+        line = note("doubt.swap-or-upside-down", **of, key=imu[1].key, also=f"{-imu[1].scale:g}")
+    return Doubt("inverted", "error", None, why, line)
 
 
 def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
@@ -165,18 +168,18 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
         in_g = _lines("acceleration", y, "g")
         for r, line in _lines("angular rate", gyro, "rad/s", "deg/s").items():
             meant[1] |= {1.0 / r: line} | {
-                one / r: f"{line}, {more}" for one, more in in_g.items() if r > 1.0
+                one / r: note("doubt.list", first=line, then=more) for one, more in in_g.items() if r > 1.0
             }
     channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in meant]
     along, across = signal_map(a, np.stack([motion.v_dot, felt], axis=1), channels)
     if along.code == "swapped":
-        seen = f"{along.relation.correlation:.2f}, {across.relation.correlation:.2f}"
-        text = f"{x.key} follows v·ω and {y.key} v̇ (correlations {seen})"
-        return [Doubt("swapped", "error", None, text, "swap the columns of a_x and a_y")]
+        first, second = along.relation.correlation, across.relation.correlation
+        why = note("doubt.axes-swapped", x=x.key, y=y.key, first=first, second=second)
+        return [Doubt("swapped", "error", None, why, note("doubt.swap-axes"))]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
-    check = f"check its unit and scale, and those of the speed, {source}"
+    check = note("doubt.check-with-speed", source=source)
     candidates = [(along, x)] if opposed else [(across, y), (along, x)]
-    return [_doubt(one, entry, "speed and turning give", check) for one, entry in candidates if one.code]
+    return [_doubt(one, entry, "doubt.against-motion", check) for one, entry in candidates if one.code]
 
 
 def _steering(motion: LoggedMotion) -> list[Doubt]:
@@ -190,11 +193,11 @@ def _steering(motion: LoggedMotion) -> list[Doubt]:
     if not np.std(u[:, 0]) > MOVED:
         return []
     (found,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])
-    seen, (steering, other) = f"(correlation {found.relation.correlation:.2f})", (names[i] for i in order)
+    steering, other = (names[i] for i in order)
+    of = {"steering": steering, "correlation": found.relation.correlation}
     if found.code == "swapped":
-        text = f"command {other} turns the vehicle {seen}, {steering} does not"
-        return [Doubt("swapped", "error", None, text, "swap the columns of [command] u")]
+        why = note("doubt.other-steers", **of, other=other)
+        return [Doubt("swapped", "error", None, why, note("doubt.swap-commands"))]
     if found.code == "inverted":
-        text = f"positive {steering} turns right {seen}: its gain will be negative"
-        return [Doubt("sign", "info", None, text)]
+        return [Doubt("sign", "info", None, note("doubt.turns-right", **of))]
     return []

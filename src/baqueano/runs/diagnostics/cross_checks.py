@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.by_motion import by_motion
 from baqueano.runs.diagnostics.doubt import Doubt
@@ -28,16 +28,25 @@ def judged(found: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
     """The doubts, with accepted errors as warnings. FileError if an error is left."""
     left = [d for d in found if d.level == "error" and d.code not in m.accept]
     if left:
-        cures = [d.cure for d in left]
-        lines = " ".join(
-            f"{d.advice if d.cure not in cures[k + 1 :] else d.text}." for k, d in enumerate(left)
-        )  # a cure of several stands after the last
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in left)}))
-        raise FileError(fault("import.does-not-fit", map=m.path.name, doubts=lines, accept=codes))
+        raise FileError(fault("import.does-not-fit", map=m.path.name, doubts=_all(left), accept=codes))
     return tuple(
-        d._replace(level="warning", text=f"{d.text} (accepted by the map)") if d.level == "error" else d
+        d._replace(level="warning", why=note("doubt.accepted", cause=d.why)) if d.level == "error" else d
         for d in found
     )
+
+
+def _all(left: list[Doubt]) -> Diagnostic:
+    """Return several doubts as one; a line to write of several stands after the last."""
+    lines = [d.line for d in left]
+    each = [
+        note("doubt.and-line", cause=d.why, line=d.line) if d.line and d.line not in lines[k + 1 :] else d.why
+        for k, d in enumerate(left)
+    ]
+    first = each[0]
+    for then in each[1:]:
+        first = note("doubt.then", first=first, then=then)
+    return first
 
 
 def look(run: Run, m: "ColumnMap") -> list[Doubt]:
@@ -59,17 +68,12 @@ def _alone(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Ite
         return
     still = np.ptp(z, axis=0) == 0.0
     for i in np.flatnonzero(still):
-        yield Doubt(
-            "constant", "warning", None, f"[{key}] number {i}: {z[0, i]:g} in all {len(z)} rows; is it wired?"
-        )
+        why = note("doubt.constant", key=key, number=i, value=z[0, i], rows=len(z))
+        yield Doubt("constant", "warning", None, why)
     if slow:
         return
     lasting = np.concatenate([np.zeros(0, int), *(repeats(column).lasting for column in z[:, ~still].T)])
     if are_held(lasting):
         every = float(np.mean(lasting[lasting < LONG * np.median(lasting)]))
-        share = 1.0 - 1.0 / every
-        text = (
-            f"[{key}]: {share:.0%} of the rows repeat the one before: held, new about every {every:.1f} rows"
-        )
-        cure = 'for the new ones alone write new_when = "COLUMN" (one that changes with each) in [files.…]'
-        yield Doubt("held samples", "warning", int(t_ns[0]), text, cure)
+        why = note("doubt.held", key=key, share=1.0 - 1.0 / every, every=every)
+        yield Doubt("held samples", "warning", int(t_ns[0]), why, note("doubt.write-new-when"))

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic, note
+from baqueano.language import marked as N_
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.diagnostics.signal_map import relation
 from baqueano.runs.maps.columns import KINDS
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 
 FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
 LIMITS = {
-    "acceleration": (300.0, "m/s²", "counts?"),
+    "acceleration": (300.0, "m/s²", N_("counts?")),
     "angular rate": (FASTEST_RAD_S, "rad/s", 'unit = "deg/s"'),
     "speed": (FASTEST_M_S, "m/s", 'unit = "mm/s"'),
     "length": (1e6, "m", 'unit = "mm"'),
@@ -53,8 +55,8 @@ def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Do
         limit, shown, guess = LIMITS.get(kind) or LIMITS.get(measures, (np.inf, "", ""))
         if value > limit:
             beyond = True
-            text = f'{entry.key} with unit = "{entry.unit}" reaches {value:.3g} {shown}: no such vehicle does'
-            yield Doubt("unit", "error", None, text, f"perhaps {guess}")
+            why = note("doubt.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=shown)
+            yield Doubt("unit", "error", None, why, note("doubt.perhaps", line=guess))
     if signal.kind == "imu" and not beyond:
         yield from _tyres(signal, channel)
         yield from _gyro(signal, channel, run)
@@ -69,10 +71,11 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
         most = float(np.quantile(np.abs(a - np.median(a)), 0.99))
         if most > TYRES_M_S2:
             level = "error" if most > 2.0 * TYRES_M_S2 else "warning"
-            said = f'{entry.key} with unit = "{entry.unit}" stays at {most:.3g} m/s² for {WINDOW_S:g} s'
-            text = f"{said}: no tyre holds that"
-            smaller = 'unit = "mg", or "raw" with a scale' if entry.unit == "m/s^2" else 'unit = "m/s^2"'
-            yield Doubt("unit", level, None, text, f"perhaps {smaller}")
+            why = note("doubt.tyres", key=entry.key, unit_read=entry.unit, most=most, window_s=WINDOW_S)
+            smaller = note("doubt.perhaps", line='unit = "m/s^2"')
+            if entry.unit == "m/s^2":
+                smaller = note("doubt.perhaps-smaller")
+            yield Doubt("unit", level, None, why, smaller)
 
 
 def _means(channel: Channel) -> np.ndarray:
@@ -95,23 +98,21 @@ def _at_rest(run: Run, channel: Channel) -> np.ndarray:
 def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
     """Two turns a second, (2) and (3)."""
     entry, rate, still = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
-    cure = 'if the column is in deg/s write unit = "deg/s"' if entry.unit != "deg/s" else "check its scale"
+    cure = note("doubt.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("doubt.check-scale")
     most = float(np.quantile(np.abs(rate), 0.99)) if np.isfinite(rate).all() else 0.0
     rest = rate[still][np.isfinite(rate[still])]
     off, sd = (abs(float(np.median(rest))), _spread(rest)) if len(rest) > 5 else (0.0, 0.0)
-    said = f'{entry.key} with unit = "{entry.unit}"'
+    of = {"key": entry.key, "unit_read": entry.unit}
     if off > BIAS_RAD_S or sd > TREMBLE_RAD_S:
-        text = f"{said} is {off:.2g} ± {sd:.2g} rad/s before the first command, and small gyros are quieter"
-        yield Doubt("gyro at rest", "warning", None, text, cure)
+        yield Doubt("gyro at rest", "warning", None, note("doubt.gyro-at-rest", **of, off=off, sd=sd), cure)
     elif most > TURNS_RAD_S:
-        text = f"{said} reaches {most:.3g} rad/s, {most / (2.0 * np.pi):.1f} turns a second"
-        yield Doubt("fast turns", "warning", None, text, cure)
+        why = note("doubt.fast-turns", **of, most=most, turns=most / (2.0 * np.pi))
+        yield Doubt("fast turns", "warning", None, why, cure)
     for entry, a in zip(signal.entries[:2], channel.z[still, :2].T, strict=True):
         most = float(np.quantile(np.abs(channel.z[:, int(entry.key[-2])]), 0.99))
         if len(a) and np.isfinite(a).all() and 0.0 < _spread(a) < TREMBLE_M_S2 and most < TYRES_M_S2 / 10.0:
-            said = f'{entry.key} with unit = "{entry.unit}" trembles by {_spread(a):.1g} m/s² at rest'
-            text = f"{said} and reaches {most:.2g}: few accelerometers are so quiet"
-            yield Doubt("quiet accelerometer", "info", None, text, 'if the column is in g write unit = "g"')
+            why = note("doubt.quiet", key=entry.key, unit_read=entry.unit, sd=_spread(a), most=most)
+            yield Doubt("quiet accelerometer", "info", None, why, note("doubt.if-in", in_unit="g"))
 
 
 def _spread(x: np.ndarray) -> float:
@@ -124,9 +125,11 @@ def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
     curve = relation(*_means(channel).T[1:])
     if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:
         first, last = signal.entries[1], signal.entries[2]
-        text = f'{first.key} and {last.key} with unit = "{last.unit}" belong to curves at {v:.3g} m/s'
-        cure = 'perhaps unit = "rad/s" for the gyro' if last.unit == "deg/s" else "check both units"
-        yield Doubt("curve", "warning", None, text, cure)
+        why = note("doubt.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)
+        cure = note("doubt.check-both-units")
+        if last.unit == "deg/s":
+            cure = note("doubt.perhaps-gyro", line='unit = "rad/s"')
+        yield Doubt("curve", "warning", None, why, cure)
 
 
 def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
@@ -140,8 +143,8 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
     )
     for name, u, entry in zip(names, columns.T, entries, strict=True):
         if np.ptp(u) == 0.0 and entry.constant is None:
-            yield Doubt("constant", "warning", None, f"command {name} is {u[0]:g} all the time")
-        most, known, cure = _largest([u]), unit(entry.unit), ""
+            yield Doubt("constant", "warning", None, note("doubt.constant-command", name=name, value=u[0]))
+        most, known, cure = _largest([u]), unit(entry.unit), None
         if most > OVER and entry.unit == "1":
             cure = _full(counts)
         elif 0.0 < most < TINY and entry.unit == "%":
@@ -149,34 +152,35 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
         elif 0.0 < most < TINY and known is not None and known.measures == "time":
             cure = _full([c / known.si for c in columns.T], 'unit = "raw", ')
         if cure:
-            text = f'{entry.key} ({name}) reaches {most:.5g} with unit = "{entry.unit}"; a full command is 1'
-            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), text, cure)
+            why = note("doubt.command-range", key=entry.key, name=name, most=most, unit_read=entry.unit)
+            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), why, cure)
 
 
-def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> str:
-    """The line for a command that hardly moves as one of the `percents`; empty where it is one that is small."""
+def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
+    """Return the line for a command that hardly moves as one of the `percents`; None where it is one that is small."""
     together = percents if _largest(percents) < 100.0 * TINY else [u]
     if _largest(together) <= OVER:
-        return 'write unit = "1"'
-    return _full(percents, 'unit = "1", ') if together is percents else ""
+        return note("doubt.write", line='unit = "1"')
+    return _full(percents, 'unit = "1", ') if together is percents else None
 
 
 def _largest(columns: list[np.ndarray]) -> float:
     return max(float(np.max(np.abs(u))) for u in columns)
 
 
-def _full(counts: list[np.ndarray], unit_of_it: str = "") -> str:
+def _full(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
     """Return the line for commands in counts: all of a vehicle share a full scale. Name only a scale whose commands
     are not too small."""
     least, most = min(float(np.min(u)) for u in counts), _largest(counts)
     if PULSE_US[0] <= least and most <= PULSE_US[1]:
-        return f"write {unit_of_it}scale = 0.002, offset = -3.0, of pulses of 1000 to 2000 µs with 1500 in the middle"
+        return note("doubt.write-pulses", line=f"{unit_of_it}scale = 0.002, offset = -3.0")
     if most < TINY * FULL[0]:
-        said = "their largest: a set-point in a physical unit does not have a full scale"
-        return f"write {unit_of_it}scale = {1.0 / most:.6g}, of {most:.6g}, {said}"
+        return note("doubt.write-largest", line=f"{unit_of_it}scale = {1.0 / most:.6g}", most=f"{most:.6g}")
     percent = most <= FULL[0]
     full = next((full for full in FULL[percent:] if most <= full), most)
-    scale = f"{unit_of_it}scale = {1.0 / full:.6g}, of {full:g}"
+    scale = {"line": f"{unit_of_it}scale = {1.0 / full:.6g}", "full": f"{full:g}"}
     if not percent:
-        return f"write {scale}"
-    return f'write unit = "%", or {scale}' if most >= TINY * full else 'write unit = "%"'
+        return note("doubt.write-full", **scale)
+    if most < TINY * full:
+        return note("doubt.write", line='unit = "%"')
+    return note("doubt.write-percent-or-full", **scale)

@@ -15,7 +15,7 @@ predictions explain nothing of them: one that is nearly right may correlate less
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,11 +45,11 @@ class Relation(NamedTuple):
 
 
 class MappedChannel(NamedTuple):
-    """Scales that are believed of a channel, and what else it may be, by its ratio: units, as a line to write."""
+    """Scales that are believed of a channel, and what else it may be, by its ratio: a unit, or a line to write."""
 
     low: float = 0.0
     high: float = np.inf
-    ratios: Mapping[float, str] = MappingProxyType({})
+    ratios: Mapping[float, Any] = MappingProxyType({})
 
 
 class Hypothesis(NamedTuple):
@@ -60,7 +60,7 @@ class Hypothesis(NamedTuple):
     relation: Relation
     is_clear: bool
     ratio: float = 1.0  # of units; NaN where none is near
-    meaning: str = ""  # of that ratio
+    meaning: Any = None  # of that ratio
 
 
 def ratios(measures: str, read_as: str) -> dict[float, str]:
@@ -116,12 +116,12 @@ def _shown(of: int, r: Relation, channel: MappedChannel, worth: float) -> Hypoth
     clear, size = r.is_clear(worth), abs(r.slope)
     if not clear or channel.low <= r.slope <= channel.high:
         return Hypothesis("", of, r, clear)
-    low, high, meant = channel.low, channel.high, {1.0: ""} | dict(channel.ratios)
+    low, high, meant = channel.low, channel.high, {1.0: None} | dict(channel.ratios)
     near = [ratio for ratio in meant if ratio * low <= size <= ratio * high]
     middle = np.sqrt(low * high) if len(near) > 1 else 1.0
     nearest = min(near, key=lambda ratio: abs(np.log(size / ratio / middle)), default=np.nan)
     code = "inverted" if r.slope < 0.0 else "unit" if near else "scale"
-    return Hypothesis(code, of, r, clear, nearest, meant.get(nearest, ""))
+    return Hypothesis(code, of, r, clear, nearest, meant.get(nearest))
 
 
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.result import shortened
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
 from baqueano.language import translated as _
+from baqueano.messages import in_english
 from baqueano.printable import typed
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
@@ -190,9 +191,9 @@ def import_runs(
             )
         )
     if short:
-        text = f"{len(short)} parts with fewer than {LEAST} ticks were left out: {', '.join(short[:5])}"
+        why = note("doubt.short-parts", count=len(short), least=LEAST, names=short[:5])
         first = made[0]
-        made[0] = first._replace(doubts=(*first.doubts, Doubt("short", "warning", None, text)))
+        made[0] = first._replace(doubts=(*first.doubts, Doubt("short", "warning", None, why)))
     return made
 
 
@@ -214,14 +215,16 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
         metadata=metadata,
     )  # fmt: skip
     if first:
-        text = f"{first} ticks before the first command were left out"
-        usual = first == 1 and m.in_force == "from"
-        found.append(Doubt("no command yet", "info", int(t_ns[0]), text, usual=usual))
+        usual, why = first == 1 and m.in_force == "from", note("doubt.no-command-yet", count=first)
+        found.append(Doubt("no command yet", "info", int(t_ns[0]), why, usual=usual))
     if all(one.constant == 0.0 for one in m.command.entries):
-        found.append(Doubt("no command", "info", int(t_ns[0]), "no command: the vehicle stands", usual=True))
+        found.append(Doubt("no command", "info", int(t_ns[0]), note("doubt.no-command"), usual=True))
     found += cross_checks.look(run, m)
     judged = cross_checks.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
-    events = tuple(Event(d.t_ns or int(t_ns[0]), d.level, "import", f"{d.code}: {d.advice}") for d in judged)
+    events = tuple(
+        Event(d.t_ns or int(t_ns[0]), d.level, "import", in_english(d.diagnostic), d.diagnostic)
+        for d in judged
+    )
     object.__setattr__(run, "events", tuple(sorted(events, key=lambda e: e.t_ns)))
     return ImportedRun(run, judged)
 
@@ -290,8 +293,8 @@ def _known(
     lost = np.count_nonzero(~whole[first:])
     if lost:
         where = int(source.t_ns[first:][~whole[first:]][0])
-        text = f"[{signal.key}]: {lost} of {len(whole)} rows lack a number (NaN, empty) and were left out"
-        found.append(Doubt("missing", "warning", where, text))
+        why = note("doubt.missing", key=signal.key, lost=lost, rows=len(whole))
+        found.append(Doubt("missing", "warning", where, why))
     if not whole.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
     return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.printable import typed
 from baqueano.runs.diagnostics.doubt import Doubt
@@ -153,14 +153,15 @@ def _left_out(m: ColumnMap, held: dict[str, dict[str, list[SourcePiece]]]) -> It
         for file, others in held.items():
             alone = [value for value in others if value not in of]
             if alone:
-                said = f"{_values_of(m, file, alone)} of [files.{file}] is not in [files.{lacking}]"
-                yield Doubt("not in all files", "warning", None, f"{m.path.name}: {said} and was left out")
+                values = _values_of(m, file, alone)
+                why = note("doubt.not-in-all", map=m.path.name, values=values, file=file, lacking=lacking)
+                yield Doubt("not in all files", "warning", None, why)
 
 
 def _values_of(m: ColumnMap, file: str, values: Iterable[str]) -> str:
     """The column by which a file is split and these values of it, for a message."""
     each = list(values)
-    more = f" and {len(each) - 5} more" if len(each) > 5 else ""
+    more = f", … (+ {len(each) - 5})" if len(each) > 5 else ""
     return f"{m.files[file].split} = {', '.join(each[:5])}{more}"
 
 
@@ -287,7 +288,10 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> LogT
                 fault("import.no-bag", path=path.name, map=m.path.name, file=spec.name, topic=spec.topic)
             )
         table = read_table(path, spec.options, label)
-    found += [Doubt("cut line", "warning", None, f"{label}: {note}") for note in table.notes]
+    found += [
+        Doubt("cut line", "warning", None, note("doubt.cut-line", table=label, line=line))
+        for line in table.cut
+    ]
     for column in sorted(used):
         table.text(column)  # they are all there
     if not len(table.lines):
@@ -304,8 +308,8 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, found: list[Doubt]) -
     if not known.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not known.all():
-        text = f"{table.label}: {np.count_nonzero(~known)} rows without a time were left out"
-        found.append(Doubt("no time", "warning", None, text))
+        why = note("doubt.no-time", table=table.label, count=np.count_nonzero(~known))
+        found.append(Doubt("no time", "warning", None, why))
         table, t_ns = table.only(known), t_ns[known]
     keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, found)
     table, t_ns = table.only(keep), t_ns[keep]

@@ -109,25 +109,15 @@ def rows_in_order(
     back = np.flatnonzero(np.diff(t_ns) < 0)
     if len(back):
         i = int(back[0])
-        text = (
-            f"{table.label}: time steps back by {(t_ns[i] - t_ns[i + 1]) / NANOSECONDS:.3f} s at line "
-            f"{table.lines[i + 1]} ({len(back)} such steps)"
-        )
         lost = np.count_nonzero(t_ns < latest)
+        of = {
+            "table": table.label, "back_s": (t_ns[i] - t_ns[i + 1]) / NANOSECONDS, "line": table.lines[i + 1],
+            "count": len(back), "lost": lost,
+        }  # fmt: skip
         if spec.backwards != "drop":
             code = "import.steps-back-often" if lost > MANY * len(t_ns) else "import.steps-back"
-            back_s = (t_ns[i] - t_ns[i + 1]) / NANOSECONDS
-            raise FileError(
-                fault(
-                    code, table=table.label, back_s=back_s, line=table.lines[i + 1], count=len(back), lost=lost,
-                    file=spec.name, map=m.path.name,
-                )
-            )  # fmt: skip
-        found.append(
-            Doubt(
-                "time steps back", "warning", int(t_ns[i]), f"{text}: {lost} rows up to there were left out"
-            )
-        )
+            raise FileError(fault(code, **of, file=spec.name, map=m.path.name))
+        found.append(Doubt("time steps back", "warning", int(t_ns[i]), note("doubt.steps-back", **of)))
     keep = t_ns >= latest
     keep[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
     keep = _without_repeats(table, t_ns, keep, spec, used, m, found)
@@ -157,7 +147,7 @@ def _without_repeats(
         for row in zip(*(zip(before.text(c), after.text(c), strict=True) for c in sorted(used)), strict=True)
     ])  # fmt: skip
     line = table.lines[second[0]]
-    text = f"{table.label}: {len(same)} rows repeat the time of the row before, the first at line {line}"
+    why = note("doubt.repeats", table=table.label, count=len(same), line=line)
     if not equal.all() and spec.repeats is None:
         line = table.lines[second[~equal][0]]
         raise FileError(
@@ -170,7 +160,7 @@ def _without_repeats(
                 map=m.path.name,
             )
         )
-    found.append(Doubt("repeats", "warning", int(t_ns[first[0]]), text + "; one of each was kept"))
+    found.append(Doubt("repeats", "warning", int(t_ns[first[0]]), why))
     keep = keep.copy()
     keep[first if spec.repeats == "last" else second] = False
     return keep
@@ -205,22 +195,21 @@ def _check_steps(
     gaps = np.flatnonzero(step_s > GAP * usual)
     for i in gaps[:20]:
         jump = step_s[i] > JUMP_S
-        seen = f"{step_s[i]:.3f} s without a row after line {table.lines[i]}"
-        text = f"{table.label}: {seen} (usual step {usual:.3f} s)"
-        found.append(
-            Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), text)
-        )
+        why = note("doubt.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual)
+        found.append(Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), why))
     if len(gaps) > 20:
-        text = f"{table.label}: and {len(gaps) - 20} more gaps"
-        found.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), text))
+        why = note("doubt.more-gaps", table=table.label, more=len(gaps) - 20)
+        found.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), why))
 
 
 def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
     """Ticks that few loops have: faster ones contradict the map, slower ones may be."""
-    text = f'{table.label}: with time_unit = "{spec.time_unit}" a tick lasts {usual:.3g} s, {1.0 / usual:.3g} a second'
+    why = note(
+        "doubt.tick-lasts", table=table.label, unit_read=spec.time_unit, tick_s=usual, rate_hz=1.0 / usual
+    )
     fits = _units_that_fit(usual, len(table.lines), spec)
-    cure = f'if it is in {fits[0]} write time_unit = "{fits[0]}" in [files.{spec.name}]' if fits else ""
-    return Doubt("time unit", "error" if usual < FAST_S else "warning", None, text, cure)
+    line = note("doubt.write-time-unit", in_unit=fits[0], file=spec.name) if fits else None
+    return Doubt("time unit", "error" if usual < FAST_S else "warning", None, why, line)
 
 
 def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:

@@ -45,7 +45,7 @@ class LogTable(NamedTuple):
     columns: "JsonObject"  # name → Cells, or an array (bags); None: several of that name
     lines: np.ndarray  # (rows,) line of the file, or number of the message
     decimal: str = "."
-    notes: tuple[str, ...] = ()
+    cut: tuple[int, ...] = ()  # lines that were left out
 
     def text(self, column: str) -> Any:
         """The column as it was read. FileError if there is none of that name, or several."""
@@ -154,13 +154,13 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     names = _header([cell.strip() for cell in first], options, label)
     if not options.get("header", True):
         rows = chain([(number, first)], rows)
-    data, numbers, notes = _columns(lines, rows, len(names), delimiter)
+    data, numbers, cut = _columns(lines, rows, len(names), delimiter)
     columns: JsonObject = {}
     for name, cells in zip(names, data, strict=True):
         columns[name] = None if name in columns else Cells(bytes(cells))
         cells.clear()
     decimal = options.get("decimal") or _decimal(columns, delimiter, label)
-    return LogTable(label, columns, np.array(numbers, dtype=np.int64), decimal, notes)
+    return LogTable(label, columns, np.array(numbers, dtype=np.int64), decimal, cut)
 
 
 def _with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
@@ -191,7 +191,7 @@ def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Itera
 
 def _columns(
     lines: Lines, rows: Iterator[tuple[int, list[str]]], width: int, delimiter: str
-) -> tuple[list[bytearray], "array[int]", tuple[str, ...]]:
+) -> tuple[list[bytearray], "array[int]", tuple[int, ...]]:
     """The cells of each column, and the line of each row. Refuses rows of another width; a last one that was cut is
     left out, and reported."""
     columns, numbers, block = [bytearray() for _ in range(width)], array("q"), []
@@ -207,7 +207,7 @@ def _columns(
             put_at = lines.taken
     _put(lines, block, columns)
     if uneven == 1 and wrong[0] == number and wrong[1] < width:
-        return columns, numbers, (f"line {number} is cut and was left out",)
+        return columns, numbers, (number,)
     if uneven:
         code = "table.commas-between-commas" if delimiter == "," and wrong[1] > width else "table.uneven"
         line, found = wrong

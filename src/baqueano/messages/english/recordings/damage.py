@@ -27,9 +27,29 @@ TEMPLATES: dict[str, str] = {
     "damage.chunk-not-unpacked": "a chunk that does not unpack ({error})",
     "damage.chunk-other-size": "a chunk whose compressed data say another size",
     "damage.chunk-packed": "a chunk packed with '{packing}'",
+    "damage.at": "bytes {first} to {last}: {cause}",
+    "run.and": "{first}; {then}",
+    "run.repeated-ticks": "{count} repeated ticks were left out",
+    "run.other-size": "{topic} has {found} numbers, /command/applied {expected}: it was left out",
+    "run.unread-events": "events that could not be read: {count} ({cause})",
+    "run.vehicle-file-lost": "the vehicle file in force was lost",
+    "run.metadata-lost": "the metadata (seed, versions) were lost: their checksum does not hold",
+    "run.not-closed": (
+        "{file} was not closed: {ticks} ticks, {duration_s:.2f} s, were saved; the data that the program had not yet "
+        "written, at most its last second, are lost"
+    ),
+    "run.damaged": (
+        "{file} is damaged ({places}): the part that could not be verified was left out; {ticks} ticks are whole"
+    ),
+    "run.damaged-often": (
+        "{file} is damaged ({places}; and {more} more places): the part that could not be verified was left out; "
+        "{ticks} ticks are whole"
+    ),
+    "replay.holes": "{count} silent ticks were put where the recording has holes",
+    "replay.without-sensor": "the run holds nothing of the sensor {sensor}: it is silent",
     "run.time-range": "{time_ns} ns is not a time between 1970 and 2038",
     "import.does-not-fit": (
-        "{map} does not fit its recording: {doubts} If it is right as it is, write at the top of the map: accept "
+        "{map} does not fit its recording: {doubts}. If it is right as it is, write at the top of the map: accept "
         "= [{accept}]"
     ),
     "expect.format": "format = 1",
