@@ -32,6 +32,7 @@ from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import excitation, identify
+from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.runs import Run
@@ -52,9 +53,9 @@ EXPERIMENT_S = 60.0
 FREE = ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"]  # the fit says that they are off
 BATCH = 10  # robots that are simulated side by side
 SHAPES: dict[str, Callable[[float], "Route"]] = {
-    "sinuous": lambda v: sinuous_circle(0.6, 0.06, 5, v),
-    "eight": lambda v: eight(1.0, v),
-    "rectangle": lambda v: rectangle(1.2, 0.8, 0.2, v),
+    N_("sinuous"): lambda v: sinuous_circle(0.6, 0.06, 5, v),
+    N_("eight"): lambda v: eight(1.0, v),
+    N_("rectangle"): lambda v: rectangle(1.2, 0.8, 0.2, v),
 }
 SPEEDS = (0.1, 0.2, 0.3)
 SLOWER = (0.2,)  # of the cases that are judged at one speed
@@ -69,10 +70,10 @@ class Case(NamedTuple):
 
 
 CASES = {
-    "imu": Case(lambda q: q, False, SPEEDS),
-    "pose": Case(lambda q: q, True, SPEEDS),
-    "breakaway": Case(lambda q: q.changed(breakaway=1.3 * q.breakaway), True, SPEEDS),
-    "late": Case(lambda q: q.changed(delay_s=q.delay_s + 0.1), True, SLOWER),
+    N_("imu"): Case(lambda q: q, False, SPEEDS),
+    N_("pose"): Case(lambda q: q, True, SPEEDS),
+    N_("breakaway"): Case(lambda q: q.changed(breakaway=1.3 * q.breakaway), True, SPEEDS),
+    N_("late"): Case(lambda q: q.changed(delay_s=q.delay_s + 0.1), True, SLOWER),
     "dead_zone": Case(lambda q: q.changed(forward=1.1 * q.forward, backward=1.1 * q.backward), False, SLOWER),
     "battery": Case(lambda q: q.changed(supply=0.93 * q.supply), False, SLOWER),
 }
@@ -200,7 +201,7 @@ class Driving:
             )
             across = [f"{number(1000.0 * x):.1f}" for x in three["across_m"]]
             lines.append(
-                f"{r['case']:11}{r['shape']:11}{number(r['asked_m_s']):4.1f}{' '.join(speed):>17}"
+                f"{_(r['case']):11}{_(r['shape']):11}{number(r['asked_m_s']):4.1f}{' '.join(speed):>17}"
                 f"{' '.join(uneven):>16}{' '.join(across):>18}{number(100.0 * r['at_limit_worst']):6.1f}"
                 f"%{number(r['sign_changes_worst']):6.0f}"
             )

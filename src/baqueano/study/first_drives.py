@@ -17,6 +17,7 @@ from baqueano.contracts.blocks import World
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
 from baqueano.identify.design.room import room_of
+from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.signals import Command, Motion, Tick
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 ROOM = "1.5x1.5"
-WIRINGS = ("well", "left inverted", "right inverted", "swapped")
+WIRINGS = (N_("well"), N_("left inverted"), N_("right inverted"), N_("swapped"))
 WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
 
 
@@ -113,7 +114,7 @@ class FirstDrives:
         for r in self.each:
             gain = f"{number(r.gain_off):.2f}×" if np.isfinite(r.gain_off) else "-"
             lines.append(
-                f"{r.wiring:16}{r.drives:>7}{r.touched:>9}{number(100.0 * r.nearest_m):>8.0f} "
+                f"{_(r.wiring):16}{r.drives:>7}{r.touched:>9}{number(100.0 * r.nearest_m):>8.0f} "
                 f"cm{r.named:>7}{gain:>7}{number(r.longest_s):>5.0f} s"
             )
         return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import FileError
+from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.runs.maps.column_map import data_folders, load_map
 
@@ -136,5 +137,5 @@ def check_present() -> None:
 def shown(value: object) -> str:
     """A value of a row as text."""
     if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+        return _("yes") if value else _("no")
+    return f"{number(value):.4g}" if isinstance(value, float) else str(value)

@@ -1,12 +1,15 @@
 """The page about the recordings: what each fit found, the models on runs they have not seen, the paths."""
 
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.report import figures
 from baqueano.report.of_estimate import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw
 from baqueano.study.recordings import Recorded
 from baqueano.study.two_ways import CAVEATS, Judgement, TwoWays
 
-CHANNELS = ("speed, odometer [m/s]", "yaw rate, gyro [rad/s]")
+CHANNELS = (N_("speed, odometer [m/s]"), N_("yaw rate, gyro [rad/s]"))
 SHOWN_S = 30.0
 
 
@@ -18,24 +21,30 @@ def page_of_recordings(found: Recorded | None, study: TwoWays | None) -> Page:
         said = "\n".join((*found.reasons, *found.left_out))
         sections.append(
             Section(
-                "All recordings", said, [Table(found.rows(), "Each judged on what the fit has not seen.")]
+                _("All recordings"),
+                said,
+                [Table(found.rows(), _("Each judged on what the fit has not seen."))],
             )
         )
     if study is not None:
         held_out = [one for one in study.judged if one.held_out]
         said = "\n".join((*study.reasons, *study.notes))
         sections.append(
-            Section("A car of 1:18: models on runs", said, [Table(study.figures(), " ".join(CAVEATS))])
+            Section(
+                _("A car of 1:18: models on runs"), said, [Table(study.figures(), " ".join(map(_, CAVEATS)))]
+            )
         )
-        sections.append(Section("Parameters", "Fitted to one run each.", [Table(study.parameters())]))
+        sections.append(Section(_("Parameters"), _("Fitted to one run each."), [Table(study.parameters())]))
         for one in held_out:
             sections += sections_of(one)
             headlines += _headlines(one)
     result = found or study
     assert result is not None
     return Page(
-        title="Real vehicles, judged on what their models have not seen",
-        subtitle="Recordings that others made; the car of 1:18 is the CPM Lab's µCar under an overhead camera",
+        title=_("Real vehicles, judged on what their models have not seen"),
+        subtitle=_(
+            "Recordings that others made; the car of 1:18 is the CPM Lab's µCar under an overhead camera"
+        ),
         verdict=result.verdict,
         headlines=headlines,
         sections=sections,
@@ -45,24 +54,37 @@ def page_of_recordings(found: Recorded | None, study: TwoWays | None) -> Page:
 
 def sections_of(one: Judgement) -> list[Section]:
     """A model on a run."""
-    title = f"Fitted on {one.fitted_on}, judged on {one.judged_on}"
+    title = _(
+        "Fitted on {fitted_on}, judged on {judged_on}", fitted_on=one.fitted_on, judged_on=one.judged_on
+    )
     t_s, measured, model = one.predicted
     first = t_s <= t_s[0] + SHOWN_S
-    drawing = figures.channels(t_s[first], measured[first], model[first], CHANNELS)
-    drawn = draw(drawing, f"The first {SHOWN_S:.0f} s. The model sees the commands alone.")
-    said = (
+    drawing = figures.channels(t_s[first], measured[first], model[first], [_(name) for name in CHANNELS])
+    drawn = draw(drawing, _("The first {shown_s:.0f} s. The model sees the commands alone.", shown_s=SHOWN_S))
+    said = _(
         "The EKF begins at the camera's first pose and sees IMU and odometer: nothing on board measures a "
         "position. Shaded: where it believes the car to be, with 95 % probability."
     )
-    return [Section(f"{title}: the model", "", [drawn]), Section(f"{title}: the path", said, paths(one.replayed)),
-            *errors(one.replayed)]  # fmt: skip
+    return [
+        Section(_("{title}: the model", title=title), "", [drawn]),
+        Section(_("{title}: the path", title=title), said, paths(one.replayed)),
+        *errors(one.replayed),
+    ]
 
 
 def _headlines(one: Judgement) -> list[Headline]:
     row, way = one.row(), f"{one.fitted_on} → {one.judged_on}"
-    off = f"{100 * row['ate_m'] / row['driven_m']:.2g} % of the {row['driven_m']:.0f} m driven"
-    part = f"yaw rate {100 * row['yaw_rate_explained']:.1f} %"
+    off = _(
+        "{percent:.2g} % of the {driven_m:.0f} m driven",
+        percent=100 * row["ate_m"] / row["driven_m"],
+        driven_m=row["driven_m"],
+    )
+    part = _("yaw rate {percent:.1f} %", percent=100 * row["yaw_rate_explained"])
     return [
-        Headline(f"position error, {way}", f"{100 * row['ate_m']:.1f} cm", f"rms, {off}"),
-        Headline(f"speed explained, {way}", f"{100 * row['speed_explained']:.1f} %", part),
+        Headline(
+            _("position error, {way}", way=way),
+            f"{number(100 * row['ate_m']):.1f} cm",
+            _("rms, {off}", off=off),
+        ),
+        Headline(_("speed explained, {way}", way=way), f"{number(100 * row['speed_explained']):.1f} %", part),
     ]

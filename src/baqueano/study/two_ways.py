@@ -42,8 +42,10 @@ EXPLAINS = 0.9  # part of the variance of speed and yaw rate, on a run that the 
 BEYOND = 0.1  # of the range of a command: further out, a model is asked what it has not seen
 LOST = 0.05  # of the way driven: an estimate that is further off (rms) has lost the car
 CAVEATS = (
-    "The model is simulated from the commands alone, from the first tick to the last.",
-    "Scales of odometer and gyro, the gyro's bias and the delay are the garage's, read off both recordings.",
+    N_("The model is simulated from the commands alone, from the first tick to the last."),
+    N_(
+        "Scales of odometer and gyro, the gyro's bias and the delay are the garage's, read off both recordings."
+    ),
 )
 
 
@@ -208,7 +210,7 @@ class TwoWays:
         lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
         for row in self.figures():
             lines.append(f"{_(row['figure']):30}" + "".join(f"{row[head]:>13}" for head in heads))
-        lines += ["", *CAVEATS]
+        lines += ["", *map(_, CAVEATS)]
         lines += [f"- {note}" for note in self.notes]
         return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('both ways round')}"])
 
@@ -234,12 +236,12 @@ def two_ways(backend: str = "auto", say: Callable[[str], object] = lambda text: 
     runs = {SHORT[name]: import_run(name).run for name in MAPS}
     fitted = {}
     for name, run in runs.items():
-        say(f"fitting run {name}, {run.duration_s:.0f} s")
+        say(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
         fitted[name] = fit_to(run, backend)
     judged = []
     for name, done in fitted.items():
         for other, run in runs.items():
-            say(f"the model of run {name} on run {other}")
+            say(_("the model of run {name} on run {other}", name=name, other=other))
             judged.append(judge(done.file, name, run, other, backend))
     return TwoWays(fitted, tuple(sorted(judged, key=lambda one: not one.held_out)))
 
@@ -289,8 +291,12 @@ def _first(record: FitRecord, sensor: str, entry: int) -> float:
 
 
 def _head(one: Judgement) -> str:
-    return f"{one.fitted_on} → {one.judged_on}" if one.held_out else f"{one.fitted_on} itself"
+    return (
+        _("{fitted_on} → {judged_on}", fitted_on=one.fitted_on, judged_on=one.judged_on)
+        if one.held_out
+        else _("{fitted_on} itself", fitted_on=one.fitted_on)
+    )
 
 
 def _with_sd(estimate: float | None, sd: float | None) -> str:
-    return "not seen" if estimate is None else f"{estimate:.4g} ± {sd or np.nan:.2g}"
+    return _("not seen") if estimate is None else f"{number(estimate):.4g} ± {number(sd or np.nan):.2g}"

@@ -25,6 +25,9 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.imu_only import fit_imu_only
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs.importing import import_run
 from baqueano.study.recorded.bars import row
 from baqueano.study.recordings import Recorded, check_present
@@ -45,7 +48,9 @@ WORSE = 1.5  # than the odometer's fit, that the speed of the other run may be
 HELD = 0.85  # of the intervals
 WIDE = (0.40, 0.40, 0.50, np.inf, 0.08)  # of the value, gain, viscous, dry, cornering drag, steady speed
 AT = 0.4  # throttle
-NAMES = ("gain", "viscous drag", "dry friction", "cornering drag", f"speed at {AT} throttle")
+NAMES = (
+    N_("gain"), N_("viscous drag"), N_("dry friction"), N_("cornering drag"), N_("speed at 0.4 throttle"),
+)  # fmt: skip
 
 
 class GyroCalibration(NamedTuple):
@@ -79,19 +84,19 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
     )
     known = {}
     for name, run in runs.items():
-        say(f"run {name}: fitting the odometer, {run.duration_s:.0f} s")
+        say(_("run {name}: fitting the odometer, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
         known[name] = identify(
             run, car, FREE, use=("odometer", "imu[2]"), options=FitOptions(backend=backend)
         )
     gyros = (
-        GyroCalibration("raw", 1.0, 0.03),
+        GyroCalibration(N_("raw"), 1.0, 0.03),
         GyroCalibration("± 1 %", float(car.sensors.imu.gyro_scale), 0.01),
     )
     out: list[TableRow] = []
     inside, width, fits = [], [], []
     for gyro in gyros:
         for name, other in (("a", "b"), ("b", "a")):
-            say(f"run {name}, gyro {gyro.name}: fitting the IMU, odometer hidden")
+            say(_("run {name}, gyro {gyro}: fitting the IMU, odometer hidden", name=name, gyro=_(gyro.name)))
             file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
             fit = fit_imu_only(
                 runs[name],
@@ -100,7 +105,7 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
                 tolerance={"gyro": gyro.tolerance},
                 options=FitOptions(backend=backend),
             )
-            out += held_out(fit, known[name], runs[other], f"cpm {name} → {other}, {gyro.name}", backend)
+            out += held_out(fit, known[name], runs[other], f"cpm {name} → {other}, {_(gyro.name)}", backend)
             says, truth = drive_of(fit, file), drive_of(known[name], car)
             fits.append(fit)
             both = np.hypot(says.sd, truth.sd)
@@ -116,8 +121,14 @@ def held_out(fit: Fit, known: Fit, run: "Run", label: str, backend: str) -> list
     error = [float(predicted(one, run, backend).rmse[0]) for one in (mine, car)]
     ratio = error[0] / error[1]
     return [
-        row(label, "speed error, over that of the odometer's fit", ratio, f"≤ {WORSE:g}", ratio <= WORSE),
-        row(label, "speed error [m/s rms]", error[0], f"≤ {WORSE * error[1]:.3f}", ratio <= WORSE),
+        row(
+            label,
+            _("speed error, over that of the odometer's fit"),
+            ratio,
+            f"≤ {number(WORSE):g}",
+            ratio <= WORSE,
+        ),
+        row(label, _("speed error [m/s rms]"), error[0], f"≤ {number(WORSE * error[1]):.3f}", ratio <= WORSE),
     ]
 
 
@@ -136,11 +147,19 @@ def drive_of(fit: Fit, file: VehicleFile) -> KnownGains:
 def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
     """Cover and width, of cases (cases, 5)."""
     part = float(np.mean(inside))
-    out = [row("cpm", "intervals that hold the odometer's fit", part, f"≥ {HELD:g}", part >= HELD)]
+    out = [row("cpm", _("intervals that hold the odometer's fit"), part, f"≥ {number(HELD):g}", part >= HELD)]
     for k, name in enumerate(NAMES):
         if np.isfinite(WIDE[k]):
             widest = float(np.max(width[:, k]))
-            out.append(row("cpm", f"widest of {name}, ± parts", widest, f"≤ {WIDE[k]:g}", widest <= WIDE[k]))
+            out.append(
+                row(
+                    "cpm",
+                    _("widest of {name}, ± parts", name=_(name)),
+                    widest,
+                    f"≤ {number(WIDE[k]):g}",
+                    widest <= WIDE[k],
+                )
+            )
     return out
 
 
@@ -149,6 +168,6 @@ def of_words(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     reported = any(one.code == "seen.gyro-scale" for one in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
-        row("cpm", "the gyro's scale is called not identifiable", reported, "yes", reported),
-        row("cpm b → a", "the run that leaves the envelope is flagged", beyond, "yes", beyond),
+        row("cpm", _("the gyro's scale is called not identifiable"), reported, _("yes"), reported),
+        row("cpm b → a", _("the run that leaves the envelope is flagged"), beyond, _("yes"), beyond),
     ]

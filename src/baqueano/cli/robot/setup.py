@@ -7,6 +7,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.terminal import talk, tell
 from baqueano.diagnostics import fault, note
+from baqueano.language import translated as _
 from baqueano.printable import typed
 
 host = click.argument("host")
@@ -37,7 +38,7 @@ def card(
     boot, text, name = boot_partition(folder), public_key(key), name or new_name()
     network = None
     if wifi is not None:
-        secret = password or click.prompt(f"password of {wifi}", hide_input=True, err=True)
+        secret = password or click.prompt(_("password of {wifi}", wifi=wifi), hide_input=True, err=True)
         network = Network(wifi, secret, country)
     elif own:
         network = Network(name, password or new_password(), country, own=True)

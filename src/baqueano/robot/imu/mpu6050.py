@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from baqueano.diagnostics import Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.language import marked as N_
 from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
@@ -114,11 +114,13 @@ class Mpu6050:
         return self._watch.bus_stuck
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Diagnostic | str, ...]:
         """Return the chip and its oddities, for the beginning of a run."""
         found = self.found
         return (
-            () if found is None else (f"IMU: {found.chip} (WHO_AM_I 0x{found.who_am_i:02X})", *found.warnings)
+            ()
+            if found is None
+            else (note("imu.chip", chip=found.chip, who_am_i=f"0x{found.who_am_i:02X}"), *found.warnings)
         )
 
     def events(self) -> list[ImuEvent]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from baqueano.diagnostics import Severity, note
 from baqueano.language import marked as N_
+from baqueano.language import translated as _
 from baqueano.robot.imu.i2c import is_stuck_low
 from baqueano.robot.imu.settings import SECOND, Counts, ImuEvent, ImuSettings
 
@@ -28,11 +29,11 @@ AXES = (
     N_("gyro z"),
 )
 NAMES = {
-    errno.EREMOTEIO: "no answer",
-    errno.ENXIO: "no answer",
-    errno.EIO: "broken off",
-    errno.ETIMEDOUT: "waited in vain",
-    errno.EAGAIN: "arbitration lost",
+    errno.EREMOTEIO: N_("no answer"),
+    errno.ENXIO: N_("no answer"),
+    errno.EIO: N_("broken off"),
+    errno.ETIMEDOUT: N_("waited in vain"),
+    errno.EAGAIN: N_("arbitration lost"),
 }
 
 
@@ -141,5 +142,5 @@ class ImuWatch:
 def reason(error: Exception | None) -> str:
     """The error in a few words."""
     if isinstance(error, OSError):
-        return f"{NAMES.get(error.errno or 0, 'failed')} ({error})"
+        return f"{_(NAMES.get(error.errno or 0, N_('failed')))} ({error})"
     return str(error)

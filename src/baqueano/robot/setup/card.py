@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
+from baqueano.language import translated as _
 
 STARTER = (
     "systemd.run=/boot/firmware/firstrun.sh",
@@ -55,7 +56,7 @@ def new_name() -> str:
 
 def new_password() -> str:
     """Ten letters: 49 bits."""
-    return "".join(secrets.choice(ALPHABET) for _ in range(10))
+    return "".join(secrets.choice(ALPHABET) for _letter in range(10))
 
 
 def boot_partition(folder: Path | None) -> Path:
@@ -126,7 +127,7 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
         script = script.replace(f"@{word}@", shlex.quote(value))
     with (boot / "firstrun.sh").open("w", encoding="utf-8", newline="\n") as file:
         file.write(script)
-    written = [f"{boot / 'firstrun.sh'}: {user}@{name}.local, by key"]
+    written = [_("{path}: {user}@{name}.local, by key", path=boot / "firstrun.sh", user=user, name=name)]
     line = [
         word for word in (boot / "cmdline.txt").read_text(encoding="utf-8").split() if word not in STARTER
     ]
@@ -140,11 +141,16 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
             before.write_bytes((boot / "user-data").read_bytes())
         (boot / "user-data").write_text(CLOUD, encoding="utf-8")
         written.append(
-            f"{boot / 'user-data'}: starts it by cloud-init; what was there is in user-data.before"
+            _(
+                "{path}: starts it by cloud-init; its former text is in user-data.before",
+                path=boot / "user-data",
+            )
         )
     else:
         line += STARTER
-        written.append(f"{boot / 'cmdline.txt'}: starts it at the first boot, then the Pi starts anew")
+        written.append(
+            _("{path}: starts it at the first boot, then the Pi starts anew", path=boot / "cmdline.txt")
+        )
     (boot / "cmdline.txt").write_text(" ".join(line) + "\n", encoding="utf-8")
     return written
 

@@ -13,6 +13,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
+from baqueano.language import translated as _
 from baqueano.robot import VEHICLE
 from baqueano.vehicle_file.history import NOT_VALUES
 from baqueano.vehicle_file.paths import exists
@@ -46,7 +47,7 @@ def renewed(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
     try:
         theirs = parsed(seen.decode("utf-8"), f"{host}:{path}")
     except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
-        said = f"the vehicle file there is no TOML ({error}): yours takes its place"
+        said = _("the vehicle file there is not TOML ({error}): yours takes its place", error=error)
         return RenewedFile(file.text, seen, [said])
     file, kept = _with_calibration(host, file, theirs)
     return RenewedFile(file.text, seen, [*differences(theirs, parsed(file.text, file.label)), *kept])
@@ -61,7 +62,7 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     old, new = _leaves(before), _leaves(after)
     keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(NOT_VALUES)]
     return [
-        f"{key}: {_shown(old[key]) if key in old else 'not there'} → {_shown(new[key]) if key in new else 'not there'}"
+        f"{key}: {_shown(old[key]) if key in old else _('not there')} → {_shown(new[key]) if key in new else _('not there')}"
         for key in keys
         if old.get(key) != new.get(key)
     ]
@@ -96,12 +97,23 @@ def _with_calibration(
         if not later:
             values[key], origins[key] = leaves[key], origin
             lines.append(
-                f"{key}: {_shown(leaves[key])} stays, calibrated there{f' on {when}' if when else ''}"
+                _(
+                    "{key}: {value} stays, calibrated there on {when}",
+                    key=key,
+                    value=_shown(leaves[key]),
+                    when=when,
+                )
+                if when
+                else _("{key}: {value} stays, calibrated there", key=key, value=_shown(leaves[key]))
             )
     if lines:
         lines.append(
-            f"To have it in your file, too: baqueano robot calibrate imu {host} --update. To let your values count: "
-            f"ssh {host} rm {VEHICLE}, and type this line again"
+            _(
+                "To have it in your file, too: baqueano robot calibrate imu {host} --update. To let your values "
+                "count: ssh {host} rm {file}, and type this line again",
+                host=host,
+                file=VEHICLE,
+            )
         )
     return file.with_values(values, origins) if origins else file, lines
 

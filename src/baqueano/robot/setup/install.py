@@ -5,6 +5,7 @@ cache. What is sent lies in /tmp there, is run as root, and is deleted. ssh asks
 its password in the terminal.
 """
 
+import ast
 import io
 import re
 import shlex
@@ -42,6 +43,7 @@ GLIBC = (
 )
 THERE = "/tmp/baqueano-setup"
 SEEN = "vehicle.toml.seen"
+NO_WORDS = "WORDS: dict[str, str] = {}"
 ASK = 'python3 -c "import sys, os, pwd; print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
 MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to ASK
 Say = Callable[[str], object]
@@ -108,8 +110,21 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
         )  # fmt: skip
     for name in ("baqueano.service", "60-baqueano.rules"):
         shutil.copyfile(str(files("baqueano.robot") / "files" / name), folder / name)
-    shutil.copyfile(str(files("baqueano.robot.setup") / "steps.py"), folder / "steps.py")
+    (folder / "steps.py").write_text(steps_in_this_language(), encoding="utf-8")
     return folder
+
+
+def steps_in_this_language() -> str:
+    """Return the text of steps.py, which runs without this package, with its words in the current language."""
+    text = (files("baqueano.robot.setup") / "steps.py").read_text(encoding="utf-8")
+    calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
+    words = [
+        call.args[0].value
+        for call in calls
+        if isinstance(call.func, ast.Name) and call.func.id == "_" and isinstance(call.args[0], ast.Constant)
+    ]
+    known = {str(one): _(str(one)) for one in words}
+    return text.replace(NO_WORDS, f"{NO_WORDS[:-2]}{known!r}", 1)
 
 
 def _piped(command: list[str]) -> None:
@@ -149,7 +164,7 @@ def setup(
 
 def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
     """Undoes what `setup` did there."""
-    text = (files("baqueano.robot.setup") / "steps.py").read_text(encoding="utf-8")
+    text = steps_in_this_language()
     command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && cat >{THERE}/steps.py"
     if run(ssh(host, command), text.encode())[1]:
         raise RobotUnreachable(fault("setup.nothing-sent", host=host))

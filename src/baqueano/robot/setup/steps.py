@@ -38,6 +38,7 @@ core_freq=250
 {END}
 """
 CLOCK_OFF_S = 60.0
+WORDS: dict[str, str] = {}  # English → the language of the laptop, which fills it
 
 
 class Step(NamedTuple):
@@ -62,8 +63,12 @@ class Pi:
             )
         except ValueError as error:
             sys.exit(
-                f"{self.kept} is damaged ({error}): what was here before is not known any more. Type on the vehicle "
-                f"sudo mv {self.kept} {self.kept}.damaged, and then set it up again"
+                _(
+                    "{path} is damaged ({error}): the former state of this machine is lost. Type on the vehicle "
+                    "sudo mv {path} {path}.damaged, and then set it up again",
+                    path=self.kept,
+                    error=error,
+                )
             )
 
     def at(self, path: str) -> Path:
@@ -112,6 +117,11 @@ class Pi:
         return self.at("opt/baqueano")
 
 
+def _(words: str, **figures: object) -> str:
+    """Return words in the language of who typed `robot setup`."""
+    return WORDS.get(words, words).format_map(figures)
+
+
 def whole(path: Path, text: str) -> None:
     """Writes a file beside the old one and puts it in its place: where the power goes meanwhile, the old one stays."""
     target = path.resolve()
@@ -128,7 +138,12 @@ def commanded(*command: str) -> str:
     done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if done.returncode:
         sys.exit(
-            f"{' '.join(command)} failed ({done.returncode}): {(done.stderr or done.stdout).strip()[-2000:]}"
+            _(
+                "{command} failed ({code}): {words}",
+                command=" ".join(command),
+                code=done.returncode,
+                words=(done.stderr or done.stdout).strip()[-2000:],
+            )
         )
     return done.stdout
 
@@ -160,7 +175,7 @@ def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
 def clock(pi: Pi, now_s: float | None) -> Step:
     """Set the laptop's time on a Pi, which lacks one without a network."""
     return Step(
-        "clock: the laptop's time" if now_s is not None else "clock: as it is",
+        _("clock: the laptop's time") if now_s is not None else _("clock: as it is"),
         lambda: now_s is None or abs(time.time() - now_s) < CLOCK_OFF_S,
         lambda: pi.run("date", "-s", f"@{now_s:.0f}"),
         lambda: None,
@@ -186,8 +201,8 @@ def boot_block(pi: Pi) -> Step:
             pi.note("boot", None)
 
     if not pi.config.exists():
-        return Step("config.txt: none, so this is no Raspberry Pi", lambda: True, lambda: None, undo)
-    name = f"{pi.config}: I2C at 400 kHz, core_freq pinned (after the next start)"
+        return Step(_("config.txt is missing: this is not a Raspberry Pi"), lambda: True, lambda: None, undo)
+    name = _("{path}: I2C at 400 kHz, core_freq fixed (after the next start)", path=pi.config)
     return Step(name, lambda: CONFIG in pi.config.read_text(encoding="utf-8"), do, undo)
 
 
@@ -247,7 +262,12 @@ def groups(pi: Pi) -> Step:
             pi.run("gpasswd", "-d", pi.user, group)
         pi.note("groups", None)
 
-    return Step(f"{pi.user} is in {', '.join(pi.groups())}", lambda: not missing(), do, undo)
+    return Step(
+        _("{user} is in {groups}", user=pi.user, groups=", ".join(pi.groups())),
+        lambda: not missing(),
+        do,
+        undo,
+    )
 
 
 def environment(pi: Pi) -> Step:
@@ -300,7 +320,7 @@ def environment(pi: Pi) -> Step:
             pi.note("environment", None)
 
     same = lambda: stamp.exists() and stamp.read_text(encoding="utf-8") == "\n".join(wheels)  # noqa: E731
-    return Step(f"/opt/baqueano: a venv with {len(wheels)} wheels", same, do, undo)
+    return Step(_("/opt/baqueano: a venv with {wheels} wheels", wheels=len(wheels)), same, do, undo)
 
 
 def vehicle(pi: Pi) -> Step:
@@ -319,7 +339,7 @@ def vehicle(pi: Pi) -> Step:
         if target.exists():
             if target.read_bytes() != seen.read_bytes():
                 sys.exit(
-                    f"{target} was changed by somebody else meanwhile, and was left as it is: type it again"
+                    _("{path} was changed by somebody else meanwhile and stays: type it again", path=target)
                 )
             shutil.copyfile(target, before)
         part = target.with_name("vehicle.toml.part")
@@ -327,7 +347,7 @@ def vehicle(pi: Pi) -> Step:
         os.replace(part, target)
         pi.run("chown", "-R", pi.user, str(target.parent))
 
-    old = "; the one before is vehicle.toml.before" if target.exists() and not done() else ""
+    old = _("; the one before is vehicle.toml.before") if target.exists() and not done() else ""
     return Step(f"/var/lib/baqueano/vehicle.toml{old}", done, do, lambda: None)
 
 
@@ -346,22 +366,22 @@ def service(pi: Pi) -> Step:
             pi.run("systemctl", "disable", "--now", "baqueano.service")
             pi.note("service", None)
 
-    return Step("baqueano.service: enabled and started", lambda: False, do, undo)
+    return Step(_("baqueano.service: enabled and started"), lambda: False, do, undo)
 
 
 def undo(pi: Pi, todo: list[Step]) -> int:
     """Takes back what was noted, the last first."""
     if not pi.noted:
-        print("nothing of baqueano is installed here")
+        print(_("nothing of baqueano is installed here"))
         return 0
     for step in reversed(todo):
         before = len(pi.noted)
         step.undo()
         if len(pi.noted) < before:
-            print(f"undone   {step.name}")
+            print(_("undone   {step}", step=step.name))
     pi.run("systemctl", "daemon-reload")
     pi.run("udevadm", "control", "--reload")
-    print("runs and vehicle file in /var/lib/baqueano stay; config.txt counts after the next start")
+    print(_("runs and vehicle file in /var/lib/baqueano stay; config.txt counts after the next start"))
     return 0
 
 
@@ -380,12 +400,12 @@ def main(arguments: list[str] | None = None, run: Callable[..., str] | None = No
         return undo(pi, todo)
     for step in todo:
         if step.done():
-            print(f"as it is {step.name}")
+            print(_("as it is {step}", step=step.name))
         elif options.what == "plan":
-            print(f"would    {step.name}")
+            print(_("would    {step}", step=step.name))
         else:
             step.do()
-            print(f"done     {step.name}")
+            print(_("done     {step}", step=step.name))
     return 0
 
 

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, RobotUnreachable, UsageError
+from baqueano.language import translated as _
 from baqueano.robot.uno.frames import BAUD, PROTOCOL, AskInfo, Info
 
 if TYPE_CHECKING:
@@ -180,10 +181,17 @@ def find_port(port: str) -> str:
 def _refused(path: str, error: OSError) -> str:
     if error.errno in (errno.EACCES, errno.EPERM):
         user = os.environ.get("USER", "you")
-        return (
-            f"{path} may not be opened by {user}: it belongs to the group dialout. Type: sudo usermod -aG dialout "
-            f"{user}, and log in again"
-        )
+        return _(
+            "{path} may not be opened by {user}: it belongs to the group dialout. Type: sudo usermod -aG dialout "
+            "{user}, and log in again",
+            path=path, user=user,
+        )  # fmt: skip
     if error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY):
-        return f"{path} is in use by another program: only one may drive. Type: sudo fuser -v {path}"
-    return f"{path} cannot be opened: {error}. Is the cable plugged in? Type: ls /dev/serial/by-id"
+        return _(
+            "{path} is in use by another program: only one may drive. Type: sudo fuser -v {path}", path=path
+        )
+    return _(
+        "{path} cannot be opened: {error}. Is the cable plugged in? Type: ls /dev/serial/by-id",
+        path=path,
+        error=error,
+    )

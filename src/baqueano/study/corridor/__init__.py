@@ -7,6 +7,7 @@ rectangle at 0.2 m/s for a minute, led by the recommended filter. vehicles.py sa
 from collections.abc import Callable
 from dataclasses import replace
 
+from baqueano.language import translated as _
 from baqueano.study.corridor.drives import CorridorDrive, batch
 from baqueano.study.corridor.recorded import ends_of_recordings
 from baqueano.study.corridor.result import AT_S, Corridors, Instant, gathered
@@ -47,7 +48,7 @@ def judged(drives: list[CorridorDrive], refused: list[int]) -> Corridors:
     named = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
     laps = max((int(d.t_s[-1] / d.lap_s) for d in drives), default=0)
     named += [
-        (f"lap {k}", _instant(d, k * d.lap_s))
+        (_("lap {k}", k=k), _instant(d, k * d.lap_s))
         for k in range(1, laps + 1)
         for d in drives
         if d.t_s[-1] >= k * d.lap_s

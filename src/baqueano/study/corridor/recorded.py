@@ -18,6 +18,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
 from baqueano.identify.noise.most_likely import example_of, ticks_of
 from baqueano.identify.sensor_calibration import calibrate
+from baqueano.language import translated as _
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import poses_at
 from baqueano.study.corridor.result import Instant
@@ -46,7 +47,13 @@ def ends_of_recordings(
     out, notes = [], []
     for case in CASES:
         if files := missing(case):
-            notes.append(f"{case} is left out: there is no {files[0]}; set BAQUEANO_DATA to its folder")
+            notes.append(
+                _(
+                    "{case} is left out: there is no {files}; set BAQUEANO_DATA to its folder",
+                    case=case,
+                    files=files[0],
+                )
+            )
             continue
         for subject in SUBJECTS[case][0]():
             for name, sensors in SETS.items():
@@ -54,7 +61,7 @@ def ends_of_recordings(
                 with_scale = subject._replace(file=_told(subject, name))
                 fit, file = fitted(with_scale, sensors, backend)
                 if fit.verdict == Verdict.REFUSED:
-                    notes.append(f"{subject.name}, {name}: its fit is refused")
+                    notes.append(_("{name}, {name2}: its fit is refused", name=subject.name, name2=name))
                     continue
                 for window_s in WINDOWS_S:
                     ends = windows(file, subject.judged, window_s, backend)

@@ -89,7 +89,7 @@ class Corridors:
         for r in self.rows():
             interval = f"[{number(100 * r['low']):.0f}, {number(100 * r['high']):.0f}] %"
             lines.append(
-                f"{r['at']:18}{r['quantity']:10}{r['cases']:6}{r['lost']:6}"
+                f"{_(r['at']):18}{_(r['quantity']):10}{r['cases']:6}{r['lost']:6}"
                 f"{number(100 * r['coverage']):8.1f} "
                 f"%  {interval:14}{number(r['wider']):9.2f}{_('  NO') if r['ok'] is False else ''}"
             )

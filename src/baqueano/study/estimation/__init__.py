@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
+from baqueano.language import translated as _
 from baqueano.study.estimation import simulated as independent
 from baqueano.study.estimation.judging import judged
 from baqueano.study.estimation.result import EstimationStudy
@@ -25,17 +26,30 @@ def estimation(
     out, left_out = [], []
     for name in (name for name in cases if name in SUBJECTS):
         if files := missing(name):
-            left_out.append(f"{name} is left out: there is no {files[0]}; set BAQUEANO_DATA to its folder")
+            left_out.append(
+                _(
+                    "{name} is left out: there is no {files}; set BAQUEANO_DATA to its folder",
+                    name=name,
+                    files=files[0],
+                )
+            )
             continue
         for subject in SUBJECTS[name][0]():
             for sensors in SETUPS:
-                say(f"{subject.name}, {sensors}: fitting {subject.fitted.duration_s:.0f} s, judging others")
+                say(
+                    _(
+                        "{name}, {sensors}: fitting {duration_s:.0f} s, judging others",
+                        name=subject.name,
+                        sensors=sensors,
+                        duration_s=subject.fitted.duration_s,
+                    )
+                )
                 out += judged(subject, sensors, kinds, backend)
     if not (seeds and SIMULATED in cases):
         if not out:
             check_present()
         return EstimationStudy(tuple(out), notes=tuple(left_out))
-    say(f"simulating, fitting and judging {seeds} vehicles")
+    say(_("simulating, fitting and judging {seeds} vehicles", seeds=seeds))
     found = independent.simulated(seeds, kinds, backend, processes)
     rows, each = independent.rows(found), independent.each_vehicle(found)
     return EstimationStudy(tuple(out), tuple(rows), tuple(each), (*left_out, independent.sentence(found)))

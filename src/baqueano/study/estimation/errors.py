@@ -14,15 +14,16 @@ import numpy as np
 
 from baqueano.compare.errors import absolute, aligned
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
+from baqueano.language import marked as N_
 from baqueano.runs.interpolated import poses_at, true_speed
 from baqueano.runs.run import TruthLog
 from baqueano.signals import seconds
 
 BLOCK_S = 10.0
 WINDOWS_S = (10.0, 20.0)
-SPEED = "speed [m/s rms]"
-WHOLE = "position, whole run [m rms]"
-QUANTITIES = (SPEED, WHOLE, *(f"position, {w:g} s [m rms]" for w in WINDOWS_S))
+SPEED = N_("speed [m/s rms]")
+WHOLE = N_("position, whole run [m rms]")
+QUANTITIES = (SPEED, WHOLE, N_("position, 10 s [m rms]"), N_("position, 20 s [m rms]"))
 
 
 class Beside(NamedTuple):

@@ -67,9 +67,15 @@ class EstimationStudy:
                 ratio, low, high = joined(parts).ratio
                 bar = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else POOLED
                 typical = float(np.exp(np.mean([np.log(part.ratio[0]) for part in parts])))
-                for name, value in (("pooled", ratio), ("typical", typical)):
+                for name, value in ((N_("pooled"), ratio), (N_("typical"), typical)):
                     out.append(
-                        row(f"all, {sensors}", estimator, f"{_short(quantity)}, {name} ratio", value, bar)
+                        row(
+                            _("all, {sensors}", sensors=sensors),
+                            estimator,
+                            _("{quantity}, {name} ratio", quantity=_short(quantity), name=_(name)),
+                            value,
+                            bar,
+                        )
                         | {"ratio": value, "low": low, "high": high}
                     )
                 out[-1] |= {"low": float("nan"), "high": float("nan")}
@@ -103,16 +109,21 @@ class EstimationStudy:
         """For people."""
         rows = self.rows_shown()
         wide = {
-            key: max(len(key), *(len(r[key]) for r in rows)) for key in ("recording", "estimator", "quantity")
+            key: max(len(_(key)), *(len(_(r[key])) for r in rows))
+            for key in (N_("recording"), N_("estimator"), N_("quantity"))
         }
-        head = "  ".join(key.ljust(width) for key, width in wide.items())
+        head = "  ".join(_(key).ljust(width) for key, width in wide.items())
         lines = [f"{head}  {_('value'):>7} {_('ref.'):>7} {_('ratio'):>6}  95 %"]
         for r in rows:
             known = np.isfinite(r.get("low", float("nan")))
-            interval = r.get("verdict", f"[{number(r['low']):.2f}, {number(r['high']):.2f}]" if known else "")
+            interval = (
+                _(r["verdict"])
+                if "verdict" in r
+                else (f"[{number(r['low']):.2f}, {number(r['high']):.2f}]" if known else "")
+            )
             ratio = f"{number(r['ratio']):.2f}" if "ratio" in r else ""
-            ok = "NO" if r["ok"] is False else ""
-            named = "  ".join(r[key].ljust(width) for key, width in wide.items())
+            ok = _("NO") if r["ok"] is False else ""
+            named = "  ".join(_(r[key]).ljust(width) for key, width in wide.items())
             figures = f"{number(r['value']):7.3f} {number(r['reference']):7.3f} {ratio:>6}"
             lines.append(f"{named}  {figures}  {interval:14} {ok}".rstrip())
         lines += [
@@ -180,20 +191,20 @@ def _of_one(one: "JudgedEstimate") -> list["TableRow"]:
 def _of_consistency(one: "JudgedEstimate") -> list["TableRow"]:
     """NEES and NIS beside 1, and the lag-1 correlation of each innovation beside 0."""
     found, out = one.consistency, []
-    figures = {"NEES of the pose": (found.nees_pose, None), "NEES of the speed": (one.nees_speed, NEES)}
-    figures |= {f"NIS of innovation {k}": (band, NIS) for k, band in enumerate(found.channels)}
+    figures = {_("NEES of the pose"): (found.nees_pose, None), _("NEES of the speed"): (one.nees_speed, NEES)}
+    figures |= {_("NIS of innovation {k}", k=k): (band, NIS) for k, band in enumerate(found.channels)}
     for name, (band, bar) in figures.items():
         ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
         cells = row(one.recording, one.estimator, name, band.mean, 1.0)
         out.append(cells | {"ok": ok, "verdict": band.verdict})
     for k, value in enumerate(found.correlations):
-        name = f"lag-1 correlation of innovation {k}"
+        name = _("lag-1 correlation of innovation {k}", k=k)
         out.append(row(one.recording, one.estimator, name, value, 0.0) | {"ok": bool(abs(value) <= WHITE)})
     return out
 
 
 def _short(quantity: str) -> str:
-    return quantity.partition(" [")[0]
+    return _(quantity).partition(" [")[0]
 
 
 def _times(row: "TableRow") -> str:

@@ -18,6 +18,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
+from baqueano.language import marked as N_
+from baqueano.language import translated as _
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import driven, recorded
 from baqueano.study.estimation.errors import QUANTITIES
@@ -82,7 +84,7 @@ def second_lag(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     return q.changed(transmission=q.transmission.changed(second_lag_s=draw.uniform(0.04, 0.12, 1)))
 
 
-LACKING = {"slip": slip, "backlash": backlash, "slope": slope, "second lag": second_lag}
+LACKING = {N_("slip"): slip, N_("backlash"): backlash, N_("slope"): slope, N_("second lag"): second_lag}
 
 
 def lacking(seed: int) -> tuple[str, str]:
@@ -122,16 +124,18 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return the share that is not worse, by lack and over all: a row per set of sensors, estimator and quantity."""
     out = []
     all_judged = [(one.lacking, j) for one in outcomes for j in one.judged if j.fit != Verdict.REFUSED]
-    for sensors, estimator in dict.fromkeys((j.sensors, j.estimator) for _, j in all_judged):
+    for sensors, estimator in dict.fromkeys((j.sensors, j.estimator) for _name, j in all_judged):
         mine = [(name, j) for name, j in all_judged if (j.sensors, j.estimator) == (sensors, estimator)]
-        for name in (*LACKING, "all"):
+        for name in (*LACKING, N_("all")):
             some = [j for lack, j in mine if name in (lack, "all")]
             for quantity in QUANTITIES if some else ():
                 ratios = np.array([j.errors[quantity].ratio[0] for j in some])
                 share = float(np.mean(ratios <= ALONE))
                 out.append({
-                    "recording": f"simulated, {name} ({len(some)}), {sensors}", "estimator": estimator,
-                    "quantity": f"{quantity.partition(' [')[0]}, not worse", "value": share, "reference": SHARE,
+                    "recording": _("simulated, {name} ({count}), {sensors}", name=_(name), count=len(some),
+                                   sensors=sensors),
+                    "estimator": estimator, "value": share, "reference": SHARE,
+                    "quantity": _("{quantity}, not worse", quantity=_(quantity).partition(" [")[0]),
                     "ok": share >= SHARE if name == "all" else None, "ratio": float(np.median(ratios)),
                 })  # fmt: skip
     return out
@@ -155,7 +159,13 @@ def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
     refused = sum(j.fit == Verdict.REFUSED for one in outcomes for j in one.judged)
     failed = [one.failed for one in outcomes if one.failed]
     why = f": {'; '.join(failed[:2])}" if failed else ""
-    return f"{len(outcomes)} simulated vehicles, {refused} fits refused, {len(failed)} failed{why}."
+    return _(
+        "{vehicles} simulated vehicles, {refused} fits refused, {failed} failed{why}.",
+        vehicles=len(outcomes),
+        refused=refused,
+        failed=len(failed),
+        why=why,
+    )
 
 
 def _subjects(job: EstimationJob) -> list[Subject]:

@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any
 
 from baqueano.identify.design.room import room_of
+from baqueano.language import translated as _
 from baqueano.study.experiments.drives import outcome, plans, vehicles_around
 from baqueano.study.experiments.result import Drawn, Experiments, joined, rows_of
 from baqueano.study.workers import spread_over
@@ -29,7 +30,7 @@ def experiments(
     """Return the table over the vehicles of ROOMS."""
     rows, every = [], {}
     for name, size, count in ROOMS:
-        say(f"{name}: {count} vehicles in {size} m")
+        say(_("{name}: {count} vehicles in {size} m", name=name, count=count, size=size))
         found = of_file(name, size, count, seed, duration_s, processes, backend)
         rows += rows_of(name, size, found)
         for signal, part in found.items():

@@ -83,8 +83,8 @@ class Experiments:
         lines = [f"{head}{_('outside'):>10}{_('nearest'):>9}{_('made in'):>9}"]
         for r in self.each:
             lines.append(
-                f"{r.vehicle:14}{r.room:6}{r.signal:14}{number(100.0 * r.mean_error):>9.4f} "
-                f"%{number(r.ratio):>7.2f}×{r.above_best:>6} of {r.vehicles:<2}{r.left:>5} of "
+                f"{_(r.vehicle):14}{r.room:6}{_(r.signal):14}{number(100.0 * r.mean_error):>9.4f} "
+                f"%{number(r.ratio):>7.2f}×{r.above_best:>6} / {r.vehicles:<2}{r.left:>6} / "
                 f"{r.drives:<3}{number(100.0 * r.nearest_m):>5.0f} cm{number(r.seconds):>7.1f} s"
             )
         return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from baqueano.language import marked as N_
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.vehicle_file import VehicleFile
@@ -219,12 +220,29 @@ def half_driven(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 DAMAGES: dict[str, Damage] = {
-    "gyro in °/s": gyro_in_degrees, "accelerometer in g": accelerometer_in_g, "time in ms": time_in_milliseconds,
-    "command in volts": command_in_volts, "command in PWM": command_in_pwm, "clipped": clipped,
-    "late sensors": late_sensor, "repeated time": repeated_time, "time jumps a day": time_jumps_a_day,
-    "time jumps seconds": time_jumps_seconds, "clock goes back": sensor_clock_goes_back, "bursts": bursts,
-    "held samples": held, "stuck": stuck, "frames as zero": zeros, "not numbers": not_numbers,
-    "axes swapped": axes_swapped, "axis inverted": axis_inverted, "gyro inverted": gyro_inverted,
-    "gravity on an axis": gravity_on_an_axis, "dead channel": dead_channel, "motors swapped": motors_swapped,
-    "motor inverted": motor_inverted, "too short": too_short, "command lost": half_driven,
-}  # fmt: skip
+    N_("gyro in °/s"): gyro_in_degrees,
+    N_("accelerometer in g"): accelerometer_in_g,
+    N_("time in ms"): time_in_milliseconds,
+    N_("command in volts"): command_in_volts,
+    N_("command in PWM"): command_in_pwm,
+    N_("clipped"): clipped,
+    N_("late sensors"): late_sensor,
+    N_("repeated time"): repeated_time,
+    N_("time jumps a day"): time_jumps_a_day,
+    N_("time jumps seconds"): time_jumps_seconds,
+    N_("clock goes back"): sensor_clock_goes_back,
+    N_("bursts"): bursts,
+    N_("held samples"): held,
+    N_("stuck"): stuck,
+    N_("frames as zero"): zeros,
+    N_("not numbers"): not_numbers,
+    N_("axes swapped"): axes_swapped,
+    N_("axis inverted"): axis_inverted,
+    N_("gyro inverted"): gyro_inverted,
+    N_("gravity on an axis"): gravity_on_an_axis,
+    N_("dead channel"): dead_channel,
+    N_("motors swapped"): motors_swapped,
+    N_("motor inverted"): motor_inverted,
+    N_("too short"): too_short,
+    N_("command lost"): half_driven,
+}

@@ -25,6 +25,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.result.fit_result import Fit
+from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.runs.run import Channel, Run
@@ -43,7 +44,9 @@ if TYPE_CHECKING:
 
 SECONDS = 30.0
 TOGETHER = 16  # faults of a vehicle and seed that share their simulations
-SOUND = ("sound", "sound, 10 % outliers", "sound, multisine", "sound, 60 s", "sound, other start")
+SOUND = (
+    N_("sound"), N_("sound, 10 % outliers"), N_("sound, multisine"), N_("sound, 60 s"), N_("sound, other start"),
+)  # fmt: skip
 MENDED = ("repeated time", "time jumps a day", "time jumps seconds", "held samples", "stuck", "frames as zero",
           "not numbers", "clipped", "bursts", "clock goes back")  # fmt: skip
 HARM = {**DAMAGES, **LOGGING}
@@ -250,13 +253,13 @@ class Faults:
             _(
                 "{wrongly_usable} wrong fits with {fault} were called USABLE",
                 wrongly_usable=r["wrongly_usable"],
-                fault=r["fault"],
+                fault=_(r["fault"]),
             )
             for r in rows
             if r["wrongly_usable"]
         ]
         out += [
-            _("{crashed} fits with {fault} crashed", crashed=r["crashed"], fault=r["fault"])
+            _("{crashed} fits with {fault} crashed", crashed=r["crashed"], fault=_(r["fault"]))
             for r in rows
             if r["crashed"]
         ]
@@ -291,7 +294,7 @@ class Faults:
                 + _("{crashed} crashed", crashed=r["crashed"]) * bool(r["crashed"])
             )
             lines.append(
-                f"{r['fault']:<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15} "
+                f"{_(r['fault']):<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15} "
                 f"  {verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
             )
         sound = [o for o in self.outcomes if o.job.fault in SOUND]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from baqueano.language import marked as N_
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
 from baqueano.vehicle_file import VehicleFile
@@ -144,8 +145,17 @@ def _smooth(run: Run, part: float) -> np.ndarray:
 
 
 LOGGING = {
-    "clock 200 ppm off": clock_drifts_little, "clock 2 % off": clock_drifts_much, "mount turns": mount_turns,
-    "resampled": resampled, "low-passed": low_passed, "gyro zeroes itself": gyro_zeroes_itself,
-    "sign lost": sign_lost, "epoch in ms": epoch_in_milliseconds, "half duplicated": half_duplicated,
-    "two IMUs": two_imus, "10 Hz": ten_hertz, "1 kHz repeats": kilohertz_with_repeats, "2 s": two_seconds,
-}  # fmt: skip
+    N_("clock 200 ppm off"): clock_drifts_little,
+    N_("clock 2 % off"): clock_drifts_much,
+    N_("mount turns"): mount_turns,
+    N_("resampled"): resampled,
+    N_("low-passed"): low_passed,
+    N_("gyro zeroes itself"): gyro_zeroes_itself,
+    N_("sign lost"): sign_lost,
+    N_("epoch in ms"): epoch_in_milliseconds,
+    N_("half duplicated"): half_duplicated,
+    N_("two IMUs"): two_imus,
+    "10 Hz": ten_hertz,
+    N_("1 kHz repeats"): kilohertz_with_repeats,
+    "2 s": two_seconds,
+}

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.language import marked as N_
 from baqueano.runs.run import Run
 from baqueano.study.faults.subject import FaultSubject
 from baqueano.study.truth import Cars, Robots
@@ -216,8 +217,19 @@ def second_vehicle(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
 LAG, DELAY = "model.drivetrain.lag_s", "model.drivetrain.delay_s"
 SLIP_S = 5.0
 STRUCTURES: dict[str, Structure] = {
-    "dead zone": dead_zone, "saturation or slip": saturation, "lag": lag, "delay of the command": delay,
-    "battery fades": fading_battery, "battery sags": sagging_battery, "backlash": backlash, "caster flips": caster,
-    "cogging": cogging, "weaker backward": one_sided, "slip for 5 s": slipping, "dry friction": dry_friction,
-    "centre of mass": centre_of_mass, "tilted floor": tilted_floor, "second vehicle": second_vehicle,
-}  # fmt: skip
+    N_("dead zone"): dead_zone,
+    N_("saturation or slip"): saturation,
+    N_("lag"): lag,
+    N_("delay of the command"): delay,
+    N_("battery fades"): fading_battery,
+    N_("battery sags"): sagging_battery,
+    N_("backlash"): backlash,
+    N_("caster flips"): caster,
+    N_("cogging"): cogging,
+    N_("weaker backward"): one_sided,
+    N_("slip for 5 s"): slipping,
+    N_("dry friction"): dry_friction,
+    N_("centre of mass"): centre_of_mass,
+    N_("tilted floor"): tilted_floor,
+    N_("second vehicle"): second_vehicle,
+}

@@ -103,9 +103,9 @@ class Identification:
             [_("{seeds} of {asked} seeds", seeds=self.seeds, asked=self.asked), head, "-" * len(head)],
         )
         for row in (row for row in rows if row["name"] == POOL):
-            text = f"{row['case']:36}{row['fits']:5}{_figures(row)}{number(100 * row['usable']):7.0f} %"
+            text = f"{_(row['case']):36}{row['fits']:5}{_figures(row)}{number(100 * row['usable']):7.0f} %"
             lines.append(f"{text}{row['wrongly_usable']:7}{number(100 * row['named']):6.0f} %")
-        lines += ["", f"{rows[0]['case']}:"]
+        lines += ["", f"{_(rows[0]['case'])}:"]
         for row in (row for row in rows if row["name"] != POOL and row["case"] == rows[0]["case"]):
             lines.append(f"{row['name'].removeprefix('model.'):36}{row['fits']:5}{_figures(row)}")
         kept = _("every limit is kept, within the scatter of {seeds} seeds", seeds=self.seeds)
@@ -182,7 +182,7 @@ def _reasons(row: "TableRow") -> list[str]:
             )
         if row["silent"]:
             out.append(_("{silent} ended elsewhere and did not say so", silent=row["silent"]))
-    return [f"{row['case']}, {row['name'].removeprefix('model.')}: {text}" for text in out]
+    return [f"{_(row['case'])}, {row['name'].removeprefix('model.')}: {text}" for text in out]
 
 
 def identification(

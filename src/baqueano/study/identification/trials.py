@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify import Fit, FitOptions, excitation, identify
+from baqueano.language import marked as N_
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import (
@@ -38,8 +39,8 @@ from baqueano.study.identification.bound import beside, bound_of
 from baqueano.study.truth import Cars, Robots, drawn, drawn_cars
 from baqueano.vehicle_file import VehicleFile
 
-OF_ROBOTS = ("clean", "rough", "floor", "floor, innovations", "wrong start")
-OF_CARS = ("matched", "understeer")
+OF_ROBOTS = (N_("clean"), N_("rough"), N_("floor"), N_("floor, innovations"), N_("wrong start"))
+OF_CARS = (N_("matched"), N_("understeer"))
 CASES = OF_ROBOTS + OF_CARS
 SECONDS, REST_S = 60.0, 2.0
 FLOOR = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]

@@ -12,6 +12,7 @@ from functools import partial
 from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
+from baqueano.language import marked as N_
 from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
 from baqueano.study.driving import FREE, SHAPES, experiments, guess
 from baqueano.study.marks.drives import Team, follow, with_tags
@@ -21,7 +22,7 @@ from baqueano.study.workers import spread_over
 
 LEARNED, SPEED_M_S = 5, 0.3
 ROUTES = ("rectangle", "eight")
-READ = {"all read": TagFaults(), "faults": TagFaults(missed=0.2, twice=0.1, mistaken=0.05)}
+READ = {N_("all read"): TagFaults(), N_("faults"): TagFaults(missed=0.2, twice=0.1, mistaken=0.05)}
 BATCH = 10  # robots side by side
 
 

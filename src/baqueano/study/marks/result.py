@@ -92,7 +92,7 @@ class Marks:
             else []
         )
         for row in self.rows():
-            where, lap = f"{row['shape']}, {row['read']}", row["lap"]
+            where, lap = f"{_(row['shape'])}, {_(row['read'])}", row["lap"]
             if lap == str(self.laps) and row["across_p95_m"] > WORST_M:
                 out.append(
                     _(
@@ -171,7 +171,7 @@ class Marks:
             angle = " ".join(f"{number(np.degrees(r[f'heading_{q}_rad'])):.1f}" for q in QUANTILES)
             kept = f"{number(r['kept']):.0%}" if "kept" in r else ""
             lines.append(
-                f"{r['shape']:11}{r['read']:10}{r['lap']:>6}{place:>20}"
+                f"{_(r['shape']):11}{_(r['read']):10}{r['lap']:>6}{place:>20}"
                 f"{number(100.0 * r['claimed_m']):9.1f}{angle:>18}"
                 f"{number(np.degrees(r['claimed_rad'])):9.1f}{number(r['within']):8.1%}"
                 f"{number(r['nees']):6.2f}{beside:>18}{kept:>6}"

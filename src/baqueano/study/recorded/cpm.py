@@ -17,6 +17,8 @@ from baqueano.identify.selection.choice import Choice, Decision
 from baqueano.identify.selection.selection import choose
 from baqueano.identify.sensor_calibration import Calibration, calibrate
 from baqueano.identify.validation import validate
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
@@ -52,11 +54,17 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     car = load("car").with_values(NEUTRAL)
     out = []
     for name, other in (("a", "b"), ("b", "a")):
-        say(f"CPM: choosing a model on run {name}, {runs[name].duration_s:.0f} s")
+        say(
+            _(
+                "CPM: choosing a model on run {name}, {duration_s:.0f} s",
+                name=name,
+                duration_s=runs[name].duration_s,
+            )
+        )
         choice = choose(runs[name], car, use=USE, options=FitOptions(backend=backend))
         out += of_choice(choice, runs[other], name, other)
     for name, run in runs.items():
-        say(f"CPM: gyro and clock of run {name} by its camera")
+        say(_("CPM: gyro and clock of run {name} by its camera", name=name))
         out += of_calibration(calibrate(run, car), name)
     return out
 
@@ -75,9 +83,27 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
     dry = DRY.intersection(choice.taken)
     battery = next(one for one in choice.judged if one.term.name == BATTERY)
     return [
-        row(CAR, f"{name} → {other}: speed explained", explained, f"≥ {bar:g}", explained >= bar),
-        row(CAR, f"{name}: terms taken", ", ".join(choice.taken), "dry friction or dead zone", bool(dry)),
-        row(CAR, f"{name}: {BATTERY}", text(battery.message), "not taken", battery.verdict != Decision.TAKEN),
+        row(
+            CAR,
+            _("{name} → {other}: speed explained", name=name, other=other),
+            explained,
+            f"≥ {number(bar):g}",
+            explained >= bar,
+        ),
+        row(
+            CAR,
+            _("{name}: terms taken", name=name),
+            ", ".join(map(_, choice.taken)),
+            _("dry friction or dead zone"),
+            bool(dry),
+        ),
+        row(
+            CAR,
+            f"{name}: {_(BATTERY)}",
+            text(battery.message),
+            _("not taken"),
+            battery.verdict != Decision.TAKEN,
+        ),
     ]
 
 
@@ -87,6 +113,18 @@ def of_calibration(found: Calibration, name: str) -> list["TableRow"]:
     near = abs(turn - GYRO) <= NEAR
     close = abs(offset - CLOCK_S[name]) <= CLOSE_S
     return [
-        row(CAR, f"{name}: truth / gyro (1 / gyro_scale)", turn, f"{GYRO:g} ± {NEAR:g}", near),
-        row(CAR, f"{name}: clock of the truth [s]", offset, f"{CLOCK_S[name]:g} ± {CLOSE_S:g}", close),
+        row(
+            CAR,
+            _("{name}: truth / gyro (1 / gyro_scale)", name=name),
+            turn,
+            f"{number(GYRO):g} ± {number(NEAR):g}",
+            near,
+        ),
+        row(
+            CAR,
+            _("{name}: clock of the truth [s]", name=name),
+            offset,
+            f"{number(CLOCK_S[name]):g} ± {number(CLOSE_S):g}",
+            close,
+        ),
     ]

@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify import Fit, FitOptions, identify
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
@@ -25,7 +28,10 @@ if TYPE_CHECKING:
     from baqueano.runs import Run
 
 MAP = "dart_jetracer"
-FLOORS = {"rubbery floor": "throttle_step_input_rubbery_floor_*", "hard floor": "29_step_input_data_*"}
+FLOORS = {
+    N_("rubbery floor"): "throttle_step_input_rubbery_floor_*",
+    N_("hard floor"): "29_step_input_data_*",
+}
 FREE = (
     "model.throttle_gain",
     "model.linear_drag",
@@ -47,12 +53,25 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     out = []
     for floor, pattern in FLOORS.items():
         runs = runs_of(pattern)
-        say(f"DART, {floor}: fitting {len(runs[0::2])} throttle steps, judging {len(runs[1::2])} others")
+        say(
+            _(
+                "DART, {floor}: fitting {steps} throttle steps, judging {others} others",
+                floor=_(floor),
+                steps=len(runs[0::2]),
+                others=len(runs[1::2]),
+            )
+        )
         fit, error = judged(runs, backend)
         zone = float(fit.vehicle_file.vehicle.drivetrain.dead_zone_forward[0])
-        name = f"dart, {floor}"
-        out.append(row(name, "held-out speed error [m/s rms]", error, f"≤ {RMSE_M_S}", error <= RMSE_M_S))
-        out.append(row(name, "dead zone", zone, f"{LOW} to {HIGH}", LOW <= round(zone, 2) <= HIGH))
+        name = f"dart, {_(floor)}"
+        out.append(
+            row(
+                name, _("held-out speed error [m/s rms]"), error, f"≤ {number(RMSE_M_S):g}", error <= RMSE_M_S
+            )
+        )
+        out.append(
+            row(name, _("dead zone"), zone, f"{number(LOW)} … {number(HIGH)}", LOW <= round(zone, 2) <= HIGH)
+        )
     return out
 
 

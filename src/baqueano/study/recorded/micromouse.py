@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify import Fit, FitOptions, identify
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
@@ -46,7 +48,7 @@ def files() -> list[str]:
 
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
-    say("micromouse: fitting a sweep of the duty, judging another one")
+    say(_("micromouse: fitting a sweep of the duty, judging another one"))
     run, other = run_of(FITTED), run_of(OTHER)
     fit = fitted(run, backend)
     band, seen = dead_band(fit), begins_to_turn(other)
@@ -57,15 +59,21 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     beside = abs(faster - ASYMMETRY) <= BESIDE
     name = "micromouse"
     return [
-        row(name, "dead band [of 255]", band, f"{seen:.1f} ± {100 * NEAR:.0f} %", near),
+        row(name, _("dead band [of 255]"), band, f"{number(seen):.1f} ± {100 * NEAR:.0f} %", near),
         row(
             name,
-            "right wheel faster by [%]",
+            _("right wheel faster by [%]"),
             100.0 * faster,
             f"{100 * ASYMMETRY:.0f} ± {100 * BESIDE:.0f}",
             beside,
         ),
-        row(name, "held-out speeds explained", explained, f"≥ {EXPLAINED}", explained >= EXPLAINED),
+        row(
+            name,
+            _("held-out speeds explained"),
+            explained,
+            f"≥ {number(EXPLAINED):g}",
+            explained >= EXPLAINED,
+        ),
     ]
 
 

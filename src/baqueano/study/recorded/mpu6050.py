@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify.noise.at_rest import at_rest
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
@@ -31,7 +34,7 @@ AXES = "XYZ"
 
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
-    say("MPU-6050 at rest, 11 min")
+    say(_("MPU-6050 at rest, 11 min"))
     found = at_rest(import_run(MAP).run)
     author = _published()
     out = []
@@ -39,22 +42,24 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
         unit = "g" if c.sensor == "accelerometer" else "°/s"
         kind = "accelerometer" if c.sensor == "accelerometer" else "gyroscope"
         said = author[kind, AXES[c.entry]]
-        for what, ours, theirs in (("mean", c.mean, said[0]), ("deviation", c.sd, said[1])):
+        for what, ours, theirs in ((N_("mean"), c.mean, said[0]), (N_("deviation"), c.sd, said[1])):
             out.append(
-                _beside(f"{c.sensor} {AXES[c.entry]} {what} [{unit}]", ours / SI[c.sensor], theirs, DIGITS)
+                _beside(
+                    f"{_(c.sensor)} {AXES[c.entry]}, {_(what)} [{unit}]", ours / SI[c.sensor], theirs, DIGITS
+                )
             )
     for c in (c for c in found.channels if c.sensor == "gyro"):
         assert c.allan_1s is not None
-        name = f"gyro {AXES[c.entry]} Allan deviation at 1 s [°/s]"
+        name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
         out.append(_beside(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
     warned = any(one.code == "at-rest.bursts" for one in found.doubts)
-    return [*out, row(MAP, "burst stamps are reported", warned, "yes", warned)]
+    return [*out, row(MAP, _("burst stamps are reported"), warned, _("yes"), warned)]
 
 
 def _beside(quantity: str, value: float, theirs: float, part: float) -> "JsonObject":
     """A row that asks for the author's figure within a `part` of it."""
     ok = bool(abs(value - theirs) <= part * abs(theirs) + (5e-7 if part == DIGITS else 0.0))
-    bar = f"{theirs:g} ± {100 * part:g} %"
+    bar = f"{number(theirs):g} ± {number(100 * part):g} %"
     return row(MAP, quantity, value, bar, ok)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.identify import Fit, FitOptions, identify
+from baqueano.language import translated as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
@@ -46,7 +47,14 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     for name in FILES:
         runs = runs_of(name)
         half = len(runs) // 2
-        say(f"{name}: fitting {half} windows of 2 s, judging {len(runs) - half} others")
+        say(
+            _(
+                "{name}: fitting {fitted} windows of 2 s, judging {others} others",
+                name=name,
+                fitted=half,
+                others=len(runs) - half,
+            )
+        )
         fit = fitted(runs[:half], name, backend)
         far_m, far_rad = errors(fit.vehicle_file, runs[half:], backend)
         place, angle = f"≤ {FAR_M} m", f"≤ {np.degrees(FAR_RAD):.0f}°"
@@ -89,7 +97,13 @@ def sentence(fit: Fit, name: str) -> str:
     radius = model.velocity_matrix[0, 0]
     left, right = radius * model.drivetrain.gain
     track = 2.0 * radius / model.velocity_matrix[2, 2]
-    return (
-        f"radii {left:.3f} m and {right:.3f} m (nominal {NOMINAL[name][0]:g}), effective track {track:.2f} m "
-        f"(nominal {NOMINAL[name][1]:g}), slides outward by {model.slide_s:.2f} s · ν_x ν_ψ"
+    return _(
+        "radii {left:.3f} m and {right:.3f} m (nominal {radius:g}), effective track {track:.2f} m (nominal "
+        "{width:g}), slides outward by {slide_s:.2f} s · ν_x ν_ψ",
+        left=left,
+        right=right,
+        radius=NOMINAL[name][0],
+        track=track,
+        width=NOMINAL[name][1],
+        slide_s=float(model.slide_s),
     )

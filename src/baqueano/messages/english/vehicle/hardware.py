@@ -25,6 +25,7 @@ TEMPLATES: dict[str, str] = {
         "GPIO 2 is {sda} and GPIO 3 {scl}, expected {expected}: on this board they are not those of i2c-bcm2835, "
         "and were not touched."
     ),
+    "imu.chip": "IMU: {chip} (WHO_AM_I {who_am_i})",
     "imu.too-few-samples": (
         "The IMU at 0x{address:02X} on {path} answers, but gave {count} samples in {within_s} s: {events}"
     ),
