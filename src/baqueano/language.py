@@ -95,6 +95,22 @@ def number(value: Shown) -> Shown:
     return cast("Shown", found)
 
 
+N_ = marked
+_OF_UNITS = (N_("unit of u"), N_(" per "))
+
+
+def shown_unit(words: str) -> str:
+    """Return a unit as the current language writes it.
+
+    >>> with within("es"):
+    ...     print(shown_unit("N per unit of u"))
+    N por unidad de u
+    """
+    for one in _OF_UNITS:
+        words = words.replace(one, translated(one))
+    return words
+
+
 class _Float(float):
     def __format__(self, spec: str) -> str:
         return format(float(self), spec).translate(_COMMA)

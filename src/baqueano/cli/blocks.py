@@ -8,6 +8,7 @@ import click
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
+from baqueano.language import marked as N_
 from baqueano.language import translated as _
 
 if TYPE_CHECKING:
@@ -77,6 +78,11 @@ def check(
     talk(note("cli.block-sound", block=block))
 
 
+WORDS = {  # columns that are words; the others are typed
+    "room": (N_("vehicle"), N_("sensor"), N_("estimator"), N_("guide"), N_("controller"), N_("supervisor")),
+}
+
+
 @dataclass(frozen=True)
 class Listed:
     """Rows as they are."""
@@ -92,8 +98,8 @@ class Listed:
         """The same in columns; the verdict where nothing was found."""
         if not self.found:
             return _(self.verdict)
-        widths = [max(len(str(row[key])) for row in self.found) for key in self.found[0]]
+        cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.found]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         return "\n".join(
-            "  ".join(str(v).ljust(w) for v, w in zip(row.values(), widths, strict=True)).rstrip()
-            for row in self.found
+            "  ".join(v.ljust(w) for v, w in zip(row, widths, strict=True)).rstrip() for row in cells
         )

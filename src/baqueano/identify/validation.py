@@ -34,7 +34,7 @@ from baqueano.identify.result.fit_result import ChannelFit, Fit, requested
 from baqueano.identify.result.ratios import percent, times
 from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
 from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
-from baqueano.language import number
+from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import text, verdict_line
 from baqueano.runs.run import Run
@@ -104,7 +104,7 @@ class Validation:
         ]
         for f in self.figures:
             parts = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
-            lines.append(f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {f.unit:6} {parts}")
+            lines.append(f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {shown_unit(f.unit):6} {parts}")
         return "\n".join(
             [*lines, *(_("note: {note}", note=text(said)) for said in self.outside), self.sentence]
         )

@@ -158,7 +158,7 @@ def _rendered(said: Diagnostic, argument: Callable[[str], object]) -> dict[str, 
     return {
         name: text(value, argument).rstrip(".")
         if isinstance(value, Diagnostic)
-        else f" {value}"
+        else f" {language.shown_unit(value)}"
         if name == "unit" and value
         else _Words(value)
         if isinstance(value, str)

@@ -11,6 +11,7 @@ from baqueano.contracts.result import Result
 from baqueano.diagnostics import note
 from baqueano.identify import Fit, Forecast
 from baqueano.identify.result.fit_result import verdict_lines
+from baqueano.language import shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import text, texts
 from baqueano.report.of_fit import row_of
@@ -125,7 +126,7 @@ def _of_comparison(result: Comparison) -> Card:
 @card_of.register(TuneResult)
 def _of_tuned(result: TuneResult) -> Card:
     rows = [
-        {"gain": one.name, "value": one.value, "unit": one.unit, "in the file": one.before,
+        {"gain": one.name, "value": one.value, "unit": shown_unit(one.unit), "in the file": one.before,
          "cost at × 0.8 [%]": 100.0 * (one.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (one.cost_more - 1.0)}
         for one in result.gains
     ]  # fmt: skip

@@ -10,7 +10,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.result.fit_result import Fit, marks, rounded
 from baqueano.identify.result.ratios import percent
 from baqueano.language import marked as N_
-from baqueano.language import number
+from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import ended, texts
 from baqueano.printable import typed
@@ -108,7 +108,7 @@ def row_of(row: "TableRow") -> "JsonObject":
         "parameter": short(row["name"]),
         "estimate": value,
         "± sd": None if sd is None else float(f"{sd:.2g}"),
-        "unit": row["unit"],
+        "unit": shown_unit(row["unit"]),
         "start": row["start"],
         "note": marks(row),
     }

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.identify.covariance.quantiles import QUANTILE_95
-from baqueano.language import number
+from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import text
 from baqueano.printable import typed
@@ -27,7 +27,7 @@ def page_of_wear(found: Any) -> Page:
         headlines=[
             Headline(
                 one.name.removeprefix("model."),
-                f"{number(one.after):.3g} {one.unit}",
+                f"{number(one.after):.3g} {shown_unit(one.unit)}",
                 _("was {before:.3g}", before=one.before),
             )
             for one in found.moved[:4]

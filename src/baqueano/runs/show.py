@@ -74,7 +74,7 @@ class ShownRun:
         )
         lines.append(f"{head} {counts.rstrip(';')}")
         rows = self.rows()
-        wide = max(20, *(len(_(r["topic"])) for r in rows))
+        wide = max(20, *(len(_topic(r["topic"])) for r in rows))
         lines.append(
             f"{_('topic'):{wide}} {_('count'):>8} {_('rate'):>10} {_('gaps'):>5} {_('longest'):>10} {'NaN':>5} "
             f"{_('delay'):>9}  {_('size')}"
@@ -84,7 +84,7 @@ class ShownRun:
             longest = "" if r["longest_step_s"] is None else f"{number(r['longest_step_s']):.4f} s"
             delay = "" if r.get("delay_ms") is None else f"{number(r['delay_ms']):.1f} ms"
             lines.append(
-                f"{_(r['topic']):{wide}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest:>10} "
+                f"{_topic(r['topic']):{wide}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest:>10} "
                 f"{r['nan_rows']:>5} {delay:>9}  {r['size']}"
             )
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
@@ -110,6 +110,12 @@ class ShownRun:
             }
             for e in self.run.events
         ]
+
+
+def _topic(name: str) -> str:
+    """Return a topic in words; the name of a sensor stays."""
+    word, _space, sensor = name.partition(" ")
+    return f"{_(word)} {sensor}" if word == N_("sensor") else _(name)
 
 
 def show(run: "Run") -> ShownRun:

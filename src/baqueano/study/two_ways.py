@@ -25,7 +25,7 @@ from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.language import marked as N_
-from baqueano.language import number
+from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import MAPS, check_present
@@ -205,7 +205,9 @@ class TwoWays:
         for row in self.parameters():
             cells = [_with_sd(row[run], row[f"{run}_sd"]) for run in runs]
             name = row["name"].removeprefix("model.")
-            lines.append(f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {row['unit']}")
+            lines.append(
+                f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {shown_unit(row['unit'])}"
+            )
         heads = [_head(one) for one in self.judged]
         lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
         for row in self.figures():

@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.language import number
+from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.tune.cost import Weights
@@ -146,13 +146,13 @@ class TuneResult(Result):
 
     def table(self) -> str:
         """For people."""
-        wide, unit = max(len(g.name) for g in self.gains), max(len(g.unit) for g in self.gains)
+        wide, unit = max(len(g.name) for g in self.gains), max(len(shown_unit(g.unit)) for g in self.gains)
         head = f"{_('gain'):<{wide}} {_('value'):>10}  {_('unit'):<{unit}}  {_('in the file'):>13}"
         lines = [f"{head}  {_('cost at × 0.8'):>13}  {_('at × 1.25'):>9}"]
         for g in self.gains:
             before = f"{number(g.before):.4g}" if np.isfinite(g.before) else "-"
             less, more = 100 * (g.cost_less - 1), 100 * (g.cost_more - 1)
-            row = f"{g.name:<{wide}} {number(g.value):>10.4g}  {g.unit:<{unit}}  {before:>13}"
+            row = f"{g.name:<{wide}} {number(g.value):>10.4g}  {shown_unit(g.unit):<{unit}}  {before:>13}"
             lines.append(f"{row}  {number(less):>+11.1f} %  {number(more):>+7.1f} %")
         return "\n".join([*lines, "", *self._notes(), "", verdict_line(self.verdict, self.reasons)])
 

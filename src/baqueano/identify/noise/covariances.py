@@ -34,7 +34,7 @@ from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_erro
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.noise.unfitted_channels import not_fitted
 from baqueano.identify.result.fit_result import Fit
-from baqueano.language import number
+from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import texts
 from baqueano.parameter import parameters
@@ -132,7 +132,7 @@ class Noise(Result):
         for row in rows:
             rest = "-" if row["sd_at_rest"] is None else f"{number(row['sd_at_rest']):.3g}"
             lines.append(
-                f"{row['name']:{wide}} {number(row['sd']):>11.3g} {rest:>11}   {row['unit']}".rstrip()
+                f"{row['name']:{wide}} {number(row['sd']):>11.3g} {rest:>11}   {shown_unit(row['unit'])}".rstrip()
             )
         if len(self.process):
             lines.append(

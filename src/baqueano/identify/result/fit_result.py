@@ -14,7 +14,7 @@ from baqueano.identify.parameters.free import described, entries
 from baqueano.identify.result.ratios import percent
 from baqueano.identify.result.verdict import short
 from baqueano.language import marked as N_
-from baqueano.language import number
+from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import grouped, text
 from baqueano.vehicle_file.units import channel_unit
@@ -208,7 +208,7 @@ class Fit(Result):
         for row in (one for one in every if one["estimate"] is not None):
             value, sd = rounded(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
             rows.append(
-                f"{short(row['name']):{wide}}  {number(value):>10.5g} ± {number(sd):<8.2g} {row['unit']}"
+                f"{short(row['name']):{wide}}  {number(value):>10.5g} ± {number(sd):<8.2g} {shown_unit(row['unit'])}"
             )
         return shortened([head], rows, verdict_lines(self)[:3])
 
@@ -226,7 +226,7 @@ class Fit(Result):
             sd = f"{number(row['sd']):.2g}" if row["sd"] is not None else "?"
             value = rounded(row["estimate"], row["sd"])
             lines.append(
-                f"{short(row['name']):{wide}}  {number(value):>12.5g} ± {sd:>10}  {row['unit']}"
+                f"{short(row['name']):{wide}}  {number(value):>12.5g} ± {sd:>10}  {shown_unit(row['unit'])}"
                 + (f"  ({said})" if said else "")
             )
         lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self, reported)]

@@ -61,11 +61,7 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     """
     old, new = _leaves(before), _leaves(after)
     keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(NOT_VALUES)]
-    return [
-        f"{key}: {_shown(old[key]) if key in old else _('not there')} → {_shown(new[key]) if key in new else _('not there')}"
-        for key in keys
-        if old.get(key) != new.get(key)
-    ]
+    return [f"{key}: {_in(old, key)} → {_in(new, key)}" for key in keys if old.get(key) != new.get(key)]
 
 
 def _with_calibration(
@@ -116,6 +112,10 @@ def _with_calibration(
             )
         )
     return file.with_values(values, origins) if origins else file, lines
+
+
+def _in(found: "JsonObject", key: str) -> str:
+    return _shown(found[key]) if key in found else _("not there")
 
 
 def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":

@@ -77,7 +77,7 @@ class ImportedRun(NamedTuple):
         for k, d in enumerate(self.doubts):
             n = many[d.level, d.code]
             tail = f" ({_('and {more} more such', more=n - 1)})" if n > ALIKE else ""
-            line = f"{_(d.level):8} {d.code:20} {d.advice}{tail}"
+            line = f"{_(d.level):8} {_(d.code):20} {d.advice}{tail}"
             lines.setdefault((d.level, d.code) if tail else k, line)
         return "\n".join(lines.values())
 
@@ -105,7 +105,7 @@ class ImportedRuns(NamedTuple):
                 first.setdefault((d.level, d.code), d)
                 seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
         lines = [
-            f"{_(level):8} {code:20} "
+            f"{_(level):8} {_(code):20} "
             + _(
                 "in {runs} of {of} runs; the first: {advice}",
                 runs=seen[level, code],

@@ -1,8 +1,8 @@
 """Findings about a recording that is imported, and the lines to write in its map."""
 
 TEMPLATES = {
-    "doubt.alone": "{what}: {cause}",
-    "doubt.with-line": "{what}: {cause}; {line}",
+    "doubt.alone": "{what:word}: {cause}",
+    "doubt.with-line": "{what:word}: {cause}; {line}",
     "doubt.and-line": "{cause}; {line}",
     "doubt.then": "{first}. {then}",
     "doubt.and": "{first}, and {then}",
