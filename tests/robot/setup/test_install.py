@@ -227,7 +227,7 @@ def test_a_computer_that_is_no_pi_keeps_its_boot_files_and_asks_only_for_groups_
     (pi / "boot/firmware/config.txt").unlink()
     (pi / "etc/group").write_text("dialout:x:20:ana\n")
     setup("r1", wheels, PI, root=str(pi))
-    assert "this is no Raspberry Pi" in capfd.readouterr().out
+    assert "not a Raspberry Pi" in capfd.readouterr().out
     assert not (pi / "boot/firmware/config.txt").exists()
     assert "SupplementaryGroups=dialout\n" in (pi / "etc/systemd/system/baqueano.service").read_text()
     remove("r1", PI, root=str(pi))
