@@ -25,7 +25,7 @@ from baqueano.door.operator import STOP, Operator
 from baqueano.door.outcome import outcome_of
 from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, planned
 from baqueano.door.simulated.pace import PacedClock
-from baqueano.door.simulated.shaking import Faults
+from baqueano.door.simulated.shaking import FaultWords
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.mission import perform
 from baqueano.drive.observers import LastLine, Observer
@@ -70,7 +70,7 @@ class SimulatedService:
         self._run: str | None = None  # that is written just now
         self._seen: Record | None = None
         self._told_s = float("-inf")
-        self.shaken = Faults(self.operator, lambda message: self.tell(message))
+        self.shaken = FaultWords(self.operator, lambda message: self.tell(message))
 
     def words(self) -> dict[str, Word]:
         """Return the words that the door does not know by itself."""

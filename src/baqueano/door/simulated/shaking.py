@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 EVERY_S = 0.5  # of the drive, between ledgers while a fault is watched
 
 
-class Faults:
+class FaultWords:
     """The words of faults, for one service."""
 
     def __init__(self, operator: "Operator", tell: "Callable[[JsonObject], None]") -> None:
@@ -100,7 +100,7 @@ class Faults:
 class _LedgerKeeper(Observer):
     """Keeps the ledger of a drive, and tells it when it changes."""
 
-    def __init__(self, faults: Faults, plan: "MissionPlan", world: "ShakenWorld") -> None:
+    def __init__(self, faults: FaultWords, plan: "MissionPlan", world: "ShakenWorld") -> None:
         self._faults, self._file, self._world = faults, plan.file, world
         self._ledger: Ledger | None = None
         self._told_s, self._changed = 0.0, True

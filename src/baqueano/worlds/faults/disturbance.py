@@ -24,7 +24,7 @@ WHEEL_SENSORS = ("wheels", "encoders")
 
 
 class SensorDisturbance(NamedTuple):
-    """What happens to the reading of a sensor."""
+    """Disturbance of the reading of a sensor."""
 
     keep: Value  # 1 or 0
     factor: np.ndarray  # (m,)
@@ -32,7 +32,7 @@ class SensorDisturbance(NamedTuple):
 
 
 class Disturbance(NamedTuple):
-    """What happens to a simulated world in a tick."""
+    """Disturbance of a simulated world in a tick."""
 
     push_body: np.ndarray  # (2,) acceleration of the centre of mass along body x, y [m/s²]
     push_map: np.ndarray  # (2,) the same along x, y of the map

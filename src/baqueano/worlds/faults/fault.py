@@ -16,7 +16,7 @@ A fault is written in words too: "12 s: push 0.3 N s left" (text.py).
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from math import atan2, degrees, hypot, isfinite, pi
-from typing import Any, Self, TypeAlias
+from typing import Self, TypeAlias
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
@@ -40,7 +40,7 @@ RANGES: dict[str, dict[str, Usual]] = {  # fields that count for a kind, beside 
     "lose": {"part": (0.0, 1.0)},
 }
 OF_CHANNEL, OF_SENSOR, OF_WHEEL = ("drift", "spikes"), ("cut",), ("slip",)
-Wanted: TypeAlias = "Fault | str | Mapping[str, object]"
+Wanted: TypeAlias = "Fault | str | JsonObject"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ class Fault:
         if self.kind == "push" and self.frame == "map":
             toward -= psi_rad
         way = WAYS[round(toward / (pi / 2.0)) % 4]
-        more: dict[str, Any] = {
+        more: JsonObject = {
             "much": degrees(much) if self.kind == "tilt" else much,
             "toward_deg": degrees(toward),
         }
@@ -142,7 +142,7 @@ class Fault:
         known = [one.name for one in fields(cls)]
         if not isinstance(words, Mapping) or "kind" not in words or not set(words) <= set(known):
             raise UsageError(fault("shake.fields", found=repr(words)[:120], known=known))
-        named: dict[str, Any] = dict(words)
+        named: JsonObject = dict(words)
         for name, value in words.items():
             if isinstance(value, int) and not isinstance(value, bool):
                 named[name] = float(value)

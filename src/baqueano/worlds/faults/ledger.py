@@ -38,7 +38,7 @@ SOON_S = 1.0  # of a fault: before, nobody could be said not to have noticed
 WHEELS = ("wheels", "encoders", "odometer")
 
 
-class Notice(NamedTuple):
+class LedgerNotice(NamedTuple):
     """One who noticed a fault."""
 
     who: str  # of WITNESSES
@@ -54,7 +54,7 @@ class LedgerRow:
     fault: Fault
     said: Diagnostic
     until_s: float
-    noticed: list[Notice] = field(default_factory=list)
+    noticed: list[LedgerNotice] = field(default_factory=list)
     worst_nis: float = float("nan")  # mean over a window, while it lasted
     error_m: float = float("nan")  # of the estimate at the end of what was watched
     believed_m: float = float("nan")  # 1.96 standard deviations then
@@ -164,7 +164,7 @@ class Ledger:
                and row.fault.of.partition("[")[0] == name]  # fmt: skip
         row = (own if who == "monitor" and own else watched)[-1]
         if who not in [one.who for one in row.noticed]:
-            row.noticed.append(Notice(who, t_s - row.fault.at_s, said))
+            row.noticed.append(LedgerNotice(who, t_s - row.fault.at_s, said))
 
     def _gate(self, t_s: float, weight: np.ndarray) -> None:
         refused = int(np.sum(weight < 0.5))

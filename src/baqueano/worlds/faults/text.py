@@ -14,8 +14,8 @@ T is the time at which it begins, or 3-6 for what ends by itself.
 
 import re
 from math import cos, radians, sin
-from typing import Any
 
+from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
@@ -34,7 +34,7 @@ FORMS = {
 }
 
 
-def fields_of(words: str) -> dict[str, Any]:
+def fields_of(words: str) -> JsonObject:
     """Return the fields of the fault. UsageError where the words are none."""
     when = WHEN.fullmatch(words)
     form, example = FORMS.get(when[3] if when else "", (None, ""))
@@ -50,7 +50,7 @@ def fields_of(words: str) -> dict[str, Any]:
     return {"kind": when[3], "at_s": begin, "for_s": for_s, **more}
 
 
-def _of_kind(kind: str, said: tuple[str, ...]) -> dict[str, Any]:
+def _of_kind(kind: str, said: tuple[str, ...]) -> JsonObject:
     match kind:
         case "push":
             x, y = WAYS[said[1]]

@@ -17,10 +17,10 @@ TEMPLATES: dict[str, str] = {
     "shake.sag": "battery sags to {percent:.0f} % of its voltage",
     "shake.lose": "the line loses {percent:.0f} % of its frames",
     "shake.over": "over after {for_s:.1f} s: {what}",
-    "shake.kind": "There is no fault {found}: expected one of {known}.",
+    "shake.kind": "The fault {found} does not exist: expected one of {known}.",
     "shake.number": "{kind}: {name} = {found}: expected a number from {low:g} to {high:g}.",
     "shake.of": "{kind} of {found}: expected one of {known}.",
-    "shake.fields": "The fault {found} has no kind, or a field that no fault has: expected some of {known}.",
+    "shake.fields": "{found} lacks a kind, or holds a field that faults do not have: expected some of {known}.",
     "shake.words": (
         '{found} does not describe a fault: expected a time and a kind, such as "12 s: push 0.3 N s left" or '
         '"3-6 s: cut imu". The kinds, each with an example: {known}.'
@@ -28,16 +28,16 @@ TEMPLATES: dict[str, str] = {
     "shake.form": '{found} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
     "shake.no-inertia": "This vehicle is kinematic, its velocity is its command: a {kind} cannot move it.",
     "shake.no-mass": (
-        "The vehicle file has no mass_kg, so a push of {found} has no known effect. Tilt the floor instead."
+        "The vehicle file lacks mass_kg, so the effect of a push of {found} is not known. Tilt the floor instead."
     ),
     "shake.too-many": "A drive has at most {most} faults. Begin another drive.",
-    "shake.no-number": "There is no fault number {found}: this drive has had {most}.",
+    "shake.no-number": "Fault number {found} does not exist: this drive had {most} so far.",
     "shake.of-another-world": (
         "Faults happen in a simulation only, and this drive is given a world, {world}. Leave out `world` or `shake`."
     ),
     "shake.robot": "Faults happen in a simulation only. Leave out --shake, or --robot {host}.",
     "shake.no-drive": "Nothing drives. Begin a mission first, or give it its faults: shake.",
-    "shake.no-mission": "No mission has been driven yet, so none can be driven again.",
+    "shake.no-mission": "No mission was driven yet, so none can be driven again.",
     "shake.by-hand": (
         "A drive by hand cannot be driven again without a fault: the hand would not do the same again. Repeat a "
         "route, or drive an experiment."
