@@ -4,6 +4,7 @@ import { leave, readColours } from "./canvas.js";
 import { Blocks } from "./blocks.js";
 import { $, el, show, write } from "./dom.js";
 import { Drive } from "./drive.js";
+import { Faults } from "./faults.js";
 import { Hand } from "./hand.js";
 import { Identify } from "./identify.js";
 import { Link } from "./link.js";
@@ -14,8 +15,8 @@ import { duration, language, num, otherLanguage, speak, t } from "./strings.js";
 
 const KEPT_S = 60; // of a live drive
 const OLD_MS = 200; // from where on the age of the picture is shown
-const SCREENS = [Drive, Identify, Replay, Runs, Blocks];
-const KEYS = ["Space", "L", "W A S D ↑ ↓ ← →", "T R B", "P M E", "1 2 3 4", "F 0 + −", "K ← → Home End", "[ ]", "N V"];
+const SCREENS = [Drive, Identify, Replay, Runs, Blocks, Faults];
+const KEYS = ["Space", "L", "W A S D ↑ ↓ ← →", "T R B", "P M E", "1 2 3 4", "F 0 + −", "K ← → Home End", "[ ]", "N V", "Shift+↑ N G"];
 
 const page = {
   hello: null, record: null, state: {}, route: null, runs: [], opened: null, ghost: null, screens: {}, screen: null, hand: null, link: null, driver: null,
@@ -28,7 +29,7 @@ const on = {
   hello(word) {
     word.vehicle ??= NO_VEHICLE;
     if (!word.fields.length) word.fields = [{ name: "t", unit: "s", group: "t", label: "t" }];
-    Object.assign(page, { hello: word, state: word.state ?? {}, route: word.route, runs: word.runs ?? [], opened: null, ghost: null, driver: word.driver });
+    Object.assign(page, { hello: word, state: word.state ?? {}, route: word.route, runs: word.runs ?? [], opened: null, ghost: null, driver: word.driver, ledger: [] });
     page.record = new Record(word.fields, KEPT_S * word.vehicle.rate_hz, true);
     page.hand?.still();
     page.hand ??= new Hand(page);
@@ -56,14 +57,16 @@ const on = {
   state(word) {
     page.state = word;
     page.screens.drive?.state(word);
+    page.screens.faults?.state();
     told();
     meters();
   },
+  ledger({ rows }) { page.ledger = rows; page.screens.faults?.ledger(rows); },
   route(word) { page.route = word.x?.length ? word : null; },
   routes({ routes }) { page.screens.drive?.routes(routes.map((one) => one.name ?? one)); },
   runs({ runs }) { page.runs = runs; for (const one of Object.values(page.screens)) one.runs?.(); },
   identify(word) { page.screens.identify?.take(word); },
-  lease(word) { page.hand.lease(word); lease(word); page.screens.drive?.state(page.state); },
+  lease(word) { page.hand.lease(word); lease(word); page.screens.drive?.state(page.state); page.screens.faults?.state(); },
   event({ severity, text }) { if (["warning", "error", "fatal"].includes(severity)) say(text); },
   no({ why }) {
     if (page.hello && page.link.up) say(why);
@@ -107,7 +110,7 @@ function frame() {
   write($("world"), t(`world.${hello.vehicle.world}`));
   $("world").className = `chip world-${hello.vehicle.world}`;
   fixedTexts();
-  const shown = SCREENS.filter((one) => !(replay && one === Drive));
+  const shown = SCREENS.filter((one) => !(replay && one === Drive) && (one !== Faults || (!replay && hello.vehicle.world === "simulated")));
   const before = page.screen?.constructor.key ?? location.hash.slice(1);
   page.screens = Object.fromEntries(shown.map((one) => [one.key, new one(page)]));
   $("tabs").replaceChildren(...shown.map((one) => el("button", { type: "button", role: "tab", id: `tab-${one.key}`, "aria-controls": "screen", onclick: () => open(one.key) }, t(`tab.${one.key}`))));

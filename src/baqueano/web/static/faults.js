@@ -1,0 +1,328 @@
+// Faults of a simulated vehicle: push it, tilt its floor, break its sensors; who noticed, when; and the same again without.
+
+import { begin, colours, follow } from "./canvas.js";
+import { choices, el, show, write } from "./dom.js";
+import { mapKey, poseOf } from "./drive.js";
+import { Map2D } from "./map.js";
+import { Record, Trail } from "./record.js";
+import { num, t } from "./strings.js";
+
+const PACES = [0.125, 0.25, 1, 4];
+const PUSH = 0.003, MOST_PUSH = 0.6, KEY_PUSH = 0.2; // N s: of a pixel, at most, of a key
+const STEEPEST = 0.1, KEY_TILT = Math.PI / 360; // rad: at the edge of the pad, of a key
+const SPAN = 20; // s, of the strip
+const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
+const BEFORE = 1; // s, that the twin is seen before the fault
+
+export class Faults {
+  static key = "faults";
+
+  constructor(page) {
+    this.page = page;
+    this.rows = [];
+    this.tilt = [0, 0]; // rise towards x and y of the map [rad]
+    const { record, hello } = page, { footprint } = hello.vehicle;
+    this.map = new Map2D();
+    this.map.canvas.setAttribute("aria-label", t("faults.map"));
+    const step = footprint.width_m / 18;
+    this.estimate = new Trail(record, "eta.x", "eta.y", step, true);
+    this.truth = new Trail(record, "truth.x", "truth.y", step);
+    this.#pushes();
+    this.node = el("div", { class: "faults" }, this.#mapCard(), this.#tiltCard(), this.#breakers(), this.#ledgerCard(), this.#bar());
+    this.ledger(page.ledger ?? []);
+  }
+
+  #mapCard() {
+    const one = (kind, key) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(key));
+    this.ghostKey = one("ghosted", "faults.before");
+    show(this.ghostKey, false);
+    return el("section", { class: "card map-card" }, el("div", { class: "legend map-legend" }, one("route", "map.route"), one("estimate", "map.estimate"), one("truth", "map.truth"), one("pushed", "faults.push"), this.ghostKey),
+      this.map.canvas, this.map.buttons, this.hint = el("p", { class: "hint" }, t("faults.drag")));
+  }
+
+  /** Dragging with one finger or the mouse pushes; two fingers still move the map. */
+  #pushes() {
+    const { canvas } = this.map;
+    let from = null;
+    const over = () => { from = this.drag = null; };
+    canvas.addEventListener("pointerdown", (e) => { if (from) over(); else if (e.isPrimary) from = [e.offsetX, e.offsetY]; }, true);
+    canvas.addEventListener("pointermove", (e) => {
+      if (!from || !e.isPrimary) return;
+      this.drag = [...from, e.offsetX, e.offsetY];
+      e.stopImmediatePropagation();
+    }, true);
+    canvas.addEventListener("pointerup", () => {
+      const { drag } = this;
+      over();
+      if (drag && Math.hypot(drag[2] - drag[0], drag[3] - drag[1]) > 8) this.#send({ kind: "push", frame: "map", ...impulse(drag) });
+    }, true);
+    canvas.addEventListener("pointercancel", over, true);
+  }
+
+  #tiltCard() {
+    this.knob = el("span", { class: "knob" });
+    this.steep = el("output", {});
+    this.pad = el("div", { class: "pad live", tabindex: "0", role: "application", "aria-label": t("faults.tilt-label") }, this.knob);
+    const { pad } = this;
+    let held = false;
+    const move = (e) => {
+      const box = pad.getBoundingClientRect(), r = box.width / 2, x = (e.clientX - box.left - r) / (0.72 * r), y = (box.top + r - e.clientY) / (0.72 * r), far = Math.max(1, Math.hypot(x, y));
+      this.#lean([(STEEPEST * x) / far, (STEEPEST * y) / far]);
+    };
+    const drop = () => { if (held) { held = false; this.#tilted(); } };
+    pad.addEventListener("pointerdown", (e) => { pad.setPointerCapture(e.pointerId); held = true; move(e); });
+    pad.addEventListener("pointermove", (e) => { if (held) move(e); });
+    pad.addEventListener("pointerup", drop);
+    pad.addEventListener("lostpointercapture", drop);
+    const level = el("button", { type: "button", class: "quiet-text", onclick: () => { this.#lean([0, 0]); this.#tilted(); } }, t("faults.level"));
+    this.#lean(this.tilt);
+    return el("section", { class: "card tilt" }, el("h2", {}, t("faults.tilt")), pad, el("p", {}, this.steep, level));
+  }
+
+  #lean(tilt) {
+    this.tilt = tilt;
+    this.knob.style.transform = `translate(${((tilt[0] / STEEPEST) * 92).toFixed(0)}%, ${((-tilt[1] / STEEPEST) * 92).toFixed(0)}%)`;
+    write(this.steep, `${num((Math.hypot(...tilt) * 180) / Math.PI, 1)}°`);
+  }
+
+  #tilted() { this.#send({ kind: "tilt", x: this.tilt[0], y: this.tilt[1] }); }
+
+  #breakers() {
+    const { vehicle } = this.page.hello, imu = (vehicle.sensors ?? []).find((one) => one.kind === "imu");
+    const sensors = (vehicle.sensors ?? []).map((one) => one.name), of = imu?.name ?? sensors[0], gyro = imu ? 2 : 0;
+    const unit = this.page.record.field(`z.${of}[${gyro}]`)?.unit ?? "", unit0 = this.page.record.field(`z.${of}[0]`)?.unit ?? "";
+    const wheels = vehicle.footprint.kind === "car" ? ["all"] : ["left", "right", "all"], percent = (part) => `${num(100 * part, 0)} %`;
+    const kinds = [
+      ["cut", sensors.map((name) => [name, { of: name }])],
+      ["drift", [0.15, 0.05, 0.5].map((size) => [`+ ${num(size, 2)} ${unit}`, { of: `${of}[${gyro}]`, size }])],
+      ["spikes", [5, 20].map((size) => [`± ${size} ${unit0}, 2 %`, { of: `${of}[0]`, size, part: 0.02 }])],
+      ["slip", wheels.map((one) => [`${t(`faults.wheel-${one}`)}, ${percent(0.3)}`, { of: one, part: 0.3 }])],
+      ["sag", [0.84, 0.7].map((part) => [percent(part), { part }])],
+      ["lose", [0.3, 0.6].map((part) => [percent(part), { part }])],
+    ].filter(([, options]) => options.length);
+    this.breakers = kinds.map(([kind, options]) => this.#breaker(kind, options, kind === "drift" && imu ? "gyro" : kind === "spikes" && imu ? "accel" : ""));
+    return el("section", { class: "card breakers" }, el("header", {}, el("h2", {}, t("faults.break")), el("span", {}, t("faults.simulated"))), ...this.breakers.map((one) => one.node));
+  }
+
+  #breaker(kind, options, of) {
+    const name = t(of ? `faults.${kind}-${of}` : `faults.${kind}`), lasts = el("b", { class: "lasts" });
+    const which = options.length > 1 ? el("select", { "aria-label": `${name}: ${t("faults.how")}` }, ...options.map(([text], k) => el("option", { value: String(k) }, text))) : el("span", { class: "how" }, options[0][0]);
+    const made = { kind, lasts, options, which };
+    made.button = el("button", { type: "button", role: "switch", "aria-checked": "false", "aria-label": name, onclick: () => this.#toggle(made) }, el("i", { "aria-hidden": "true" }));
+    made.node = el("div", { class: "breaker" }, made.button, el("span", { class: "of" }, name), which, lasts);
+    return made;
+  }
+
+  #toggle(made) {
+    const active = this.#active(made.kind);
+    if (active) this.#send({ over: active.number });
+    else this.#send({ kind: made.kind, ...made.options[Number(made.which.value ?? 0)][1] });
+  }
+
+  /** Return the fault of this kind that lasts. */
+  #active(kind) { return this.rows.findLast((row) => row.fault.kind === kind && !row.over); }
+
+  #send(word) {
+    if (!this.page.hand.mine) { this.page.say(t("pad.take")); return; }
+    this.page.link.send({ is: "shake", ...word });
+  }
+
+  #ledgerCard() {
+    this.list = el("ol", { class: "ledger", "aria-live": "polite", tabindex: "0", "aria-label": t("faults.ledger") });
+    return el("section", { class: "card ledger-card" }, el("h2", {}, t("faults.ledger")), this.list);
+  }
+
+  #bar() {
+    const { page } = this, button = (key, code, act) => { const made = el("button", { type: "button", class: "action", onclick: act }, el("span", {}, t(key)), el("kbd", {}, code.slice(3))); made.code = code; return made; };
+    this.start = button("faults.start", "KeyR", () => this.#begin());
+    this.pause = button("drive.pause", "KeyP", () => page.link.send({ is: page.state.paused ? "go" : "pause" }));
+    this.tick = button("faults.tick", "KeyN", () => page.link.send({ is: "go", ticks: 1 }));
+    this.again = button("faults.again", "KeyG", () => this.#again(this.rows.at(-1)));
+    this.again.classList.add("again");
+    this.start.classList.add("primary");
+    this.actions = [this.start, this.pause, this.tick, this.again];
+    const paces = choices(t("drive.pace"), PACES.map((one) => `${{ 0.125: "⅛", 0.25: "¼" }[one] ?? one} ×`), PACES.indexOf(page.state.pace ?? 1), (k) => page.link.send({ is: "pace", factor: PACES[k] }));
+    this.strip = follow(el("canvas", { role: "img", "aria-label": t("faults.strip") }));
+    const legend = el("p", { class: "legend" }, el("span", { class: "key truth" }, el("i", { "aria-hidden": "true" }), t("faults.error")), el("span", { class: "key estimate" }, el("i", { "aria-hidden": "true" }), t("faults.believed")));
+    return el("section", { class: "card fault-bar", "aria-label": t("replay.controls") }, el("div", { class: "actions" }, this.start, this.pause, this.tick, paces), el("div", { class: "error-strip" }, this.strip, legend), this.again);
+  }
+
+  /** Drive something that drives itself, so that it can be driven again. */
+  #begin() {
+    const { page } = this, route = page.screens.drive?.names?.[0];
+    this.#forget();
+    page.link.send(route ? { is: "mission", kind: "repeat", route, laps: 5 } : { is: "mission", kind: "experiment", seconds: 120 });
+  }
+
+  #forget() { this.ghost = null; show(this.ghostKey, false); }
+
+  /** Drive the same again without a fault; what was driven until now stays as a ghost. */
+  #again(row) {
+    const { page } = this, { record } = page;
+    if (!row) return;
+    const copy = new Record(record.fields, Math.max(record.length, 64), false);
+    copy.columns = record.columns.map((column) => column.slice(0, record.length));
+    copy.length = record.length;
+    this.ghost = { record: copy, trail: new Trail(copy, "truth.x", "truth.y", this.truth.step_m), pushes: this.#arrows(copy) };
+    show(this.ghostKey, true);
+    page.link.send({ is: "again", from_s: Math.max(0, row.t_s - BEFORE), without: [row.number] });
+  }
+
+  ledger(rows) {
+    this.rows = rows;
+    const last = rows.at(-1);
+    this.list.replaceChildren(...(rows.length ? rows.toReversed().map((row) => this.#entry(row)) : [el("li", { class: "none" }, t("faults.none"))]));
+    for (const made of this.breakers) made.button.setAttribute("aria-checked", String(Boolean(this.#active(made.kind))));
+    const tilt = this.#active("tilt");
+    if (!this.pad.matches(":active")) this.#lean(tilt ? [tilt.fault.x, tilt.fault.y] : [0, 0]);
+    write(this.again.firstChild, last ? t("faults.again-of", { what: last.what }) : t("faults.again"));
+    this.state();
+  }
+
+  #entry(row) {
+    const lines = row.noticed.map((one) => el("p", { class: "noticed" }, el("b", {}, one.who), ` ${t("faults.after", { s: num(one.after_s, one.after_s < 0.95 ? 2 : 1) })} `, el("span", {}, one.text)));
+    if (row.nobody) lines.push(el("p", { class: "nobody" }, el("b", {}, t("faults.nobody")), ` ${row.nobody}`));
+    else if (row.noticed.length) lines.push(el("p", { class: "silent" }, `${t("faults.silent")} ${row.silent.join(", ")}`));
+    else lines.push(el("p", { class: "silent" }, t("faults.wait")));
+    const long = row.over && row.fault.kind !== "push" ? t("faults.over", { s: num(row.until_s - row.t_s, 1) }) : "";
+    return el("li", {}, el("time", {}, num(row.t_s, 1)), el("div", {}, el("p", { class: "what" }, el("b", {}, row.what), " ", el("span", {}, long)), ...lines));
+  }
+
+  state() {
+    const { page } = this, { state } = page, mine = page.hand.mine, moves = ["MISSION", "MANUAL"].includes(state.state);
+    show(this.start, !moves);
+    show(this.pause, moves);
+    this.start.disabled = !(mine && state.state === "READY");
+    this.pause.disabled = this.tick.disabled = !(mine && moves);
+    this.again.disabled = !(mine && this.rows.length && state.state !== "STOPPED");
+    write(this.pause.firstChild, t(state.paused ? "drive.go" : "drive.pause"));
+  }
+
+  key(event, down) {
+    const way = ARROWS[event.code];
+    if (way && event.target === this.pad) {
+      if (down) { const lean = this.tilt.map((x, k) => x + KEY_TILT * way[k]); if (Math.hypot(...lean) <= STEEPEST) this.#lean(lean); } else this.#tilted();
+      return true;
+    }
+    if (way && event.shiftKey) { if (down && !event.repeat) this.#send({ kind: "push", frame: "map", x: KEY_PUSH * way[0], y: KEY_PUSH * way[1] }); return true; }
+    const button = this.actions.find((one) => one.code === event.code);
+    if (button && !event.ctrlKey && !event.metaKey && !event.altKey) { if (down && !event.repeat && !button.hidden) button.click(); return true; }
+    return mapKey(this.map, event, down);
+  }
+
+  /** Return the pushes of the ledger where they met the vehicle: [x, y, to x, to y, N s]. */
+  #arrows(record) {
+    return this.rows.filter((row) => row.fault.kind === "push" && row.t_s >= record.start).map(({ t_s, fault }) => {
+      const pose = poseOf(record, record.row(t_s), "truth");
+      if (!pose) return null;
+      const turn = fault.frame === "map" ? 0 : pose[2], c = Math.cos(turn), s = Math.sin(turn);
+      return [pose[0], pose[1], c * fault.x - s * fault.y, s * fault.x + c * fault.y];
+    }).filter(Boolean);
+  }
+
+  draw() {
+    const { page, map, ghost } = this, { record } = page, i = record.last, { footprint } = page.hello.vehicle, truth = poseOf(record, i, "truth"), believed = poseOf(record, i);
+    const vehicles = [{ pose: truth, footprint, style: "now" }], trails = [{ trail: this.estimate, style: "estimate" }, { trail: this.truth, style: "truth" }];
+    if (ghost) {
+      trails.unshift({ trail: ghost.trail, style: "ghost" });
+      const row = ghost.record.row(record.end);
+      vehicles.push({ pose: poseOf(ghost.record, row, "truth"), footprint, style: "ghost" });
+    }
+    map.draw({ route: page.route, trails, vehicles });
+    const c = map.canvas.context;
+    if (c && map.X) {
+      if (believed) this.#believed(c, believed, truth, footprint);
+      for (const one of ghost?.pushes ?? []) this.#arrow(c, one, colours.ghost);
+      for (const one of this.#arrows(record)) this.#arrow(c, one, colours.alarm);
+      if (this.drag) { const { x, y } = impulse(this.drag); pointer(c, this.drag, colours.alarm, `${num(Math.hypot(x, y), 2)} N s`); }
+    }
+    show(this.hint, !this.rows.length && !this.drag);
+    for (const made of this.breakers) { const row = this.#active(made.kind); write(made.lasts, row ? `${num(Math.max(0, record.end - row.t_s), 1)} s` : ""); }
+    this.#errors(record);
+  }
+
+  #believed(c, [x, y], truth, { width_m }) {
+    const { map } = this, px = map.X(x), py = map.Y(y);
+    c.strokeStyle = c.fillStyle = colours.model;
+    c.lineWidth = 2.4;
+    c.beginPath();
+    c.arc(px, py, Math.max(0.55 * width_m * map.view.scale, 11), 0, 7);
+    c.stroke();
+    c.beginPath();
+    c.arc(px, py, 4, 0, 7);
+    c.fill();
+    if (!truth || Math.hypot(px - map.X(truth[0]), py - map.Y(truth[1])) < 2.2 * colours.rem) return;
+    const up = py < map.Y(truth[1]) ? -1 : 1, far = Math.max(0.55 * width_m * map.view.scale, 14) + 0.8 * colours.rem;
+    label(c, t("faults.believed-here"), px, py + up * far, colours.model);
+    label(c, t("faults.true-here"), map.X(truth[0]), map.Y(truth[1]) - up * far, colours.ink);
+  }
+
+  #arrow(c, [x, y, dx, dy], colour) {
+    const much = Math.hypot(dx, dy), px = this.map.X(x), py = this.map.Y(y), long = Math.min(Math.max(much / PUSH, 26), 90), ux = dx / much, uy = -dy / much, near = 12;
+    pointer(c, [px - ux * (long + near), py - uy * (long + near), px - ux * near, py - uy * near], colour, `${num(much, 2)} N s`);
+  }
+
+  /** How far off the estimate is, and how far it believes to be, with a line for each fault. */
+  #errors(record) {
+    const begun = begin(this.strip);
+    if (!begun || record.length < 2) return;
+    const [c, w, h] = begun, end = Math.max(record.end, record.start + SPAN), from = end - SPAN, X = (s) => ((s - from) / SPAN) * w, points = [];
+    let most = 0.02;
+    for (let x = 0; x <= w; x += 2) {
+      const s = from + (SPAN * x) / w;
+      if (s < record.start || s > record.end) continue;
+      const i = record.row(s), v = (name) => record.value(name, i), middle = (v("P.xx") + v("P.yy")) / 2;
+      const off = Math.hypot(v("eta.x") - v("truth.x"), v("eta.y") - v("truth.y")), within = 1.96 * Math.sqrt(Math.max(middle + Math.hypot((v("P.xx") - v("P.yy")) / 2, v("P.xy")), 0));
+      points.push([x, off, within]);
+      most = Math.max(most, off, within);
+    }
+    for (const { t_s, fault } of this.rows) if (t_s > from) { c.fillStyle = fault.kind === "tilt" ? colours.sim : colours.alarm; c.fillRect(X(t_s) - 0.75, 0, 1.5, h); }
+    for (const [k, colour, dash] of [[2, "model", []], [1, "ink", [5, 4]]]) {
+      c.beginPath();
+      for (const one of points) c.lineTo(one[0], h - 3 - (one[k] / most) * (h - 6));
+      c.strokeStyle = colours[colour];
+      c.lineWidth = k === 2 ? 2.2 : 1.6;
+      c.lineJoin = "round";
+      c.setLineDash(dash);
+      c.stroke();
+    }
+    c.setLineDash([]);
+    label(c, `${num(100 * most, most < 0.1 ? 1 : 0)} cm`, 4, 0.6 * colours.rem, colours.muted, "left");
+  }
+}
+
+/** Return the impulse [N s] of a drag on the canvas. */
+function impulse([x0, y0, x1, y1]) {
+  const x = PUSH * (x1 - x0), y = PUSH * (y0 - y1), less = Math.min(1, MOST_PUSH / Math.hypot(x, y));
+  return { x: x * less, y: y * less };
+}
+
+function pointer(c, [x0, y0, x1, y1], colour, text) {
+  const long = Math.hypot(x1 - x0, y1 - y0);
+  if (long < 4) return;
+  const ux = (x1 - x0) / long, uy = (y1 - y0) / long;
+  c.strokeStyle = c.fillStyle = colour;
+  c.lineWidth = 3.5;
+  c.lineCap = "butt";
+  c.beginPath();
+  c.moveTo(x0, y0);
+  c.lineTo(x1 - 9 * ux, y1 - 9 * uy);
+  c.stroke();
+  c.beginPath();
+  c.moveTo(x1, y1);
+  c.lineTo(x1 - 12 * ux - 6 * uy, y1 - 12 * uy + 6 * ux);
+  c.lineTo(x1 - 12 * ux + 6 * uy, y1 - 12 * uy - 6 * ux);
+  c.fill();
+  label(c, text, x0 - ux * 8, y0 - uy * 8 - (Math.abs(uy) < 0.5 ? 0.9 * colours.rem : 0), colour);
+}
+
+function label(c, text, x, y, colour, align = "center") {
+  c.font = `600 ${0.82 * colours.rem}px ${colours.font}`;
+  c.textAlign = align;
+  c.textBaseline = "middle";
+  c.lineWidth = 4;
+  c.strokeStyle = colours.card;
+  c.strokeText(text, x, y);
+  c.fillStyle = colour;
+  c.fillText(text, x, y);
+}
