@@ -137,6 +137,9 @@ class Tab:
         return box[0], box[1]
 
     def click(self, selector: str) -> None:
+        self.js(
+            f"document.querySelector({selector!r}).scrollIntoView({{ block: 'nearest', inline: 'nearest' }})"
+        )
         x, y = self.middle(selector)
         self.mouse("mousePressed", x, y)
         self.mouse("mouseReleased", x, y)

@@ -7,6 +7,7 @@ import { Map2D } from "./map.js";
 import { Record, Trail } from "./record.js";
 import { num, t } from "./strings.js";
 
+const key = (kind, name) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(name));
 const PACES = [0.125, 0.25, 1, 4];
 const PUSH = 0.003, MOST_PUSH = 0.6, KEY_PUSH = 0.2; // N s: of a pixel, at most, of a key
 const STEEPEST = 0.1, KEY_TILT = Math.PI / 360; // rad: at the edge of the pad, of a key
@@ -29,14 +30,13 @@ export class Faults {
     this.truth = new Trail(record, "truth.x", "truth.y", step);
     this.#pushes();
     this.node = el("div", { class: "faults" }, this.#mapCard(), this.#tiltCard(), this.#breakers(), this.#ledgerCard(), this.#bar());
-    this.ledger(page.ledger ?? []);
+    this.#before(null);
+    this.ledger(page.ledger);
   }
 
   #mapCard() {
-    const one = (kind, key) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(key));
-    this.ghostKey = one("ghosted", "faults.before");
-    show(this.ghostKey, false);
-    return el("section", { class: "card map-card" }, el("div", { class: "legend map-legend" }, one("route", "map.route"), one("estimate", "map.estimate"), one("truth", "map.truth"), one("pushed", "faults.push"), this.ghostKey),
+    this.ghostKey = key("ghosted", "faults.before");
+    return el("section", { class: "card map-card" }, el("div", { class: "legend map-legend" }, key("route", "map.route"), key("estimate", "map.estimate"), key("truth", "map.truth"), key("pushed", "faults.push"), this.ghostKey),
       this.map.canvas, this.map.buttons, this.hint = el("p", { class: "hint" }, t("faults.drag")));
   }
 
@@ -88,35 +88,26 @@ export class Faults {
   #tilted() { this.#send({ kind: "tilt", x: this.tilt[0], y: this.tilt[1] }); }
 
   #breakers() {
-    const { vehicle } = this.page.hello, imu = (vehicle.sensors ?? []).find((one) => one.kind === "imu");
-    const sensors = (vehicle.sensors ?? []).map((one) => one.name), of = imu?.name ?? sensors[0], gyro = imu ? 2 : 0;
-    const unit = this.page.record.field(`z.${of}[${gyro}]`)?.unit ?? "", unit0 = this.page.record.field(`z.${of}[0]`)?.unit ?? "";
-    const wheels = vehicle.footprint.kind === "car" ? ["all"] : ["left", "right", "all"], percent = (part) => `${num(100 * part, 0)} %`;
-    const kinds = [
-      ["cut", sensors.map((name) => [name, { of: name }])],
-      ["drift", [0.15, 0.05, 0.5].map((size) => [`+ ${num(size, 2)} ${unit}`, { of: `${of}[${gyro}]`, size }])],
-      ["spikes", [5, 20].map((size) => [`± ${size} ${unit0}, 2 %`, { of: `${of}[0]`, size, part: 0.02 }])],
-      ["slip", wheels.map((one) => [`${t(`faults.wheel-${one}`)}, ${percent(0.3)}`, { of: one, part: 0.3 }])],
-      ["sag", [0.84, 0.7].map((part) => [percent(part), { part }])],
-      ["lose", [0.3, 0.6].map((part) => [percent(part), { part }])],
-    ].filter(([, options]) => options.length);
-    this.breakers = kinds.map(([kind, options]) => this.#breaker(kind, options, kind === "drift" && imu ? "gyro" : kind === "spikes" && imu ? "accel" : ""));
+    const { vehicle } = this.page.hello, { sensors = [] } = vehicle, imu = sensors.find((one) => one.kind === "imu"), of = (imu ?? sensors[0])?.name;
+    const unit = (channel) => this.page.record.field(`z.${of}[${channel}]`)?.unit ?? "", parts = (...all) => all.map((part) => [`${100 * part} %`, { part }]), gyro = imu ? 2 : 0;
+    const kinds = {
+      cut: sensors.map(({ name }) => [name, { of: name }]),
+      drift: of ? [0.15, 0.05, 0.5].map((size) => [`+ ${num(size, 2)} ${unit(gyro)}`, { of: `${of}[${gyro}]`, size }]) : [],
+      spikes: of ? [5, 20].map((size) => [`± ${size} ${unit(0)}, 2 %`, { of: `${of}[0]`, size, part: 0.02 }]) : [],
+      slip: (vehicle.footprint.kind === "car" ? ["all"] : ["left", "right", "all"]).map((one) => [`${t(`faults.wheel-${one}`)}, 30 %`, { of: one, part: 0.3 }]),
+      sag: parts(0.84, 0.7), lose: parts(0.3, 0.6),
+    };
+    this.breakers = Object.entries(kinds).filter(([, options]) => options.length).map(([kind, options]) => this.#breaker(kind, options, t(imu && /drift|spikes/.test(kind) ? `faults.${kind}-imu` : `faults.${kind}`)));
     return el("section", { class: "card breakers" }, el("header", {}, el("h2", {}, t("faults.break")), el("span", {}, t("faults.simulated"))), ...this.breakers.map((one) => one.node));
   }
 
-  #breaker(kind, options, of) {
-    const name = t(of ? `faults.${kind}-${of}` : `faults.${kind}`), lasts = el("b", { class: "lasts" });
-    const which = options.length > 1 ? el("select", { "aria-label": `${name}: ${t("faults.how")}` }, ...options.map(([text], k) => el("option", { value: String(k) }, text))) : el("span", { class: "how" }, options[0][0]);
-    const made = { kind, lasts, options, which };
-    made.button = el("button", { type: "button", role: "switch", "aria-checked": "false", "aria-label": name, onclick: () => this.#toggle(made) }, el("i", { "aria-hidden": "true" }));
-    made.node = el("div", { class: "breaker" }, made.button, el("span", { class: "of" }, name), which, lasts);
-    return made;
-  }
-
-  #toggle(made) {
-    const active = this.#active(made.kind);
-    if (active) this.#send({ over: active.number });
-    else this.#send({ kind: made.kind, ...made.options[Number(made.which.value ?? 0)][1] });
+  #breaker(kind, options, name) {
+    const lasts = el("b", { class: "lasts" }), which = options.length > 1 ? el("select", { "aria-label": `${name}: ${t("faults.how")}` }, ...options.map(([text], value) => el("option", { value }, text))) : el("span", { class: "how" }, options[0][0]);
+    const button = el("button", { type: "button", role: "switch", "aria-label": name, onclick: () => {
+      const active = this.#active(kind);
+      this.#send(active ? { over: active.number } : { kind, ...options[which.value ?? 0][1] });
+    } }, el("i", { "aria-hidden": "true" }));
+    return { kind, lasts, button, node: el("div", { class: "breaker" }, button, el("span", { class: "of" }, name), which, lasts) };
   }
 
   /** Return the fault of this kind that lasts. */
@@ -143,18 +134,19 @@ export class Faults {
     this.actions = [this.start, this.pause, this.tick, this.again];
     const paces = choices(t("drive.pace"), PACES.map((one) => `${{ 0.125: "⅛", 0.25: "¼" }[one] ?? one} ×`), PACES.indexOf(page.state.pace ?? 1), (k) => page.link.send({ is: "pace", factor: PACES[k] }));
     this.strip = follow(el("canvas", { role: "img", "aria-label": t("faults.strip") }));
-    const legend = el("p", { class: "legend" }, el("span", { class: "key truth" }, el("i", { "aria-hidden": "true" }), t("faults.error")), el("span", { class: "key estimate" }, el("i", { "aria-hidden": "true" }), t("faults.believed")));
+    const legend = el("p", { class: "legend" }, key("truth", "faults.error"), key("estimate", "faults.believed"));
     return el("section", { class: "card fault-bar", "aria-label": t("replay.controls") }, el("div", { class: "actions" }, this.start, this.pause, this.tick, paces), el("div", { class: "error-strip" }, this.strip, legend), this.again);
   }
 
   /** Drive something that drives itself, so that it can be driven again. */
   #begin() {
     const { page } = this, route = page.screens.drive?.names?.[0];
-    this.#forget();
+    this.#before(null);
     page.link.send(route ? { is: "mission", kind: "repeat", route, laps: 5 } : { is: "mission", kind: "experiment", seconds: 120 });
   }
 
-  #forget() { this.ghost = null; show(this.ghostKey, false); }
+  /** Keep a drive as a ghost, or none. */
+  #before(ghost) { this.ghost = ghost; show(this.ghostKey, Boolean(ghost)); }
 
   /** Drive the same again without a fault; what was driven until now stays as a ghost. */
   #again(row) {
@@ -163,8 +155,7 @@ export class Faults {
     const copy = new Record(record.fields, Math.max(record.length, 64), false);
     copy.columns = record.columns.map((column) => column.slice(0, record.length));
     copy.length = record.length;
-    this.ghost = { record: copy, trail: new Trail(copy, "truth.x", "truth.y", this.truth.step_m), pushes: this.#arrows(copy) };
-    show(this.ghostKey, true);
+    this.#before({ record: copy, trail: new Trail(copy, "truth.x", "truth.y", this.truth.step_m), pushes: this.#arrows(copy) });
     page.link.send({ is: "again", from_s: Math.max(0, row.t_s - BEFORE), without: [row.number] });
   }
 
@@ -180,7 +171,7 @@ export class Faults {
   }
 
   #entry(row) {
-    const lines = row.noticed.map((one) => el("p", { class: "noticed" }, el("b", {}, one.who), ` ${t("faults.after", { s: num(one.after_s, one.after_s < 0.95 ? 2 : 1) })} `, el("span", {}, one.text)));
+    const lines = row.noticed.map((one) => el("p", { class: "noticed" }, el("b", {}, one.who), ` ${t("faults.after", { s: num(one.after_s, one.after_s < 0.95 ? 2 : 1) })}: `, el("span", {}, one.text)));
     if (row.nobody) lines.push(el("p", { class: "nobody" }, el("b", {}, t("faults.nobody")), ` ${row.nobody}`));
     else if (row.noticed.length) lines.push(el("p", { class: "silent" }, `${t("faults.silent")} ${row.silent.join(", ")}`));
     else lines.push(el("p", { class: "silent" }, t("faults.wait")));
@@ -266,14 +257,14 @@ export class Faults {
   #errors(record) {
     const begun = begin(this.strip);
     if (!begun || record.length < 2) return;
-    const [c, w, h] = begun, end = Math.max(record.end, record.start + SPAN), from = end - SPAN, X = (s) => ((s - from) / SPAN) * w, points = [];
+    const [c, w, h] = begun, end = Math.max(record.end, record.start + SPAN), from = end - SPAN, left = 3.6 * colours.rem, wide = w - left, X = (s) => left + ((s - from) / SPAN) * wide, points = [];
     let most = 0.02;
-    for (let x = 0; x <= w; x += 2) {
-      const s = from + (SPAN * x) / w;
+    for (let x = 0; x <= wide; x += 2) {
+      const s = from + (SPAN * x) / wide;
       if (s < record.start || s > record.end) continue;
       const i = record.row(s), v = (name) => record.value(name, i), middle = (v("P.xx") + v("P.yy")) / 2;
       const off = Math.hypot(v("eta.x") - v("truth.x"), v("eta.y") - v("truth.y")), within = 1.96 * Math.sqrt(Math.max(middle + Math.hypot((v("P.xx") - v("P.yy")) / 2, v("P.xy")), 0));
-      points.push([x, off, within]);
+      points.push([left + x, off, within]);
       most = Math.max(most, off, within);
     }
     for (const { t_s, fault } of this.rows) if (t_s > from) { c.fillStyle = fault.kind === "tilt" ? colours.sim : colours.alarm; c.fillRect(X(t_s) - 0.75, 0, 1.5, h); }
@@ -287,7 +278,7 @@ export class Faults {
       c.stroke();
     }
     c.setLineDash([]);
-    label(c, `${num(100 * most, most < 0.1 ? 1 : 0)} cm`, 4, 0.6 * colours.rem, colours.muted, "left");
+    label(c, `${num(100 * most, most < 0.1 ? 1 : 0)} cm`, 0, 0.6 * colours.rem, colours.muted, "left");
   }
 }
 

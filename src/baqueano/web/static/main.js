@@ -143,6 +143,7 @@ function open(key) {
   $("screen").replaceChildren(page.screen.node);
   document.body.dataset.screen = key;
   for (const one of $("tabs").children) one.setAttribute("aria-selected", String(one.id === `tab-${key}`));
+  $(`tab-${key}`).scrollIntoView({ block: "nearest", inline: "nearest" });
   $(`tab-${key}`).scrollIntoView({ inline: "center", block: "nearest" });
   page.hand.still();
   page.screen.shown?.();

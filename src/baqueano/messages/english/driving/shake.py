@@ -48,7 +48,7 @@ TEMPLATES: dict[str, str] = {
     "ledger.who-gate": "gate",
     "ledger.who-nis": "NIS",
     "ledger.gate": "refused {refused} innovations within {within_s:g} s",
-    "ledger.nis": "NIS {nis:.2f} over {window_s:g} s, by chance at most {most:.2f}",
+    "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {most:.2f}",
     "ledger.nobody": "for {after_s:.1f} s: NIS at most {nis:.2f}. {why}.",
     "ledger.nobody-and-off": "for {after_s:.1f} s: NIS at most {nis:.2f}. {off}. {why}.",
     "ledger.off": "The estimate is {off_cm:.1f} cm off and believes ± {believed_cm:.1f} cm.",
