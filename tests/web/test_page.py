@@ -10,7 +10,10 @@ import pytest
 from tests.web.chromium import CHROMIUM, SIZES, Tab
 from tests.web.scripted import RADIUS, Scripted
 
-LIVE, REPLAYED = ("drive", "identify", "runs", "blocks", "faults"), ("replay", "ghost", "identify", "runs", "blocks")
+LIVE, REPLAYED = (
+    ("drive", "identify", "runs", "blocks", "faults"),
+    ("replay", "ghost", "identify", "runs", "blocks"),
+)
 BOXES = (Path(__file__).parent / "boxes.js").read_text(encoding="utf-8")
 SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder, to look at what the tests see
 FRAME_MS = 8.0
