@@ -77,6 +77,7 @@ PAGES = (
             "own-vehicle",
             "python",
             "robot",
+            "routes",
         )
     ),
 )

@@ -18,6 +18,7 @@ ROOMS = {  # module → what it is for; the front door first, so that its names 
     "baqueano.estimators": "blocks that estimate pose and velocity",
     "baqueano.guides": "blocks that say where the vehicle should be now",
     "baqueano.guides.shapes": "paths of a known shape",
+    "baqueano.routes": "routes made ready and checked before they are driven",
     "baqueano.controllers": "blocks that make the command",
     "baqueano.blocks": "blocks of one's own, by name",
     "baqueano.block_checks": "checks of the promises of blocks",

@@ -8,14 +8,14 @@
     fit.plot()
 
 The verbs are those of the command line; each is imported when it is first used. The six rooms of blocks are `vehicles`,
-`sensors`, `estimators`, `guides`, `controllers` and `worlds`.
+`sensors`, `estimators`, `guides`, `controllers` and `worlds`; `routes` makes routes ready.
 """
 
 from baqueano.on_demand import front_door
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from baqueano import controllers, estimators, guides, sensors, vehicles, worlds
+    from baqueano import controllers, estimators, guides, routes, sensors, vehicles, worlds
     from baqueano.compare import compare
     from baqueano.compare.corridor_ahead import corridor_ahead as forecast
     from baqueano.drive import experiment, repeat, replay, teach
@@ -49,6 +49,7 @@ __all__ = [
     "repeat",
     "replay",
     "report",
+    "routes",
     "sensors",
     "simulate",
     "teach",
@@ -72,7 +73,7 @@ __getattr__ = front_door(
         "vehicle_file": ("load",),
         "vehicle_file.checked": ("check",),
     },
-    ("controllers", "estimators", "guides", "sensors", "vehicles", "worlds"),
+    ("controllers", "estimators", "guides", "routes", "sensors", "vehicles", "worlds"),
 )
 
 

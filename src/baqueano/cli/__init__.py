@@ -20,6 +20,7 @@ VERBS = {
     "tune": "Find the controller's gains on the identified model.",
     "drive": "Drive by hand from this terminal, with keys or a game pad; write a run.",
     "teach": "Drive a path once and store it as a route.",
+    "route": "Draw, import, smooth, cut, join, turn round or speed up a route; check it before it is driven.",
     "forecast": "Say before driving a route how well the vehicle will know its place.",
     "repeat": "Drive a taught route again, for N laps or for ever.",
     "replay": "Send a run through the same blocks again, or through others.",
@@ -34,7 +35,7 @@ VERBS = {
 }
 
 ROOMS = {  # of the verbs that do not stand beside this file
-    "driving": ("drive", "experiment", "repeat", "replay", "teach"),
+    "driving": ("drive", "experiment", "repeat", "replay", "route", "teach"),
     "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "tune"),
     "page": ("serve", "view"),
     "robot": ("robot",),

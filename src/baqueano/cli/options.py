@@ -108,10 +108,15 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
     return override(file, settings)
 
 
+def measured(file: "VehicleFile", robot: str) -> bool:
+    """True where the model is that of what is driven: of a fit, or of the garage in its own simulation."""
+    return not file.guessed or (file.path is None and robot in ("simulated", "emulated"))
+
+
 def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
     """Say what to type first where nobody measured the model. A vehicle of the garage is its own truth in a
     simulation, and needs no advice there."""
-    if not file.guessed or (file.path is None and robot in ("simulated", "emulated")):
+    if measured(file, robot):
         return
     named, there = naming(file), [] if robot == "simulated" else ["--robot", robot]
     talk(

@@ -46,17 +46,22 @@ class Route(NamedTuple):
 
 
 def route_of_curve(
-    p: np.ndarray, p1: np.ndarray, p2: np.ndarray, theta: np.ndarray, speed_m_s: float
+    p: np.ndarray,
+    p1: np.ndarray,
+    p2: np.ndarray,
+    theta: np.ndarray,
+    speed_m_s: float,
+    *,
+    closed: bool = True,
 ) -> Route:
-    """A closed curve p(θ) (m, 2) with its derivatives p′, p″, driven at a steady speed from the origin
-    along x.  (1)"""
+    """A curve p(θ) (m, 2) with its derivatives p′, p″, driven at a steady speed from the origin along x.  (1)"""
     stretch = np.hypot(p1[:, 0], p1[:, 1])
     s = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(theta))])
     psi = np.unwrap(np.arctan2(p1[:, 1], p1[:, 0]))
     kappa = (p1[:, 0] * p2[:, 1] - p1[:, 1] * p2[:, 0]) / stretch**3
     eta = np.column_stack([p, psi])
     nu = np.column_stack([np.full_like(s, speed_m_s), np.zeros_like(s), kappa * speed_m_s])
-    return Route(s / speed_m_s, from_start(eta), nu, True)
+    return Route(s / speed_m_s, from_start(eta), nu, closed)
 
 
 def from_start(eta: np.ndarray) -> np.ndarray:

@@ -1,11 +1,12 @@
-"""Routes that are drawn, not taught. All start at the origin along x, turn left first, and close.
+"""Routes that are drawn, not taught. All start at the origin along x and turn left first.
 
     sinuous circle  p(θ) = (R + A sin kθ) (sin θ, −cos θ)   the path of the paper's evaluation            (1)
     eight           p(θ) = a (sin θ, sin θ cos θ)           Gerono's lemniscate, no net turn              (2)
+    slalom          p(x) = (x, A/2 (1 − cos 2πn x/L))       open                                          (3)
+    clothoid        κ(s) = κ_m (1 − |2s/L − 1|)             open; the curvature grows and falls evenly    (4)
 
-(1) and (2) are moved so that they begin at the origin along x.
-
-The speed is steady along the path; the first tick already asks for it.
+(1) and (2) are moved so that they begin at the origin along x, and close. The speed is steady along the path; the first
+tick already asks for it.
 """
 
 from dataclasses import dataclass
@@ -21,10 +22,10 @@ from baqueano.parameter import documented, parameter
 from baqueano.signals import Estimate, Reference
 from baqueano.vehicles.bounds import check_bounds
 
-__all__ = ["SinuousCircle", "circle", "eight", "rectangle", "sinuous_circle"]
+__all__ = ["SinuousCircle", "circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom"]
 
 POINTS = 1441  # of a drawn route, four to the degree of a circle
-SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")  # of `shape`
+SHAPES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")  # of `shape`
 
 
 @lru_cache(maxsize=32)
@@ -181,8 +182,116 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     return Route(table[:, 0] / speed_m_s, from_start(table[:, 1:4]), nu, True)
 
 
+def line(length_m: float, speed_m_s: float) -> Route:
+    """Return a straight line.
+
+    Parameters
+    ----------
+    length_m : float
+        Length.
+    speed_m_s : float
+        Speed along the path.
+
+    Returns
+    -------
+    Route
+        Open, from the origin of the map along x.
+
+    Examples
+    --------
+    >>> line(2.0, 0.2)
+    Route(201 poses, 10.0 s, 2.00 m, open)
+    """
+    return _bent(np.zeros(_points(length_m)), length_m, speed_m_s)
+
+
+def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Route:
+    """Return a wavy line that ends along x, as it began.
+
+    Parameters
+    ----------
+    length_m : float
+        Distance between its ends.
+    width_m : float
+        From the x axis to the crests.
+    waves : int
+        Number of crests.
+    speed_m_s : float
+        Speed along the path.
+
+    Returns
+    -------
+    Route
+        Open, from the origin of the map along x, to the left first.
+
+    Notes
+    -----
+    Equation (3) of the module.
+
+    Examples
+    --------
+    >>> slalom(2.0, 0.3, 3, 0.2)
+    Route(1441 poses, 13.8 s, 2.76 m, open)
+    """
+    x = np.linspace(0.0, length_m, POINTS)
+    k, a = 2.0 * np.pi * waves / length_m, 0.5 * width_m
+    one, none = np.ones(POINTS), np.zeros(POINTS)
+    p = np.column_stack([x, a * (1.0 - np.cos(k * x))])
+    p1, p2 = np.column_stack([one, a * k * np.sin(k * x)]), np.column_stack([none, a * k**2 * np.cos(k * x)])
+    return route_of_curve(p, p1, p2, x, speed_m_s, closed=False)
+
+
+def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
+    """Return a curve that begins and ends straight, and whose curvature grows and falls evenly.
+
+    Parameters
+    ----------
+    length_m : float
+        Length of the path.
+    turn_rad : float
+        Turn from its start to its end; positive to the left.
+    speed_m_s : float
+        Speed along the path.
+
+    Returns
+    -------
+    Route
+        Open, from the origin of the map along x.
+
+    Notes
+    -----
+    Equation (4) of the module: two Euler spirals, with the largest curvature κ_m = 2 · turn / length between them.
+
+    Examples
+    --------
+    >>> route = clothoid(1.0, np.pi / 2, 0.2)
+    >>> print(route.eta[-1].round(2))
+    [0.69 0.69 1.57]
+    """
+    part = np.linspace(0.0, 1.0, _points(length_m))
+    return _bent(2.0 * turn_rad / length_m * (1.0 - np.abs(2.0 * part - 1.0)), length_m, speed_m_s)
+
+
+def _points(length_m: float) -> int:
+    """Return the number of poses of a line, one each centimetre."""
+    if not length_m > 0.0:
+        raise Invalid(fault("shape.length", found=length_m))
+    return max(3, round(100.0 * length_m) + 1)
+
+
+def _bent(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
+    """Return the path with the curvatures (m,) [1/m] at even places of its length, by the midpoint rule."""
+    s = np.linspace(0.0, length_m, len(kappa))
+    psi = np.append(0.0, np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s)))
+    middle = 0.5 * (psi[1:] + psi[:-1])
+    step = np.diff(s)[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
+    xy = np.vstack([np.zeros((1, 2)), np.cumsum(step, axis=0)])
+    nu = np.column_stack([np.full_like(s, speed_m_s), np.zeros_like(s), kappa * speed_m_s])
+    return Route(s / speed_m_s, np.column_stack([xy, psi]), nu, False)
+
+
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:
-    """Return one of SHAPES: `size_m` is the radius of a circle, half the length of an eight or of a rectangle."""
+    """Return one of SHAPES: `size_m` is the radius of a circle, half the length of any other."""
     match name:
         case "sinuous-circle":
             return sinuous_circle(size_m, 0.1 * size_m, 6, speed_m_s)
@@ -192,6 +301,12 @@ def shape(name: str, size_m: float, speed_m_s: float) -> Route:
             return eight(size_m, speed_m_s)
         case "rectangle":
             return rectangle(2 * size_m, size_m, 0.2 * size_m, speed_m_s)
+        case "line":
+            return line(2 * size_m, speed_m_s)
+        case "slalom":
+            return slalom(2 * size_m, 0.3 * size_m, 3, speed_m_s)
+        case "clothoid":
+            return clothoid(2 * size_m, 0.5 * np.pi, speed_m_s)
     raise Invalid(fault("shape.unknown", found=repr(name), known=SHAPES))
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.driving.route import drivable, room_option, start_option, walls
 from baqueano.cli.driving.targets import placed
 from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, clocked, talk
@@ -18,6 +19,9 @@ from baqueano.diagnostics import note
 @click.option(
     "--laps", type=numbers.count_or_none, default=1, show_default=True, help="0: for ever, until Ctrl-C."
 )
+@room_option
+@start_option
+@click.option("--anyway", is_flag=True, help="Also a route that is faster than the vehicle.")
 @click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
 @click.option("--controller", metavar="FILE:CLASS", help="A controller of your own instead of the file's.")
 @click.option("--guide", metavar="FILE:CLASS", help="A guide of your own instead of the file's.")
@@ -29,9 +33,10 @@ from baqueano.diagnostics import note
 @live.page
 @options.as_json
 def command(
-    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, estimator: str | None,
-    controller: str | None, guide: str | None, seed: int, backend: str, folder: str, out: Path | None,
-    page: Path | None, shown: bool, pace: float, as_json: bool,
+    route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
+    start: str | None, anyway: bool, estimator: str | None, controller: str | None, guide: str | None,
+    seed: int, backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
+    as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive.mission import Mission
@@ -39,6 +44,7 @@ def command(
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file, robot)
     taught = options.find_route(route)
+    drivable(taught, route, file, walls(file, room, start), robot, anyway, backend)
     own = {"estimator": estimator, "controller": controller, "guide": guide}
     own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
     what = Mission(

@@ -28,7 +28,15 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.guides.route import Route
 
-SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")  # of guides.shapes, which loads numpy
+SHAPES = (  # of guides.shapes, which loads numpy
+    "sinuous-circle",
+    "circle",
+    "eight",
+    "rectangle",
+    "line",
+    "slalom",
+    "clothoid",
+)
 
 
 @click.command(help="Drive a path once and store it as ROUTE (a CSV file).")
@@ -50,7 +58,7 @@ SHAPES = ("sinuous-circle", "circle", "eight", "rectangle")  # of guides.shapes,
     type=numbers.length,
     default=1.0,
     show_default=True,
-    help="Radius of a circle, half length of an eight [m].",
+    help="Radius of a circle, half length of any other shape [m].",
 )
 @options.seed
 @options.backend

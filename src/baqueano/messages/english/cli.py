@@ -52,6 +52,14 @@ TEMPLATES: dict[str, str] = {
         "The vehicle was stopped: {cause}. The recording until then is in {path}. To see it: {fix}"
     ),
     "cli.routes": "The stored routes: {stored}",
+    "cli.route-stored": "Stored as {path}. To judge it by your vehicle: {check}. To drive it: {repeat}",
+    "cli.two-tolerances": "--rms and --max are two tolerances: give one of them.",
+    "cli.start-without-room": "--start is a place in a room: give the room too, as --room 2x3.",
+    "cli.start-unreadable": (
+        'start "{found}": expected x, y and a heading in metres and degrees, from the middle of the room, as '
+        "0.5,-0.2,90."
+    ),
+    "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",
     "cli.no-routes": "Routes are not stored there yet",
     "cli.runs-named-oddly": (
         "{host} has {count} runs with names that cannot be used: {found}. Expected a plain name as lap.mcap. They were "

@@ -34,6 +34,7 @@ TEMPLATES: dict[str, str] = {
         "{kind}.laps = {before} cannot become {laps}: {cause}. Write self.laps = laps in __init__, or leave laps "
         "out."
     ),
+    "shape.length": "length {found:g} m: expected a positive number.",
     "shape.unknown": "shape {found} does not exist; the shapes are {known}",
     "shape.corners": (
         "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m: the radius "

@@ -1,0 +1,301 @@
+"""baqueano route."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from baqueano.cli import Verbs, numbers, options
+from baqueano.cli.blocks import Listed
+from baqueano.cli.driving.teach import SHAPES, shape_or_route
+from baqueano.cli.terminal import answer, talk
+from baqueano.diagnostics import Diagnostic, Verdict, fault, note
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.printable import typed
+
+if TYPE_CHECKING:
+    from baqueano.guides.route import Route
+
+NAME = "NAME"  # of routes.path, which loads numpy
+FASTER = ("route.speed-too-high", "route.turns-too-fast", "route.accelerates-too-fast")
+XY = (("x_m", "y_m"), ("x", "y"))  # columns of points
+
+
+@click.group(
+    cls=Verbs, help="Routes: draw, import, smooth, cut, join, turn round, scale, speed up; check one."
+)
+def command() -> None: ...
+
+
+vehicle = options.vehicle
+new_name = click.option("-o", "--out", "name", metavar="NAME", help="Route to write; default: NAME-verb.")
+room_option = click.option(
+    "--room",
+    metavar="WIDTHxHEIGHT",
+    help="Walls [m]; the route begins in the middle, along x, or at --start.",
+)
+start_option = click.option(
+    "--start", metavar="X,Y,DEG", help="Where in the room the route begins, from its middle [m, m, degrees]."
+)
+
+
+@command.command("ls", help="One line per stored route.")
+@options.as_json
+def ls(as_json: bool) -> None:
+    from baqueano.routes import examine
+
+    rows = []
+    for path in sorted(options.ROUTES.glob("*.csv"), key=lambda path: path.stem):
+        row = examine(options.find_route(path.stem)).rows()[0]
+        if not as_json:
+            row = {
+                "route": path.stem,
+                "length": f"{row['length_m']:.2f} m",
+                "duration": f"{row['duration_s']:.1f} s",
+                "speed": f"{row['fastest_m_s']:.2f} m/s",
+            }
+        rows.append({"route": path.stem, **row})
+    answer(Listed(rows), as_json)
+    if not rows:
+        talk(note("cli.no-routes"))
+
+
+@command.command("check", help="Judge ROUTE by the identified vehicle, and by the walls of a room.")
+@click.argument("route")
+@vehicle
+@room_option
+@start_option
+@options.backend
+@options.as_json
+def check(
+    route: str, vehicle: str | None, settings: tuple[str, ...], room: str | None, start: str | None, backend: str,
+    as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.routes import examine
+
+    file = options.load_vehicle(vehicle, settings)
+    report = examine(options.find_route(route), file, walls(file, room, start), backend=backend)
+    report = replace(report, findings=tuple(named(one, route) for one in report.findings))
+    answer(report, as_json)
+    if report.verdict == Verdict.REFUSED:
+        raise AnswerNo(report.findings[0])
+
+
+@command.command("draw", help=f"Store a shape as route NAME: {', '.join(SHAPES)}.")
+@click.argument("shape", type=click.Choice(SHAPES))
+@click.argument("name")
+@click.option(
+    "--size", "size_m", type=numbers.length, default=1.0, show_default=True, help="As in teach [m]."
+)
+@click.option("--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="[m/s]")
+@options.as_json
+def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) -> None:
+    stored(shape_or_route(shape, speed_m_s, size_m), name, as_json)
+
+
+@command.command(
+    "import", help="Store the path of a RUN, or the points of a CSV file with columns x and y [m]."
+)
+@click.argument("source")
+@click.argument("name")
+@click.option(
+    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Of points [m/s]."
+)
+@click.option("--closed/--open", default=None, help="Default: closed where the end lies at the start.")
+@options.runs_folder
+@options.as_json
+def import_(
+    source: str, name: str, speed_m_s: float, closed: bool | None, folder: str, as_json: bool
+) -> None:
+    if source.lower().endswith(".csv"):
+        route = points_of(Path(source), speed_m_s, closed)
+    else:
+        from baqueano.drive import route_of
+        from baqueano.routes.edit import meets
+
+        (run,) = options.find_runs((source,), folder)
+        route = route_of(run)
+        route = route_of(run, True) if closed or (closed is None and meets(route)) else route
+    stored(route, name, as_json)
+
+
+@command.command("smooth", help="Take the short waves out of ROUTE, and its stops, within a tolerance.")
+@click.argument("route")
+@click.option("--rms", "rms_m", type=numbers.length, help="Tolerance as root of the mean square [m].")
+@click.option(
+    "--max", "max_m", type=numbers.length, help="Tolerance as the largest distance [m]; default 0.05."
+)
+@new_name
+@options.as_json
+def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | None, as_json: bool) -> None:
+    from baqueano.routes import smooth
+
+    if rms_m is not None and max_m is not None:
+        raise UsageError(fault("cli.two-tolerances"))
+    how = (0.05 if max_m is None else max_m, "max") if rms_m is None else (rms_m, "rms")
+    edited(route, "smooth", name, as_json, lambda one: smooth(one, *how))  # pyright: ignore[reportArgumentType]
+
+
+@command.command("cut", help="Keep the part of ROUTE between two places along it.")
+@click.argument("route")
+@click.option("--from", "from_m", type=numbers.Number("m", above=False), default=0.0, show_default=True)
+@click.option("--to", "to_m", type=numbers.length, help="Default: the end.")
+@new_name
+@options.as_json
+def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json: bool) -> None:
+    from baqueano.routes import cut
+
+    edited(route, "cut", name, as_json, lambda one: cut(one, from_m, to_m))
+
+
+@command.command("join", help="Drive ROUTE, and then OTHER from where it ends.")
+@click.argument("route")
+@click.argument("other")
+@new_name
+@options.as_json
+def join(route: str, other: str, name: str | None, as_json: bool) -> None:
+    from baqueano.routes import join
+
+    edited(route, f"{Path(other).stem}", name, as_json, lambda one: join(one, options.find_route(other)))
+
+
+@command.command("reverse", help="Drive ROUTE in the other direction.")
+@click.argument("route")
+@click.option("--backing", is_flag=True, help="Backward through the same poses, in place of turned round.")
+@new_name
+@options.as_json
+def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
+    from baqueano.routes import reverse
+
+    edited(route, "reverse", name, as_json, lambda one: reverse(one, backing))
+
+
+@command.command("scale", help="Make ROUTE larger or smaller; its speed stays.")
+@click.argument("route")
+@click.argument("factor", type=numbers.Number("", high=1000.0))
+@new_name
+@options.as_json
+def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
+    from baqueano.routes import scale
+
+    edited(route, "scale", name, as_json, lambda one: scale(one, factor))
+
+
+@command.command(
+    "faster", help="Give ROUTE the fastest speeds that the identified vehicle can drive, or a steady one."
+)
+@click.argument("route")
+@vehicle
+@click.option(
+    "--speed", "speed_m_s", type=numbers.speed, help="A steady speed in place of the fastest [m/s]."
+)
+@click.option(
+    "--share",
+    type=numbers.Number("", high=1.0),
+    default=0.8,
+    show_default=True,
+    help="Of the command; the rest is left.",
+)
+@click.option(
+    "--sideways", "sideways_m_s2", type=numbers.Number("m/s²"), default=3.0, show_default=True,
+    help="Largest acceleration to the side [m/s²].",
+)  # fmt: skip
+@new_name
+@options.backend
+@options.as_json
+def faster(
+    route: str, vehicle: str | None, settings: tuple[str, ...], speed_m_s: float | None, share: float,
+    sideways_m_s2: float, name: str | None, backend: str, as_json: bool,
+) -> None:  # fmt: skip
+    from baqueano.routes import at_speed, fastest
+
+    if speed_m_s is not None:
+        return edited(route, "speed", name, as_json, lambda one: at_speed(one, speed_m_s))
+    file = options.load_vehicle(vehicle, settings)
+    limits: Any = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}
+    edited(route, "fast", name, as_json, lambda one: fastest(one, file, **limits))
+
+
+def drivable(route: "Route", name: str, file: Any, room: Any, robot: str, anyway: bool, backend: str) -> None:
+    """Refuse a route that leaves the room or jumps, and one that is faster than the vehicle unless `anyway`, before
+    anything moves. A model that nobody measured cannot tell that a route is too fast: it only warns."""
+    from baqueano.routes import examine
+
+    for one in examine(route, file, room, backend=backend).findings:
+        finding = named(one, name)
+        if finding.code in FASTER and (anyway or not options.measured(file, robot)):
+            talk(note("cli.warning", cause=finding))
+        else:
+            raise AnswerNo(finding)
+
+
+def named(finding: Diagnostic, route: str) -> Diagnostic:
+    """Return a finding whose line to type names the route."""
+    return replace(finding, fix=finding.fix.replace(NAME, route))
+
+
+def edited(route: str, verb: str, name: str | None, as_json: bool, edit: "Callable[[Route], Route]") -> None:
+    """Store what an edit makes of a route, as NAME-verb if no other name is given."""
+    try:
+        made = edit(options.find_route(route))
+    except UsageError as error:
+        raise UsageError(named(error.diagnostic, route)) from error
+    stored(made, name or f"{Path(route).stem}-{verb}", as_json)
+
+
+def stored(route: "Route", name: str, as_json: bool) -> None:
+    """Write a route, and print its figures."""
+    from baqueano.routes import examine
+    from baqueano.runs.route_file import write_route
+
+    path = options.route_path(name)
+    if path.exists():
+        talk(note("cli.route-replaced", path=path))
+    write_route(route, path)
+    answer(examine(route), as_json)
+    name = path.stem if path.parent == options.ROUTES else str(path)
+    talk(
+        note("cli.route-stored", path=path, check=typed("route", "check", name), repeat=typed("repeat", name))
+    )
+
+
+def walls(file: Any, room: str | None, start: str | None) -> Any:
+    """Return the room of `--room` and `--start`, None without; UsageError for what is no room."""
+    if room is None:
+        if start is not None:
+            raise UsageError(fault("cli.start-without-room"))
+        return None
+    import numpy as np
+
+    from baqueano.identify.design import room_of
+
+    try:
+        x, y, degrees = (float(part) for part in (start or "0,0,0").split(","))
+    except ValueError as error:
+        raise UsageError(fault("cli.start-unreadable", found=start)) from error
+    return room_of(file, room, start=(x, y, float(np.radians(degrees))))
+
+
+def points_of(path: Path, speed_m_s: float, closed: bool | None) -> "Route":
+    """Return the route through the points of a file."""
+    import numpy as np
+
+    from baqueano.errors import FileError
+    from baqueano.routes import through_points
+    from baqueano.routes.path import CLOSE_M
+    from baqueano.runs.tables.table import read_table
+
+    if not path.is_file():
+        raise FileError(fault("cli.points-absent", path=path))
+    table = read_table(path, {})
+    names = next((xy for xy in XY if set(xy) <= set(table.columns)), None)
+    if names is None:
+        raise FileError(fault("route.columns", path=path, found=", ".join(table.columns)))
+    xy = np.column_stack([table.numbers(name) for name in names])
+    ends_m = float(np.hypot(*(xy[-1] - xy[0])))
+    around = closed if closed is not None else len(xy) > 3 and ends_m < CLOSE_M
+    if around and ends_m < 1e-3:
+        xy = xy[:-1]
+    return through_points(xy, speed_m_s, around)

@@ -1,0 +1,59 @@
+"""English sentences of routes that are made ready and judged."""
+
+TEMPLATES: dict[str, str] = {
+    "route.no-way": (
+        "the route is {length_m:.3f} m long: expected at least four places that are a millimetre apart. Teach it with "
+        "a drive that moves."
+    ),
+    "route.both-ways": (
+        "the route changes between forward and backward {count} times, first at {at_m:.2f} m. Cut it there, and work "
+        "on each part: {fix}"
+    ),
+    "route.tolerance": "tolerance {found:g} m: expected {least_m:g} to {largest_m:g} m.",
+    "route.cut": (
+        "the part from {from_m:g} to {to_m:g} m does not lie on the route: expected 0 ≤ from < to ≤ {length_m:.2f} m."
+    ),
+    "route.join-reverses": (
+        "the first route ends at {first_m_s:.2f} m/s, the second begins at {second_m_s:.2f} m/s: one is driven "
+        "forward, the other backward. Turn one of them round: {fix}"
+    ),
+    "route.factor": "factor {found:g}: expected a positive number; 2 makes a route twice as large.",
+    "route.speed": "speed {found:g} m/s: expected a positive number.",
+    "route.limit": "{name} = {found:g}: expected a positive number; a share is at most 1.",
+    "route.points": "points have the shape {found}: expected at least two rows of x and y in metres, (m, 2).",
+    "route.point-not-finite": "point {number} is not a number. Give x and y in metres, or leave the point out.",
+    "route.points-same": (
+        "points {first} and {second} are {distance_m:.4f} m apart: expected at least a millimetre. Leave one "
+        "of them out."
+    ),
+    "route.points-far": (
+        "points {first} and {second} are {distance_m:.1f} m apart: expected at most 20 m. Are the columns in metres, "
+        "and is a point missing between them?"
+    ),
+    "route.too-tight": (
+        "the curve at {at_m:.2f} m has a radius of {radius_m:.3f} m, which the vehicle cannot drive at any speed. Make "
+        "the route smoother or larger: {fix}"
+    ),
+    "route.jump": (
+        "the route jumps by {gap_m:.2f} m at {at_m:.2f} m ({at_s:.1f} s), {count} times in all: the path between is "
+        "not known. Cut it there, or teach it again: {fix}"
+    ),
+    "route.speed-too-high": (
+        "the route needs {needs_m_s:.2f} m/s at {at_m:.1f} m, the vehicle has {has_m_s:.2f}. Make it slower: {fix}"
+    ),
+    "route.turns-too-fast": (
+        "the route needs {needs_rad_s:.1f} rad/s at {at_m:.1f} m and {speed_m_s:.2f} m/s, the vehicle has "
+        "{has_rad_s:.1f}. Make it slower: {fix}"
+    ),
+    "route.accelerates-too-fast": (
+        "the route needs {share:.0%} of the command at {at_m:.1f} m, to speed up or to turn in. Make it slower: {fix}"
+    ),
+    "route.through-wall": (
+        "the route leaves the room: at {at_m:.1f} m the body is {beyond_m:.2f} m beyond the wall. Make it smaller, or "
+        "give a larger room or another start: {fix}"
+    ),
+    "route.columns": (
+        "{path} has the columns {found}: expected x and y in metres, as x_m and y_m, or x and y. Rename them in its "
+        "first line."
+    ),
+}

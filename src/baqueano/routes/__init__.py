@@ -1,0 +1,27 @@
+"""Routes, made ready before they are driven: from points, a run or a shape, in a few lines.
+
+    route = routes.smooth(route, 0.02)                        # 2 cm rms from what was taught
+    route = routes.fastest(route, robot)                      # as fast as this vehicle can
+    print(routes.examine(route, robot, "2x3"))                # what it asks of vehicle and room
+
+A route is never changed; each function returns another one. The type itself is `guides.Route`.
+"""
+
+from baqueano.routes.edit import cut, join, reverse, scale
+from baqueano.routes.examine import RouteReport, examine
+from baqueano.routes.points import through_points
+from baqueano.routes.profile import at_speed, fastest
+from baqueano.routes.smoothing import smooth
+
+__all__ = [
+    "RouteReport",
+    "at_speed",
+    "cut",
+    "examine",
+    "fastest",
+    "join",
+    "reverse",
+    "scale",
+    "smooth",
+    "through_points",
+]

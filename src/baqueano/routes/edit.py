@@ -1,0 +1,163 @@
+"""Routes cut, joined, driven in the other direction, scaled.
+
+the other direction: the vehicle turned round   ψ + π,  (ν_x, −ν_y, −ν_ψ),  from the end to the start      (1)
+backing up the same way                         ψ,      −ν                                            (2)
+"""
+
+import numpy as np
+
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.geometry import wrap
+from baqueano.guides.route import Route, from_start, moved
+from baqueano.printable import typed
+from baqueano.routes.path import CLOSE_M, CLOSE_RAD, NAME, way
+
+
+def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
+    """Return the part of a route between two places along it.
+
+    Parameters
+    ----------
+    route : Route
+        The route; it is not changed.
+    from_m, to_m : float [m]
+        Way along the route; the end, where `to_m` is not given.
+
+    Returns
+    -------
+    Route
+        Open, and in the same place of the map.
+
+    Raises
+    ------
+    UsageError
+        Where the two places do not lie on the route in this order.
+
+    Examples
+    --------
+    >>> cut(bq.guides.shapes.circle(0.5, 0.2), 0.0, 1.0)
+    Route(459 poses, 5.0 s, 1.00 m, open)
+    """
+    s = way(route.eta[:, :2])
+    to_m = float(s[-1]) if to_m is None else to_m
+    if not 0.0 <= from_m < to_m <= s[-1] + 1e-9:
+        raise UsageError(fault("route.cut", from_m=from_m, to_m=to_m, length_m=float(s[-1])))
+    first = max(int(np.searchsorted(s, from_m, side="right")) - 1, 0)
+    last = min(int(np.searchsorted(s, to_m)), len(s) - 1)
+    keep = slice(first, max(last, first + 1) + 1)
+    return Route(route.t_s[keep] - route.t_s[first], route.eta[keep], route.nu[keep], False)
+
+
+def join(first: Route, second: Route) -> Route:
+    """Return two routes as one: the second begins where the first ends.
+
+    Parameters
+    ----------
+    first, second : Route
+        Open or closed; the second is laid into the map so that its start lies on the first one's end.
+
+    Returns
+    -------
+    Route
+        Closed where its end comes back to its start within 0.3 m and 45°, and the way is longer than that.
+
+    Raises
+    ------
+    UsageError
+        Where the first ends forward and the second begins backward, or the reverse.
+
+    Examples
+    --------
+    >>> quarter = cut(bq.guides.shapes.circle(0.5, 0.2), 0.0, 0.785)
+    >>> join(quarter, quarter)
+    Route(721 poses, 7.9 s, 1.57 m, open)
+    """
+    if first.nu[-1, 0] * second.nu[0, 0] < 0.0:
+        raise UsageError(
+            fault(
+                "route.join-reverses",
+                typed("route", "reverse", NAME),
+                first_m_s=float(first.nu[-1, 0]),
+                second_m_s=float(second.nu[0, 0]),
+            )
+        )
+    laid = moved(second._replace(eta=from_start(second.eta)), first.eta[-1])
+    eta = np.concatenate([first.eta, laid.eta[1:]])
+    t_s = np.concatenate([first.t_s, first.t_s[-1] + second.t_s[1:]])
+    nu = np.concatenate([first.nu, second.nu[1:]])
+    route = Route(t_s, eta, nu, False)
+    return route._replace(closed=meets(route))
+
+
+def reverse(route: Route, backing: bool = False) -> Route:
+    """Return a route in the other direction: from its end to its start.
+
+    Parameters
+    ----------
+    route : Route
+        The route; it is not changed.
+    backing : bool
+        True: the vehicle drives the same poses backward. False: it is turned round, and drives forward.
+
+    Returns
+    -------
+    Route
+        In the same place of the map, as long and as closed.
+
+    Notes
+    -----
+    Equations (1) and (2) of the module.
+
+    Examples
+    --------
+    >>> there = bq.guides.shapes.circle(0.5, 0.2)
+    >>> back = reverse(there)
+    >>> print(back.nu[0].round(2))
+    [ 0.2 -0.  -0.4]
+    """
+    eta, t_s = route.eta[::-1].copy(), route.t_s[-1] - route.t_s[::-1]
+    if backing:
+        return route._replace(t_s=t_s, eta=eta, nu=-route.nu[::-1])
+    eta[:, 2] += np.pi
+    eta[:, 2] -= 2.0 * np.pi * np.round(eta[0, 2] / (2.0 * np.pi))
+    return route._replace(t_s=t_s, eta=eta, nu=route.nu[::-1] * np.array([1.0, -1.0, -1.0]))
+
+
+def scale(route: Route, factor: float) -> Route:
+    """Return a route of another size, driven at the same speed.
+
+    Parameters
+    ----------
+    route : Route
+        The route; it is not changed.
+    factor : float
+        Lengths of the new route per lengths of the old one, above 0.
+
+    Returns
+    -------
+    Route
+        From the same start; times grow with the lengths, curvatures and yaw rates shrink with them.
+
+    Raises
+    ------
+    UsageError
+        For a factor that is not a positive number.
+
+    Examples
+    --------
+    >>> scale(bq.guides.shapes.circle(0.5, 0.2), 2.0)
+    Route(1441 poses, 31.4 s, 6.28 m, closed)
+    """
+    if not (np.isfinite(factor) and factor > 0.0):
+        raise UsageError(fault("route.factor", found=factor))
+    xy = route.eta[0, :2] + factor * (route.eta[:, :2] - route.eta[0, :2])
+    eta = np.column_stack([xy, route.eta[:, 2]])
+    return route._replace(t_s=factor * route.t_s, eta=eta, nu=route.nu * np.array([1.0, 1.0, 1.0 / factor]))
+
+
+def meets(route: Route) -> bool:
+    """True where the end of a route lies at its start, within CLOSE_M and CLOSE_RAD, after a longer way."""
+    gap = route.eta[-1] - route.eta[0]
+    near = np.hypot(gap[0], gap[1]) <= CLOSE_M and abs(float(wrap(gap[2]))) <= CLOSE_RAD
+    return bool(near and way(route.eta[:, :2])[-1] > 4.0 * CLOSE_M)

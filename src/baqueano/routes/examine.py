@@ -1,0 +1,246 @@
+"""A route against its vehicle and its room, before anything moves.
+
+    r_has(v): the largest yaw rate that the identified vehicle holds at the speed v                       (1)
+    share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
+    free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
+
+An acceleration of the route is judged over SMOOTH_S, as motors do: a corner of a drawn route is a jump of the yaw rate.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from baqueano.contracts.result import Result
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault
+from baqueano.guides.route import Route, from_start, moved
+from baqueano.language import number
+from baqueano.language import translated as _
+from baqueano.messages import verdict_line
+from baqueano.printable import in_lines, typed
+from baqueano.routes.capability import Capability
+from baqueano.routes.path import NAME, way
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.vehicle_file import VehicleFile
+
+JUMP_M = 0.1  # between two poses, beyond what the speed makes
+SMOOTH_S = 0.3  # over which an acceleration counts
+POSES = 600  # of a route that are judged
+OVER = 1.02  # a need that is larger by less is none
+BRIEF_S = 0.3  # a shorter want of command is made up by the controller
+
+
+class Walls(Protocol):
+    """A room: `free` (2,) [m] from its middle, and the `start` x, y [m], ψ [rad] in it."""
+
+    @property
+    def free(self) -> np.ndarray: ...
+    @property
+    def start(self) -> tuple[float, float, float]: ...
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RouteReport(Result):
+    """Figures of a route, and what speaks against driving it.
+
+    Attributes
+    ----------
+    route : Route
+        The route.
+    length_m, duration_s : float
+        Of one lap.
+    fastest_m_s, fastest_rad_s, sideways_m_s2 : float
+        Largest speed, yaw rate, and acceleration to the side.
+    radius_m : float [m]
+        Of the tightest curve; 0 where it turns on the spot.
+    share : float
+        Largest part of the command that it needs; NaN without a vehicle.
+    free_m : float [m]
+        Least way between the body and a wall; NaN without a room.
+    findings : tuple of Diagnostic
+        Codes, figures and what to type.
+
+    Examples
+    --------
+    >>> from baqueano.routes import examine
+    >>> report = examine(bq.guides.shapes.circle(0.3, 2.0), bq.load("small"))
+    >>> print(report.verdict, [one.code for one in report.findings])
+    REFUSED ['route.speed-too-high']
+    """
+
+    route: Route
+    length_m: float
+    duration_s: float
+    fastest_m_s: float
+    fastest_rad_s: float
+    sideways_m_s2: float
+    radius_m: float
+    share: float
+    free_m: float
+    findings: tuple[Diagnostic, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """USABLE, or REFUSED where a finding speaks against driving."""
+        wrong = any(one.severity == Severity.ERROR for one in self.findings)
+        return Verdict.REFUSED if wrong else Verdict.USABLE
+
+    def rows(self) -> list["TableRow"]:
+        """Return one row with all figures."""
+        names = (
+            "length_m",
+            "duration_s",
+            "fastest_m_s",
+            "fastest_rad_s",
+            "sideways_m_s2",
+            "radius_m",
+            "share",
+        )
+        figures = {name: getattr(self, name) for name in (*names, "free_m")}
+        return [{"poses": len(self.route.t_s), "closed": self.route.closed, **figures}]
+
+    def table(self) -> str:
+        """The figures in words, and the findings."""
+        lines = [
+            _("length {m:.2f} m, {s:.1f} s a lap", m=self.length_m, s=self.duration_s) if self.route.closed
+            else _("length {m:.2f} m, {s:.1f} s", m=self.length_m, s=self.duration_s),
+            _("speed up to {v:.2f} m/s, yaw rate up to {r:.2f} rad/s", v=self.fastest_m_s, r=self.fastest_rad_s),
+            _("tightest curve {m:.2f} m, up to {a:.2f} m/s² to the side", m=self.radius_m, a=self.sideways_m_s2),
+        ]  # fmt: skip
+        if np.isfinite(self.share):
+            lines.append(_("needs up to {share} of the command", share=number(f"{100.0 * self.share:.0f} %")))
+        if np.isfinite(self.free_m):
+            lines.append(_("keeps {m:.2f} m from the walls", m=self.free_m))
+        return in_lines([*lines, verdict_line(self.verdict, self.findings)])
+
+
+def examine(
+    route: Route,
+    vehicle_file: "VehicleFile | None" = None,
+    room: Walls | None = None,
+    *,
+    backend: str = "auto",
+) -> RouteReport:
+    """Judge a route by its own figures, by an identified vehicle, and by a room.
+
+    Parameters
+    ----------
+    route : Route
+        The route.
+    vehicle_file : VehicleFile, optional
+        The vehicle that is to drive it.
+    room : Room, optional
+        Walls, as `identify.design.room_of` makes them; the route begins at the start of the room.
+    backend : str
+        "auto", "c", "python", or "numpy".
+
+    Returns
+    -------
+    RouteReport
+        REFUSED where a pose jumps, the vehicle is too slow, or a wall is in the way.
+
+    Notes
+    -----
+    Equations (1)-(3) of the module.
+
+    Examples
+    --------
+    >>> print(examine(bq.guides.shapes.eight(0.6, 0.2), bq.load("small")).verdict)
+    USABLE
+    """
+    s = way(route.eta[:, :2])
+    speed, turn = np.abs(route.nu[:, 0]), np.abs(route.nu[:, 2])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.where(turn > 1e-9, speed / turn, np.inf)
+    findings, share = _jumps(route, s), float("nan")
+    if vehicle_file is not None and not findings:
+        share, needs = _needs(route, s, Capability(vehicle_file, backend))
+        findings = needs
+    free_m = float("nan")
+    if room is not None:
+        xy = moved(route._replace(eta=from_start(route.eta)), np.array(room.start)).eta[:, :2]
+        free = np.min(room.free - np.abs(xy), axis=1)
+        free_m, at = float(np.min(free)), int(np.argmin(free))
+        if free_m < 0.0:
+            findings = [
+                *findings,
+                fault(
+                    "route.through-wall",
+                    typed("route", "scale", NAME, "0.8"),
+                    at_m=float(s[at]),
+                    beyond_m=-free_m,
+                ),
+            ]
+    return RouteReport(
+        route, float(s[-1]), float(route.t_s[-1]), float(np.max(speed)), float(np.max(turn)),
+        float(np.max(speed * turn)), float(np.min(radius)), share, free_m, tuple(findings),
+    )  # fmt: skip
+
+
+def _jumps(route: Route, s: np.ndarray) -> list[Diagnostic]:
+    """Return where a pose lies further from the one before than its speed can make."""
+    step, dt_s = np.diff(s), np.diff(route.t_s)
+    speed = np.maximum(np.abs(route.nu[1:, 0]), np.abs(route.nu[:-1, 0]))
+    wrong = step > JUMP_M + 2.0 * speed * dt_s
+    if not wrong.any():
+        return []
+    k = int(np.argmax(wrong))
+    cut = typed("route", "cut", NAME, "--to", f"{s[k]:.2f}")
+    return [
+        fault(
+            "route.jump",
+            cut,
+            count=int(wrong.sum()),
+            at_m=float(s[k]),
+            at_s=float(route.t_s[k]),
+            gap_m=float(step[k]),
+        )
+    ]
+
+
+def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Diagnostic]]:
+    """Return the largest share of the command, and what the vehicle cannot do.  (1), (2)"""
+    t_s = np.linspace(0.0, route.t_s[-1], min(POSES, max(len(route.t_s), 2)))
+    v, r = (_smooth(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
+    share = can.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s))
+    lasting = _least_over(share, t_s)
+    if not np.any(lasting > OVER):
+        return float(np.max(lasting)), []
+    k = int(np.argmax(lasting))
+    at_m, steady = float(np.interp(t_s[k], route.t_s, s)), can.share(v[k], r[k])
+    straight = float(can.fastest_speed(np.zeros(1), np.full(1, 100.0))[0])
+    slower = typed("route", "faster", NAME)
+    figures: dict[str, Any] = {"at_m": at_m, "share": float(lasting[k])}
+    if abs(v[k]) > straight:
+        finding = fault(
+            "route.speed-too-high", slower, needs_m_s=float(abs(v[k])), has_m_s=straight, **figures
+        )
+    elif steady > OVER:
+        has = float(can.fastest_turn(v[k : k + 1])[0])
+        finding = fault(
+            "route.turns-too-fast",
+            slower,
+            needs_rad_s=float(abs(r[k])),
+            has_rad_s=has,
+            speed_m_s=float(v[k]),
+            **figures,
+        )
+    else:
+        finding = fault("route.accelerates-too-fast", slower, **figures)
+    return float(np.max(lasting)), [finding]
+
+
+def _smooth(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the mean of x (m,) over SMOOTH_S."""
+    n = max(1, round(SMOOTH_S / max(t_s[1] - t_s[0], 1e-9)))
+    return np.convolve(np.pad(x, (n // 2, n - 1 - n // 2), mode="edge"), np.ones(n) / n, mode="valid")
+
+
+def _least_over(share: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    """Return the least share within BRIEF_S of each time: what lasts that long."""
+    n = max(1, round(BRIEF_S / max(t_s[1] - t_s[0], 1e-9)))
+    padded = np.pad(share, (0, n - 1), mode="edge")
+    return np.min(np.lib.stride_tricks.sliding_window_view(padded, n), axis=1)

@@ -1,0 +1,101 @@
+"""The path of a route: where it goes, without the time in which it is driven.
+
+    s_k = Σ |p_j − p_{j−1}|,   κ = dχ/ds,   ψ = χ forward,  χ + π backward                                (1)
+
+χ is the course, the direction of travel. Samples that lie closer than STEP_M belong to a stop, or to a turn on the
+spot, and are left out.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.guides.route import Route
+from baqueano.printable import typed
+
+NAME = "NAME"  # of a route whose name is not known here, in a line to type
+STEP_M = 1e-3  # a shorter way is a stop
+GRID_M = 0.01  # between the points of a path that is made anew
+BACK_M_S = 0.02  # speed from which a vehicle drives backward
+CLOSE_M, CLOSE_RAD = 0.3, np.radians(45.0)  # ends that lie closer meet
+
+
+class Path(NamedTuple):
+    """Points of a path.
+
+    Attributes
+    ----------
+    s : ndarray (m,) [m]
+        Way from the first point, increasing.
+    xy : ndarray (m, 2) [m]
+        Positions in the map.
+    course : ndarray (m,) [rad]
+        Direction of travel, continuous.
+    kappa : ndarray (m,) [1/m]
+        Curvature; positive to the left.
+    """
+
+    s: np.ndarray
+    xy: np.ndarray
+    course: np.ndarray
+    kappa: np.ndarray
+
+
+def way(xy: np.ndarray) -> np.ndarray:
+    """Return s (m,) [m] of points (m, 2).  (1)"""
+    return np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
+
+
+def moving(route: Route) -> np.ndarray:
+    """Return the numbers of the samples that lie STEP_M or more from the one before; the last sample stays.
+
+    UsageError where fewer than four are left: the vehicle stood, or turned on the spot.
+    """
+    s = way(route.eta[:, :2])
+    cell = np.floor(s / STEP_M)
+    keep = np.flatnonzero(np.diff(cell, prepend=-1.0) > 0.0)
+    if keep[-1] != len(s) - 1:
+        keep = np.append(keep[:-1] if s[-1] - s[keep[-1]] < STEP_M and len(keep) > 1 else keep, len(s) - 1)
+    if len(keep) < 4:
+        raise UsageError(fault("route.no-way", length_m=float(s[-1])))
+    return keep
+
+
+def direction(route: Route) -> float:
+    """Return 1 for a route that is driven forward, −1 backward; UsageError where it does both, with the place."""
+    speed = route.nu[:, 0]
+    back, ahead = speed < -BACK_M_S, speed > BACK_M_S
+    if np.any(back) and np.any(ahead):
+        turns = np.flatnonzero(np.diff(np.sign(speed[back | ahead])))
+        first = np.flatnonzero(back | ahead)[turns[0] + 1]
+        at_m = float(way(route.eta[:, :2])[first])
+        raise UsageError(
+            fault(
+                "route.both-ways",
+                typed("route", "cut", NAME, "--to", f"{at_m:.2f}"),
+                at_m=at_m,
+                count=len(turns),
+            )
+        )
+    return -1.0 if np.any(back) else 1.0
+
+
+def route_along(path: Path, speed: np.ndarray, ahead: float, closed: bool) -> Route:
+    """Return the route that drives a path with the speeds (m,) > 0 [m/s]; `ahead` −1 drives it backward."""
+    rate = 0.5 * (speed[1:] + speed[:-1])
+    t_s = np.append(0.0, np.cumsum(np.diff(path.s) / rate))
+    psi = path.course if ahead > 0.0 else path.course + np.pi
+    nu = np.column_stack([ahead * speed, np.zeros_like(speed), path.kappa * speed])
+    return Route(t_s, np.column_stack([path.xy, psi]), nu, closed)
+
+
+def path_of(route: Route) -> Path:
+    """Return the path of a route as it was taught, with the curvature that its own headings have.  (1)"""
+    keep = moving(route)
+    xy = route.eta[keep, :2]
+    s = way(xy)
+    psi = np.unwrap(route.eta[keep, 2]) + (np.pi if direction(route) < 0.0 else 0.0)
+    kappa = np.gradient(psi, s)
+    return Path(s, xy, psi, kappa)

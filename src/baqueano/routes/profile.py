@@ -1,0 +1,172 @@
+"""Speed along a path: steady, or as fast as the vehicle can.
+
+    v(s) ≤ v_most(κ):   share(v, κ v, 0, 0) ≤ share,   |κ| v² ≤ a_y,   v ≤ v_limit                        (1)
+    d(v²)/ds = 2 v̇,     share(v, κ v, v̇, κ v̇ + κ′ v²) ≤ share,   forward from the start, backward from the end   (2)
+
+(1) is what the motors hold in a steady curve, (2) what they reach and brake. The speed under both is the fastest of all
+that keep to the limits. Source: Bobrow, Dubowsky and Gibson, International Journal of Robotics Research, 1985; Kunz and
+Stilman, Robotics: Science and Systems, 2012.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.guides.route import Route
+from baqueano.printable import typed
+from baqueano.routes.capability import FASTEST_M_S, FASTEST_M_S2, Capability, most
+from baqueano.routes.path import GRID_M, NAME, Path, direction, path_of, route_along
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+SHARE = 0.8  # of the command; the rest is for the controller
+SIDEWAYS_M_S2 = 3.0  # half of what rubber holds on a smooth floor, 0.6 g
+SPEEDS = 24  # at which (2) is looked at
+SLOWEST_M_S = 0.02  # of a start from rest, so that the time is finite
+TURNS = 3  # round a closed route, until its speed closes too
+
+
+def at_speed(route: Route, speed_m_s: float) -> Route:
+    """Return a route that is driven at a steady speed along its path.
+
+    Parameters
+    ----------
+    route : Route
+        Driven forward, or backward, throughout; it is not changed.
+    speed_m_s : float
+        Speed along the path, above 0.
+
+    Returns
+    -------
+    Route
+        The same poses without their stops.
+
+    Raises
+    ------
+    UsageError
+        For a speed that is not positive, or a route that drives forward and backward.
+
+    Examples
+    --------
+    >>> at_speed(bq.guides.shapes.circle(0.5, 0.2), 0.4)
+    Route(1441 poses, 7.9 s, 3.14 m, closed)
+    """
+    if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
+        raise UsageError(fault("route.speed", found=speed_m_s))
+    path = path_of(route)
+    return route_along(path, np.full(len(path.s), float(speed_m_s)), direction(route), route.closed)
+
+
+def fastest(
+    route: Route,
+    vehicle_file: "VehicleFile",
+    *,
+    share: float = SHARE,
+    sideways_m_s2: float = SIDEWAYS_M_S2,
+    speed_m_s: float = FASTEST_M_S,
+    from_rest: bool | None = None,
+    backend: str = "auto",
+) -> Route:
+    """Return a route driven as fast as the identified vehicle can.
+
+    Parameters
+    ----------
+    route : Route
+        Smooth, and driven forward or backward throughout; it is not changed.
+    vehicle_file : VehicleFile
+        The identified vehicle: its model and the limits of its command.
+    share : float
+        Part of the command that the route may need, above 0 to 1; the rest is left to the controller.
+    sideways_m_s2 : float [m/s²]
+        Largest acceleration to the side; tyres and small objects slip beyond.
+    speed_m_s : float
+        Largest speed.
+    from_rest : bool, optional
+        True: it begins and ends at rest. By default, an open route does, a closed one is driven lap after lap.
+    backend : str
+        "auto", "c", "python", or "numpy".
+
+    Returns
+    -------
+    Route
+        The same path; times and velocities are new.
+
+    Raises
+    ------
+    UsageError
+        For a share outside of 0 to 1, or a curve that the vehicle cannot drive at any speed.
+
+    References
+    ----------
+    Bobrow, Dubowsky and Gibson, International Journal of Robotics Research, 1985.
+
+    Examples
+    --------
+    >>> lap = bq.guides.shapes.rectangle(1.2, 0.8, 0.2, 0.2)
+    >>> print(f"{lap.t_s[-1]:.1f} s, then {fastest(lap, bq.load('small')).t_s[-1]:.1f} s")
+    18.3 s, then 9.9 s
+    """
+    for name, found, high in (("share", share, 1.0), ("sideways_m_s2", sideways_m_s2, np.inf)):
+        if not 0.0 < found <= high:
+            raise UsageError(fault("route.limit", name=name, found=found))
+    if not speed_m_s > SLOWEST_M_S:
+        raise UsageError(fault("route.speed", found=speed_m_s))
+    path, ahead = _even(path_of(route)), direction(route)
+    can = Capability(vehicle_file, backend)
+    bend = np.abs(path.kappa)
+    high = np.minimum(speed_m_s, np.sqrt(sideways_m_s2 / np.maximum(bend, 1e-9)))
+    v_most = can.fastest_speed(ahead * path.kappa, np.minimum(high, FASTEST_M_S), share)
+    if np.any(slow := v_most < SLOWEST_M_S):
+        at = int(np.argmax(slow))
+        fix = typed("route", "smooth", NAME, "--rms", "0.05")
+        raise UsageError(
+            fault("route.too-tight", fix, at_m=float(path.s[at]), radius_m=float(1.0 / bend[at]))
+        )
+    stops = not route.closed if from_rest is None else from_rest
+    up, down = (_rates(can, path, ahead, sign, v_most, share) for sign in (1.0, -1.0))
+    return route_along(path, _swept(path, v_most, up, down, stops), ahead, route.closed)
+
+
+def _even(path: Path) -> Path:
+    """Return the path with a point each GRID_M; its curvature is the mean over as much."""
+    s = np.linspace(0.0, path.s[-1], max(8, round(path.s[-1] / GRID_M) + 1))
+    xy = np.column_stack([np.interp(s, path.s, column) for column in path.xy.T])
+    course = np.interp(s, path.s, path.course)
+    return Path(s, xy, course, np.gradient(course, s))
+
+
+def _rates(
+    can: Capability, path: Path, ahead: float, sign: float, v_most: np.ndarray, share: float
+) -> np.ndarray:
+    """Return the largest |v̇| (m, SPEEDS) in the direction `sign` at parts of v_most.  (2)"""
+    v = v_most[:, None] * np.linspace(0.0, 1.0, SPEEDS)
+    kappa, slope = ahead * path.kappa[:, None], ahead * np.gradient(path.kappa, path.s)[:, None]
+
+    def holds(rate: np.ndarray) -> np.ndarray:
+        v_dot = sign * rate
+        return (
+            can.share(ahead * v, kappa * ahead * v, ahead * v_dot, ahead * (kappa * v_dot + slope * v**2))
+            <= share
+        )
+
+    return most(holds, np.full(v.shape, FASTEST_M_S2))
+
+
+def _swept(path: Path, v_most: np.ndarray, up: np.ndarray, down: np.ndarray, stops: bool) -> np.ndarray:
+    """Return the speed (m,) under (1), reached and braked by (2)."""
+    v, ds, parts = v_most.copy(), np.diff(path.s), np.linspace(0.0, 1.0, SPEEDS)
+    if stops:
+        v[[0, -1]] = SLOWEST_M_S
+    for _ in range(1 if stops else TURNS):
+        for k in range(len(ds)):
+            gain = 2.0 * ds[k] * np.interp(v[k] / v_most[k], parts, up[k])
+            v[k + 1] = min(v[k + 1], np.sqrt(v[k] ** 2 + gain))
+        v[0] = v[0] if stops else min(v[0], v[-1])
+        for k in reversed(range(len(ds))):
+            gain = 2.0 * ds[k] * np.interp(v[k + 1] / v_most[k + 1], parts, down[k + 1])
+            v[k] = min(v[k], np.sqrt(v[k + 1] ** 2 + gain))
+        v[-1] = v[-1] if stops else min(v[0], v[-1])
+    return v

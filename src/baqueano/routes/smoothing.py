@@ -1,0 +1,132 @@
+"""A driven path made smooth: what is shorter than a wavelength leaves it, as far as a tolerance allows.
+
+    p(s) = Σ p̂_k e^{iω_k s}   of a closed path; an open one is continued by reflection at its ends         (1)
+    p̂_k ← p̂_k / (1 + (ω_k/ω_c)⁶)      the least of  ∫ |p − p_taught|² + ω_c⁻⁶ |p‴|² ds                    (2)
+    κ = (p′_x p″_y − p′_y p″_x) / |p′|³                                                                  (3)
+
+ω_c is the smallest that keeps to the tolerance, from WAVE_M down: curves that are longer stay where they are, and a
+drawn shape is hardly changed. Stops, and turns on the spot, are left out. (2) is the smoothing spline of Schoenberg,
+Proceedings of the National Academy of Sciences, 1964, on even points.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.guides.route import Route
+from baqueano.routes.edit import meets
+from baqueano.routes.path import GRID_M, Path, direction, moving, route_along, way
+
+LEAST_M, LARGEST_M = 1e-4, 0.5  # of a tolerance
+WAVE_M = 0.8  # the longest wave that is taken out
+SLOWEST = 0.2  # of the median speed: what is left of a stop
+HALVINGS = 30
+
+
+class Spectrum(NamedTuple):
+    """A path as waves along its way."""
+
+    p: np.ndarray  # (n,) positions x + iy [m] at even places, the straight part taken out
+    straight: np.ndarray  # (n,) that part
+    omega: np.ndarray  # (n,) [rad/m]
+    hat: np.ndarray  # (n,) of p
+    points: int  # of the path itself; the rest is its reflection
+    slope: complex  # of the straight part
+
+
+def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] = "rms") -> Route:
+    """Return a route on a smooth path near the taught one.
+
+    Parameters
+    ----------
+    route : Route
+        Driven forward, or backward, throughout; it is not changed.
+    tolerance_m : float [m]
+        How far the new path may lie from the old one.
+    kind : {"rms", "max"}
+        Whether the tolerance is the root of the mean square, or the largest distance.
+
+    Returns
+    -------
+    Route
+        A pose each centimetre; closed where the ends meet. The speed is the taught one, without its stops.
+
+    Raises
+    ------
+    UsageError
+        For a tolerance outside of 0.1 mm to 0.5 m, or a route that drives forward and backward.
+
+    References
+    ----------
+    Schoenberg, Proceedings of the National Academy of Sciences, 1964.
+
+    Examples
+    --------
+    >>> taught = bq.guides.shapes.rectangle(1.2, 0.8, 0.1, 0.2)
+    >>> smooth(taught, 0.01, "max")
+    Route(383 poses, 19.1 s, 3.82 m, closed)
+    """
+    if not LEAST_M <= tolerance_m <= LARGEST_M:
+        raise UsageError(fault("route.tolerance", found=tolerance_m, least_m=LEAST_M, largest_m=LARGEST_M))
+    ahead, keep = direction(route), moving(route)
+    closed = route.closed or meets(route)
+    s = way(route.eta[keep, :2])
+    waves = _spectrum(route.eta[keep, :2], s, closed)
+    cut_rad_m = _cut(waves, tolerance_m, kind)
+    path = _path(waves, cut_rad_m, closed)
+    speed = np.abs(route.nu[keep, 0])
+    speed = np.maximum(speed, SLOWEST * float(np.median(speed)))
+    return route_along(path, np.interp(path.s / path.s[-1], s / s[-1], speed), ahead, closed)
+
+
+def _spectrum(xy: np.ndarray, s: np.ndarray, closed: bool) -> Spectrum:
+    """Return the waves of points (m, 2) at the places s (m,).  (1)"""
+    n = max(8, round(s[-1] / GRID_M) + 1)
+    grid = np.linspace(0.0, s[-1], n)
+    p = np.interp(grid, s, xy[:, 0]) + 1j * np.interp(grid, s, xy[:, 1])
+    slope = (p[-1] - p[0]) / s[-1]
+    straight = p[0] + slope * grid
+    p = p - straight  # 0 at both ends
+    p = p[:-1] if closed else np.concatenate([p, -p[-2:0:-1]])
+    omega = 2.0 * np.pi * np.fft.fftfreq(len(p), s[-1] / (n - 1))
+    return Spectrum(p, straight, omega, np.fft.fft(p), n, slope)
+
+
+def _cut(waves: Spectrum, tolerance_m: float, kind: str) -> float:
+    """Return ω_c [rad/m], the smallest that keeps to the tolerance."""
+    low, high = 2.0 * np.pi / WAVE_M, np.pi / GRID_M
+    if _off(waves, low, kind) <= tolerance_m:
+        return low
+    for _ in range(HALVINGS):
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if _off(waves, middle, kind) <= tolerance_m else (middle, high)
+    return high
+
+
+def _smoothed(waves: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
+    """Return the path without waves above a cut, or its derivative of an order, over the points.  (2)"""
+    gain = (1j * waves.omega) ** order / (1.0 + (waves.omega / cut_rad_m) ** 6)
+    p = np.fft.ifft(gain * waves.hat)
+    return np.append(p, p[0])[: waves.points] if len(p) < waves.points else p[: waves.points]
+
+
+def _off(waves: Spectrum, cut_rad_m: float, kind: str) -> float:
+    """Return how far the smooth path lies from the points, rms or at most [m]."""
+    taught = np.append(waves.p, waves.p[0])[: waves.points]
+    off = np.abs(_smoothed(waves, cut_rad_m) - taught)
+    return float(np.max(off) if kind == "max" else np.sqrt(np.mean(off**2)))
+
+
+def _path(waves: Spectrum, cut_rad_m: float, closed: bool) -> Path:
+    """Return the smooth path, a point each GRID_M.  (3)"""
+    p = _smoothed(waves, cut_rad_m) + waves.straight
+    p1, p2 = _smoothed(waves, cut_rad_m, 1) + waves.slope, _smoothed(waves, cut_rad_m, 2)
+    kappa = np.imag(np.conj(p1) * p2) / np.maximum(np.abs(p1), 1e-9) ** 3
+    course = np.unwrap(np.angle(p1))
+    x, y = np.real(p), np.imag(p)
+    s = way(np.column_stack([x, y]))
+    even = np.linspace(0.0, s[-1], max(8, round(s[-1] / GRID_M) + 1))
+    x, y, course, kappa = (np.interp(even, s, column) for column in (x, y, course, kappa))
+    return Path(even, np.column_stack([x, y]), course, kappa)

@@ -1,0 +1,92 @@
+"""baqueano route: each verb stores a route that the next one takes; what cannot be driven is refused before a drive."""
+
+import pytest
+
+from baqueano.errors import AnswerNo
+
+
+@pytest.fixture
+def lab(baqueano, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert baqueano("route", "draw", "eight", "lab", "--size", "0.6").code == 0
+    return baqueano
+
+
+def stored(baqueano):
+    return [row["route"] for row in baqueano("route", "ls", "--json").reply["rows"]]
+
+
+def test_verbs_store_what_they_made_beside_the_route(lab):
+    for verb, *options in (
+        ("smooth", "--rms", "0.02"), ("cut", "--from", "0.5", "--to", "1.5"), ("reverse",), ("scale", "2"),
+        ("faster", "--vehicle", "small"), ("faster", "--speed", "0.3"), ("join", "lab", "-o", "twice"),
+    ):  # fmt: skip
+        end = lab("route", verb, "lab", *options, "--json")
+        assert end.code == 0, end.err
+    assert stored(lab) == sorted(
+        ["lab", "lab-cut", "lab-fast", "lab-reverse", "lab-scale", "lab-smooth", "lab-speed", "twice"]
+    )
+    rows = {row["route"]: row for row in lab("route", "ls", "--json").reply["rows"]}
+    assert rows["lab-scale"]["length_m"] == pytest.approx(2.0 * rows["lab"]["length_m"], rel=1e-6)
+    assert rows["lab-fast"]["duration_s"] < rows["lab"]["duration_s"]
+    assert lab("route", "check", "lab-fast", "--vehicle", "small", "--room", "2x2").code == 0
+
+
+def test_points_of_a_spreadsheet_become_a_route(lab, tmp_path):
+    (tmp_path / "points.csv").write_text("x;y\n0;0\n1,5;0\n1,5;1\n0;1\n0;0\n", encoding="utf-8")
+    end = lab("route", "import", "points.csv", "box", "--json")
+    assert end.code == 0, end.err
+    (row,) = end.reply["rows"]
+    assert row["closed"]
+    assert row["length_m"] == pytest.approx(5.0, abs=0.3)
+
+
+def test_a_run_becomes_a_route(lab):
+    assert lab("repeat", "lab", "--vehicle", "small").code == 0
+    assert lab("route", "import", "last", "again", "--json").reply["rows"][0]["closed"]
+
+
+@pytest.mark.parametrize("verb", ["check", "repeat"])
+def test_a_wall_and_a_speed_are_refused_with_what_to_type(lab, verb):
+    assert lab("route", "faster", "lab", "--speed", "3").code == 0
+    end = lab("route", "check", "lab-speed", "--vehicle", "small") if verb == "check" else lab(
+        "repeat", "lab-speed", "--vehicle", "small"
+    )  # fmt: skip
+    assert end.code == AnswerNo.exit_code
+    assert end.why.code == "route.speed-too-high"
+    assert end.fix == "baqueano route faster lab-speed"
+    line = (verb,) if verb == "repeat" else ("route", "check")
+    end = lab(*line, "lab", "--vehicle", "small", "--room", "1x1")
+    assert end.why.code == "route.through-wall"
+    assert end.fix == "baqueano route scale lab 0.8"
+
+
+def test_what_was_advised_helps(lab):
+    lab("route", "faster", "lab", "--speed", "3")
+    assert lab("route", "faster", "lab-speed", "--vehicle", "small").code == 0
+    assert lab("repeat", "lab-speed-fast", "--vehicle", "small").code == 0
+
+
+def test_a_driver_who_insists_drives(lab):
+    lab("route", "faster", "lab", "--speed", "0.6")
+    end = lab("repeat", "lab-speed", "--vehicle", "small", "--anyway")
+    assert "lab-speed" in end.err
+
+
+@pytest.mark.parametrize(
+    ("code", "line"),
+    {
+        "cli.route-absent": ("smooth", "nowhere"),
+        "cli.two-tolerances": ("smooth", "lab", "--rms", "0.01", "--max", "0.02"),
+        "cli.start-without-room": ("check", "lab", "--vehicle", "small", "--start", "1,0,0"),
+        "cli.start-unreadable": ("check", "lab", "--vehicle", "small", "--room", "2x2", "--start", "left"),
+        "cli.points-absent": ("import", "nowhere.csv", "box"),
+        "route.cut": ("cut", "lab", "--from", "3", "--to", "9"),
+        "route.columns": ("import", "routes/wrong.csv", "box"),
+    }.items(),
+)
+def test_bad_input_is_one_paragraph(lab, tmp_path, code, line):
+    (tmp_path / "routes" / "wrong.csv").write_text("a,b\n1,2\n", encoding="utf-8")
+    end = lab("route", *line)
+    assert end.code != 0
+    assert end.why.code == code

@@ -1,0 +1,104 @@
+"""Routes cut, joined, turned round, scaled, and made of points: the same places, in another order or size."""
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.geometry import map_from_body
+from baqueano.guides.route import Route, moved
+from baqueano.guides.shapes import circle, eight, line, rectangle, slalom
+from baqueano.routes import at_speed, cut, join, reverse, scale, through_points
+from baqueano.routes.path import way
+from tests.codes import refused
+
+ROUTES = {"circle": circle(0.5, 0.2), "eight": eight(0.6, 0.25), "slalom": slalom(2.0, 0.3, 3, 0.2)}
+
+
+def drives_itself(route, atol=2e-3):
+    """Each pose follows from the one before by the velocity between them."""
+    dt = np.diff(route.t_s)
+    psi = 0.5 * (route.eta[1:, 2] + route.eta[:-1, 2])
+    nu = 0.5 * (route.nu[1:] + route.nu[:-1])
+    step = np.array([map_from_body(p) @ v * t for p, v, t in zip(psi, nu, dt, strict=True)])
+    np.testing.assert_allclose(np.diff(route.eta, axis=0)[:, :2], step[:, :2], atol=atol * 0.01)
+
+
+def test_cut_parts_join_to_the_whole():
+    whole = ROUTES["slalom"]
+    parts = cut(whole, 0.0, 1.0), cut(whole, way(whole.eta[:, :2])[len(cut(whole, 0.0, 1.0).t_s) - 1])
+    again = join(*parts)
+    np.testing.assert_allclose(again.eta, whole.eta, atol=1e-12)
+    np.testing.assert_allclose(again.t_s, whole.t_s, atol=1e-12)
+    np.testing.assert_array_equal(again.nu, whole.nu)
+
+
+def test_a_joined_route_that_comes_back_is_closed():
+    quarter = cut(circle(0.5, 0.2), 0.0, 0.7854)
+    half = join(quarter, quarter)
+    assert not half.closed
+    assert join(half, half).closed
+
+
+@pytest.mark.parametrize("name", ROUTES)
+@pytest.mark.parametrize("backing", [False, True])
+def test_a_route_turned_round_passes_the_same_places_and_drives_itself(name, backing):
+    route = moved(ROUTES[name], np.array([1.0, -2.0, 0.7]))
+    other = reverse(route, backing)
+    np.testing.assert_allclose(other.eta[::-1, :2], route.eta[:, :2])
+    assert other.t_s[0] == 0.0
+    assert other.t_s[-1] == route.t_s[-1]
+    drives_itself(route)
+    drives_itself(other)
+    np.testing.assert_allclose(reverse(other, backing).nu, route.nu)
+
+
+def test_a_larger_route_keeps_its_speed_and_its_shape():
+    route = scale(ROUTES["eight"], 2.5)
+    assert way(route.eta[:, :2])[-1] == pytest.approx(2.5 * way(ROUTES["eight"].eta[:, :2])[-1])
+    np.testing.assert_array_equal(route.nu[:, 0], ROUTES["eight"].nu[:, 0])
+    drives_itself(route)
+
+
+def test_points_become_a_route_near_them_that_drives_itself():
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    for closed in (False, True):
+        route = through_points(corners, 0.2, closed)
+        near = np.min(np.hypot(*(route.eta[:, None, :2] - corners).transpose(2, 0, 1)), axis=0)
+        assert np.max(near) < 0.05
+        assert route.closed == closed
+        drives_itself(route, atol=0.05)
+    assert np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi)) == 1.0
+    np.testing.assert_allclose(route.eta[-1, :2], route.eta[0, :2], atol=1e-9)
+
+
+def test_a_steady_speed_leaves_stops_out():
+    route = line(1.0, 0.2)
+    stop = Route(
+        np.concatenate([route.t_s[:50], route.t_s[49] + 3.0 + route.t_s[: len(route.t_s) - 49]]),
+        np.concatenate([route.eta[:50], route.eta[49:]]),
+        np.concatenate([route.nu[:50], route.nu[49:]]),
+        closed=False,
+    )
+    assert at_speed(stop, 0.5).t_s[-1] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_what_makes_no_route_is_refused():
+    route = circle(0.5, 0.2)
+    backward = route._replace(nu=np.where(np.arange(1441)[:, None] < 700, route.nu, -route.nu))
+    for code, made in {
+        "route.cut": lambda: cut(route, 2.0, 1.0),
+        "route.factor": lambda: scale(route, 0.0),
+        "route.speed": lambda: at_speed(route, float("nan")),
+        "route.both-ways": lambda: at_speed(backward, 0.2),
+        "route.no-way": lambda: at_speed(route._replace(eta=0.0 * route.eta), 0.2),
+        "route.points": lambda: through_points(np.zeros((1, 2)), 0.2),
+        "route.point-not-finite": lambda: through_points(np.array([[0.0, 0.0], [np.nan, 1.0]]), 0.2),
+        "route.points-same": lambda: through_points(np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]]), 0.2),
+        "route.points-far": lambda: through_points(np.array([[0.0, 0.0], [1000.0, 0.0]]), 0.2),
+        "route.join-reverses": lambda: join(
+            cut(route, 0.0, 1.0), reverse(cut(route, 0.0, 1.0), backing=True)
+        ),
+    }.items():
+        with refused(code, UsageError):
+            made()
+    assert rectangle(1.0, 1.0, 0.2, 0.2).closed

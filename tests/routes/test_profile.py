@@ -1,0 +1,127 @@
+"""The fastest speed along a path: equal to what can be computed by hand, and held by the simulated vehicle."""
+
+import numpy as np
+import pytest
+
+from baqueano.controllers import PdFeedforward
+from baqueano.errors import UsageError
+from baqueano.guides.shapes import circle, clothoid, line, rectangle, sinuous_circle
+from baqueano.routes import at_speed, examine, fastest
+from baqueano.routes.capability import Capability
+from baqueano.simulate.closed_loop import simulate_loop
+from baqueano.vehicle_file import load
+from tests.codes import refused
+
+
+class Block:
+    """A vehicle file of a mass on ice: no friction, no dead zone."""
+
+    def __init__(self, vehicle, limit):
+        self.vehicle = vehicle
+        self.command = type("Command", (), {"limit": limit})
+
+
+@pytest.fixture(scope="module")
+def ice():
+    """Force 1 N per unit of command on 1 kg: 1 m/s² at full command."""
+    from baqueano.vehicles import Planar
+
+    return Block(Planar(1.0, 0.01, np.diag([1.0, 0.0, 0.02])), np.array([1.0, 0.0, 1.0]))
+
+
+def test_a_mass_on_ice_speeds_up_and_brakes_evenly(ice):
+    """L = a T² / 4 for one that speeds up over the first half and brakes over the second."""
+    for share in (0.5, 1.0):
+        route = fastest(line(2.0, 0.1), ice, share=share)
+        assert route.t_s[-1] == pytest.approx(2.0 * np.sqrt(2.0 / share), rel=0.03)
+        assert np.max(route.nu[:, 0]) == pytest.approx(np.sqrt(2.0 * share), rel=0.02)
+
+
+def test_a_curve_is_as_fast_as_tyres_hold(ice):
+    """v² / R = a_y on a circle, where nothing else holds it back."""
+    route = fastest(circle(0.5, 0.1), ice, sideways_m_s2=0.32)
+    np.testing.assert_allclose(route.nu[:, 0], 0.4, rtol=0.01)
+
+
+def test_a_lap_closes_in_speed_and_time(ice):
+    route = fastest(rectangle(1.2, 0.8, 0.2, 0.2), load("small"))
+    assert route.closed
+    assert route.nu[0, 0] == pytest.approx(route.nu[-1, 0], rel=0.05)
+    assert np.all(np.diff(route.t_s) > 0.0)
+
+
+@pytest.mark.parametrize("name", ["small", "car"])
+def test_the_share_is_what_the_simulated_vehicle_needs(name):
+    """Under the command that the share stands for, the vehicle holds the speed: its own step says so."""
+    file = load(name)
+    can = Capability(file)
+    v = can.fastest_speed(np.zeros(1), np.full(1, 100.0))[0]
+    u = np.zeros(file.vehicle.commands)
+    u[0] = file.command.limit[0]
+    state = file.vehicle.init(nu=np.array([v, 0.0, 0.0]))
+    for _ in range(3000):
+        state, _ = file.vehicle.step(state, u, 0.01, np.zeros(3))
+    assert state.nu[0] == pytest.approx(v, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "lap", [rectangle(1.6, 1.0, 0.3, 0.2), sinuous_circle(0.6, 0.08, 5, 0.2)], ids=["rectangle", "sinuous"]
+)
+def test_the_fastest_lap_is_driven_without_the_limit_and_a_faster_one_is_not(lap):
+    """The recommended controller in a simulation: on 0.8 of the command no wheel is at its limit, a third faster most
+    of the ticks are."""
+    file = load("small")
+    route = fastest(lap, file)
+    shares = []
+    for factor in (1.0, 1.33):
+        asked = route._replace(t_s=route.t_s / factor, nu=route.nu * factor)
+        run = simulate_loop(file, asked, controller=PdFeedforward(file.vehicle, limit=file.command.limit))
+        assert run.requested is not None
+        wheels = np.abs(run.requested[:, 0]) + np.abs(run.requested[:, 2])
+        shares.append(np.mean(wheels > 0.97))
+    assert shares[0] < 0.02
+    assert shares[1] > 0.4
+
+
+def test_examine_names_the_place_and_what_the_vehicle_has():
+    small = load("small")
+    tight = at_speed(clothoid(1.0, np.pi, 0.2), 0.45)
+    report = examine(tight, small)
+    (finding,) = report.findings
+    assert finding.code == "route.turns-too-fast"
+    assert 0.3 < finding.figures["at_m"] < 0.7
+    assert finding.figures["has_rad_s"] < finding.figures["needs_rad_s"] <= report.fastest_rad_s
+    assert not examine(fastest(tight, small), small).findings
+    assert examine(circle(0.3, 2.0), small).findings[0].code == "route.speed-too-high"
+
+
+def test_a_jump_is_found_where_it_is():
+    route = circle(0.5, 0.2)
+    eta = route.eta.copy()
+    eta[700:, 0] += 0.4
+    (finding,) = examine(route._replace(eta=eta)).findings
+    assert finding.code == "route.jump"
+    assert finding.figures["gap_m"] == pytest.approx(0.4, abs=0.01)
+    assert finding.figures["at_s"] == pytest.approx(route.t_s[699], abs=0.02)
+
+
+def test_walls_are_those_of_the_room():
+    from baqueano.identify.design import room_of
+
+    small = load("small")
+    lap = circle(0.5, 0.2)  # 1 m wide and to the left of its start
+    assert examine(lap, small, room_of(small, "1.5x3")).free_m == pytest.approx(0.75 - 0.07 - 0.5, abs=1e-3)
+    (finding,) = examine(lap, small, room_of(small, "2x2")).findings
+    assert finding.code == "route.through-wall"
+    assert finding.figures["beyond_m"] == pytest.approx(1.0 - 0.93, abs=1e-3)
+    assert not examine(lap, small, room_of(small, "2x2", start=(0.0, -0.5, 0.0))).findings
+
+
+def test_limits_out_of_range_are_refused():
+    small, lap = load("small"), circle(0.5, 0.2)
+    with refused("route.limit", UsageError):
+        fastest(lap, small, share=1.5)
+    with refused("route.speed", UsageError):
+        fastest(lap, small, speed_m_s=0.0)
+    with refused("route.too-tight", UsageError):
+        fastest(lap, small, share=0.01)

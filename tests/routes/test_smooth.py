@@ -1,0 +1,89 @@
+"""A jerky drive becomes smooth within its tolerance; a smooth one stays."""
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.guides.route import Route
+from baqueano.guides.shapes import circle, eight, slalom
+from baqueano.routes import smooth
+from baqueano.routes.path import way
+from tests.codes import refused
+
+
+def by_keys(seed, seconds=25.0):
+    """A driver who steers fully or not at all, round a circle of 0.8 m, and stops once for three seconds."""
+    rng, dt = np.random.default_rng(seed), 0.02
+    x = y = psi = v = r = wanted = 0.0
+    rows, hold = [], 0
+    for k in range(round(seconds / dt)):
+        rows.append((k * dt, x, y, psi, v, 0.0, r))
+        off = np.arctan2(y - 0.8, x) + np.pi / 2.0 + 1.5 * (0.8 - np.hypot(x, y - 0.8)) - psi
+        off = (off + np.pi) % (2.0 * np.pi) - np.pi
+        hold -= 1
+        if hold <= 0:
+            wanted, hold = 2.0 * np.sign(off) * (abs(off) > 0.12), int(rng.uniform(5, 15))
+        stands = 500 <= k < 650
+        v += ((0.0 if stands else 0.25) - v) * dt / 0.15
+        r += ((0.0 if stands else wanted) - r) * dt / 0.1
+        x, y, psi = x + v * np.cos(psi) * dt, y + v * np.sin(psi) * dt, psi + r * dt
+    table = np.array(rows)
+    return Route(table[:, 0], table[:, 1:4], table[:, 4:], closed=False)
+
+
+def off_path(route, points):
+    """Return the distance of each point from the route, by the nearest of many points between its poses."""
+    s = way(route.eta[:, :2])
+    fine = np.linspace(0.0, s[-1], 20 * len(s))
+    xy = np.column_stack([np.interp(fine, s, column) for column in route.eta[:, :2].T])
+    return np.array([np.min(np.hypot(*(xy - point).T)) for point in points])
+
+
+def bend(route):
+    return float(np.max(np.abs(route.nu[:, 2] / route.nu[:, 0])))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_jerky_drive_is_smooth_within_two_centimetres(seed):
+    taught = by_keys(seed)
+    route = smooth(taught, 0.02)
+    off = off_path(route, taught.eta[::5, :2])
+    assert np.sqrt(np.mean(off**2)) <= 0.02
+    assert np.max(off) <= 0.05
+    assert bend(route) <= 8.0
+    assert bend(route) < 0.4 * np.max(np.abs(taught.nu[50:480, 2] / taught.nu[50:480, 0]))
+    assert np.min(route.nu[:, 0]) > 0.03  # it stands nowhere
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_point_lies_further_off_than_the_largest_distance(seed):
+    taught = by_keys(seed)
+    assert np.max(off_path(smooth(taught, 0.005, "max"), taught.eta[::5, :2])) <= 0.0051
+
+
+@pytest.mark.parametrize("drawn", [circle(0.5, 0.2), slalom(6.0, 0.3, 2, 0.2)], ids=["circle", "slalom"])
+def test_a_smooth_path_stays(drawn):
+    route = smooth(drawn, 0.02)
+    middle = off_path(route, drawn.eta[200:-200:20, :2])
+    assert np.max(middle) < 1e-3
+    np.testing.assert_allclose(np.ptp(route.eta[:, 2]), np.ptp(drawn.eta[:, 2]), rtol=0.02)
+    assert route.closed == drawn.closed
+
+
+def test_a_drive_that_comes_back_is_closed():
+    drawn = eight(0.6, 0.2)
+    assert smooth(drawn._replace(closed=False)).closed
+
+
+def test_the_velocity_is_that_of_the_poses():
+    route = smooth(by_keys(0))
+    dt = np.diff(route.t_s)
+    np.testing.assert_allclose(
+        np.diff(route.eta[:, 2]) / dt, 0.5 * (route.nu[1:, 2] + route.nu[:-1, 2]), atol=0.05
+    )
+
+
+@pytest.mark.parametrize("tolerance_m", [0.0, 1.0, float("nan")])
+def test_a_tolerance_out_of_range_is_refused(tolerance_m):
+    with refused("route.tolerance", UsageError):
+        smooth(circle(0.5, 0.2), tolerance_m)
