@@ -5,6 +5,7 @@ The page never makes a sign of life: each beat of the holder that counts is hand
 
 import asyncio
 import math
+import secrets
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import suppress
@@ -48,6 +49,7 @@ class Live:
         self._link, self._visitors = link, visitors
         self.identifying = Identifying(self._all)
         self.feed, self.lease = Feed(), Lease()
+        self.robot = secrets.token_hex(4)  # the id that each word of who drives names
         self.known = asyncio.Event()  # vehicle and columns have come
         self.on_done: Callable[[], None] = lambda: None
         self.pack: Callable[[str, JsonObject], Awaitable[str]] | None = (
@@ -94,7 +96,8 @@ class Live:
             state = self._described()
         about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
         return {
-            "vehicle": about or None, "blocks": self._vehicle.get("blocks", {}), "fields": self._fields,
+            "robot": self.robot, "vehicle": about or None,
+            "blocks": self._vehicle.get("blocks", {}), "fields": self._fields,
             "driver": getattr(self.lease.holder, "name", None), "state": state, "route": self._route,
             "routes": [route["name"] for route in self._routes],
         }  # fmt: skip
@@ -108,7 +111,11 @@ class Live:
         visitor.send_all(self._history(0.0))
 
     async def heard(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Do a word. An error of ours is answered by `no`."""
+        """Do a word. An error of ours is answered by `no`. A word for another vehicle is none for this one, but a stop
+        always counts."""
+        if word.get("robot", self.robot) != self.robot and word["is"] != "stop":
+            raise UsageError(fault("web.other-robot"))
+        word = {name: value for name, value in word.items() if name != "robot"}
         if word["is"] == "mission" and self.pack is not None:
             await self._whole_mission(visitor, word)
             return

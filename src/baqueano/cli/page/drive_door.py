@@ -101,7 +101,7 @@ class DriveDoor:
         if "world" not in given:
             known = ("truth", "seed", "eta", "backend")
             given["world"] = Conditions(**{k: given[k] for k in known if k in given}).world_of(file)
-        watching = _DriveObserver(self, mission, file, given["world"])
+        watching = _PageObserver(self, mission, file, given["world"])
         given["observers"] = (
             *given.get("observers", ()),
             watching,
@@ -223,7 +223,7 @@ class DriveDoor:
         self._door.tell({"is": "done", "id": name, "run": None, "why": why, "code": code})
 
 
-class _DriveObserver(Observer):
+class _PageObserver(Observer):
     """The observer of a drive for the page."""
 
     def __init__(

@@ -16,6 +16,7 @@ TEMPLATES: dict[str, str] = {
     "web.role": "This address does not allow that. Ask for another one where the page was started.",
     "web.lease-taken": "{name} drives. Ask for the vehicle, or wait until it is free.",
     "web.lease-needed": "Take the vehicle first; only one browser drives it.",
+    "web.other-robot": "This word was for another vehicle. Load the page again.",
     "web.no-such-visitor": "Nobody called {name} may drive here.",
     "web.demo-done": "All is computed. Verdict of the fit: {verdict}. The report stands in the folder of the demo",
     "web.playback": "These drives are over and are only shown. For a vehicle that takes missions, type: baqueano serve",

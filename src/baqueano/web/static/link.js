@@ -2,6 +2,7 @@
 
 const HEAD = 16; // bytes: uint32 stream and number, uint32 rows, float64 time of the first row
 const OVER = 1000; // the drives have ended as they should: nobody is there any more
+const PLAIN = new Set(["hello", "ask", "open", "runs", "history", "stop"]);
 const WAITS_MS = [500, 1000, 2000, 4000];
 
 export class Link {
@@ -50,7 +51,9 @@ export class Link {
     this.connect();
   }
 
+  /** Send a word. One that drives names the vehicle for which it is meant. */
   send(word) {
+    if (this.robot && !PLAIN.has(word.is)) word = { ...word, robot: this.robot };
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(word));
   }
 
@@ -65,6 +68,7 @@ export class Link {
     if (word.is === "hello") {
       this.up = true;
       this.tries = 0;
+      this.robot = word.robot;
       this.fields[0] = word.fields.length;
     }
     if (word.is === "answer" && word.to === "ask") {

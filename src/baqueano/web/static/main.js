@@ -107,6 +107,7 @@ function frame() {
   document.body.dataset.mode = hello.mode;
   for (const node of document.querySelectorAll("canvas")) leave(node);
   write($("vehicle"), hello.vehicle.name);
+  $("vehicle").style.borderColor = hello.robot ? `hsl(${70 + parseInt(hello.robot.slice(0, 4), 16) % 230} 60% 45%)` : "transparent"; // its own, and never red
   write($("world"), t(`world.${hello.vehicle.world}`));
   $("world").className = `chip world-${hello.vehicle.world}`;
   fixedTexts();
