@@ -75,6 +75,7 @@ PAGES = (
             "identification",
             "importing",
             "own-vehicle",
+            "page",
             "python",
             "robot",
             "routes",
@@ -98,6 +99,19 @@ def test_a_page_names_only_verbs_and_options_that_exist(page):
         assert {word for word in rest if word.startswith("--")} <= options_of(verbs[verb]), (
             f"{page}: baqueano {verb} {rest}"
         )
+
+
+def test_each_row_of_the_security_of_the_page_names_tests_that_exist():
+    text = (ROOT / "docs/page.md").read_text(encoding="utf-8").partition("## Security")[2]
+    rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) >= 16
+    tests = "\n".join(
+        path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("test_*.py"))
+    )
+    for row in rows:
+        named = re.findall(r"`(test_\w+)`", row)
+        assert named, row
+        assert {name for name in named if f"def {name}(" not in tests} == set()
 
 
 def test_every_erratum_that_the_code_names_is_told():

@@ -57,6 +57,7 @@ async def live_page(tmp_path, **how):
     page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
     server = Server(page.heard, page.left, shelf.body, **how)
     live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
+    server.foxglove = live.foxglove
     live.begin()
     hearing = asyncio.create_task(live.run())
     await asyncio.sleep(0)

@@ -19,6 +19,7 @@ from baqueano.language import within
 from baqueano.messages import text
 from baqueano.printable import one_line, typed
 from baqueano.web.feed import Feed
+from baqueano.web.foxglove.bridge import Foxglove
 from baqueano.web.guard import Role
 from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
@@ -48,7 +49,7 @@ class Live:
     def __init__(self, link: Spoken, visitors: Callable[[], Iterable[Visitor]]) -> None:
         self._link, self._visitors = link, visitors
         self.identifying = Identifying(self._all)
-        self.feed, self.lease = Feed(), Lease()
+        self.feed, self.lease, self.foxglove = Feed(), Lease(), Foxglove(self._about)
         self.robot = secrets.token_hex(4)  # the id that each word of who drives names
         self.known = asyncio.Event()  # vehicle and columns have come
         self.on_done: Callable[[], None] = lambda: None
@@ -67,6 +68,10 @@ class Live:
         self._changed = True
         self.over = asyncio.Event()  # the drives have ended as they should, and the service with them
         self._ledger: list[JsonObject] = []  # the rows, with diagnostics
+
+    def _about(self) -> "JsonObject":
+        blocks = self._vehicle.get("blocks", {})
+        return {"vehicle": self._vehicle, "blocks": blocks, "fields": self._fields, "route": self._route}
 
     def begin(self) -> None:
         """Ask for frames and routes."""
@@ -248,6 +253,7 @@ class Live:
         frame = self.feed.take(word)
         if frame is not None:
             self.identifying.take(word["x"])
+            self.foxglove.show(word["x"])
             picture = packed(frame)
             for visitor in self._all():
                 visitor.show(picture)
@@ -266,6 +272,7 @@ class Live:
         said = word["said"]
         t_s = self.feed.value("t")
         self._events.append((t_s if math.isfinite(t_s) else 0.0, said))
+        self.foxglove.event(str(said.severity), text(said))
         for visitor in self._all():
             self._say_event(visitor, *self._events[-1])
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import RobotUnreachable
-from baqueano.web.guard import HOLDS_S, Role
+from baqueano.web.guard import HOLDS_S, Role, bracketed
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.shelf import Shelf
 from baqueano.web.live import Live
@@ -81,6 +81,7 @@ async def show_vehicle(
     live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
     live.on_done = lambda: page.list_to(server.visitors)
     server = _server(page, shelf, how)
+    server.foxglove = live.foxglove
     live.identifying.vehicle = robot[0] if robot is not None else vehicle
     if robot is not None:
         await _presumed(live, lab, *robot)
@@ -143,8 +144,16 @@ def announce(server: Server, how: Served, say: Callable[[Diagnostic | str], obje
         say(note("web.to-view", url=url(address, server.port, tokens, Role.VIEW)))
         say(note("web.plain", hours=HOLDS_S / 3600.0))
     say(note("web.at", url=own))
+    if server.foxglove is not None:
+        say(note("web.foxglove", url=foxglove_url(server, tokens)))
     if how.browser:
         asyncio.get_running_loop().run_in_executor(None, open_tab, own)
+
+
+def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:
+    """Return the address for programs of Foxglove's protocol; one of a browser needs the token."""
+    host = bracketed(server.shared_at or LOOPBACK)
+    return f"ws://{host}:{server.port}/foxglove/{tokens[Role.VIEW]}"
 
 
 async def _first(*jobs: Coroutine[None, None, None]) -> None:

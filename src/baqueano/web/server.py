@@ -16,6 +16,7 @@ from websockets.typing import Subprotocol
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
+from baqueano.web.foxglove.bridge import NAMES, Foxglove
 from baqueano.web.guard import Guard
 from baqueano.web.http import LONGEST_HEAD, Content, Head, Refused, head_of, read_head, refuse, reply, static
 from baqueano.web.visitor import LONGEST, POLICY, Visitor
@@ -49,7 +50,8 @@ class Server:
         self._names, self.shared_at, self.port = names, shared_at, port
         self._files = static(STATIC)
         self._servers: list[asyncio.Server] = []
-        self._connections, self.visitors = 0, set[Visitor]()
+        self._connections, self.visitors, self.onlookers = 0, set[Visitor](), set[Visitor]()
+        self.foxglove: Foxglove | None = None  # of a page with a vehicle
         self._talks: set[asyncio.Task[None] | None] = set()
         self.guard = Guard((), 0)
 
@@ -74,7 +76,7 @@ class Server:
 
     async def __aexit__(self, *error: object) -> None:
         """Let everybody go."""
-        for visitor in list(self.visitors):
+        for visitor in [*self.visitors, *self.onlookers]:
             visitor.leave(1001)
         await self._close()
         for talk in list(self._talks):
@@ -122,6 +124,9 @@ class Server:
             if head.path == "/ws":
                 await self._upgrade(reader, writer, head, data)
                 return
+            if self.foxglove is not None and head.path.partition("/foxglove")[0] == "":
+                await self._look(reader, writer, head, data)
+                return
             body = self._files.get(head.path) or await self._body(head.path)
             if body is None:
                 raise Refused(HTTPStatus.NOT_FOUND)
@@ -135,17 +140,7 @@ class Server:
         origins = head.values("origin")
         if not self.guard.knows_origin(origins):
             raise Refused(HTTPStatus.FORBIDDEN)
-        if head.method != "GET" or not head.values("upgrade"):
-            raise Refused(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
-        if len(self.visitors) >= VISITORS:
-            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE)
-        protocol = ServerProtocol(subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=LONGEST)
-        protocol.receive_data(data)
-        requests = protocol.events_received()
-        response = protocol.accept(requests[0]) if requests else None  # pyright: ignore[reportArgumentType]
-        if response is None or response.status_code != HTTPStatus.SWITCHING_PROTOCOLS:
-            raise Refused(HTTPStatus.BAD_REQUEST)
-        protocol.send_response(response)
+        protocol = self._protocol(head, data, (SUBPROTOCOL,))
         writer.write(b"".join(protocol.data_to_send()))
         visitor = Visitor(reader, writer, protocol, writer.get_extra_info("peername")[0], bool(origins))
         self.visitors.add(visitor)
@@ -156,6 +151,46 @@ class Server:
             late.cancel()
             self.visitors.discard(visitor)
             self._on_leave(visitor)
+
+    async def _look(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: Head, data: bytes
+    ) -> None:
+        """Let a program of Foxglove's protocol look: with a token in its address, or on this machine, by no page."""
+        address, foxglove = writer.get_extra_info("peername")[0], self.foxglove
+        assert foxglove is not None
+        token = head.path.removeprefix("/foxglove").removeprefix("/")
+        here = (
+            not token and not head.values("origin") and not self.guard.shared and address in (LOOPBACK, "::1")
+        )
+        if not here and self.guard.role(address, token, from_page=False) is None:
+            raise Refused(HTTPStatus.FORBIDDEN)
+        protocol = self._protocol(head, data, NAMES)
+        if protocol.subprotocol is None:
+            raise Refused(HTTPStatus.BAD_REQUEST)
+        writer.write(b"".join(protocol.data_to_send()))
+        line = Visitor(reader, writer, protocol, address, from_page=False, kind="op")
+        self.onlookers.add(line)
+        foxglove.welcome(line)
+        try:
+            await line.talk(foxglove.heard)
+        finally:
+            self.onlookers.discard(line)
+            foxglove.left(line)
+
+    def _protocol(self, head: Head, data: bytes, names: tuple[str, ...]) -> ServerProtocol:
+        """Return the protocol of a connection that is let in, with its answer ready to be sent."""
+        if head.method != "GET" or not head.values("upgrade"):
+            raise Refused(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
+        if len(self.visitors) + len(self.onlookers) >= VISITORS:
+            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE)
+        protocol = ServerProtocol(subprotocols=[Subprotocol(one) for one in names], max_size=LONGEST)
+        protocol.receive_data(data)
+        requests = protocol.events_received()
+        response = protocol.accept(requests[0]) if requests else None  # pyright: ignore[reportArgumentType]
+        if response is None or response.status_code != HTTPStatus.SWITCHING_PROTOCOLS:
+            raise Refused(HTTPStatus.BAD_REQUEST)
+        protocol.send_response(response)
+        return protocol
 
     def _greeted(self, visitor: Visitor) -> None:
         """Let a visitor go who has not said hello."""

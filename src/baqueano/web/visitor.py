@@ -41,13 +41,13 @@ POLICY, UNSUPPORTED, TOO_SLOW = 1008, 1003, 1013
 
 
 class Visitor:
-    """A connection that was let in; `role` is None until its first word."""
+    """A connection that was let in; `role` is None until its first word. `kind` is the field that names a word."""
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, protocol: ServerProtocol, address: str,
-        from_page: bool,
+        from_page: bool, kind: str = "is",
     ) -> None:  # fmt: skip
-        self.address, self.from_page = address, from_page
+        self.address, self.from_page, self._kind = address, from_page, kind
         self.role: Role | None = None
         self.name, self.language = "", "en"
         self.spoke = False
@@ -160,7 +160,7 @@ class Visitor:
             word = json.loads(b"".join(self._parts))
         except (ValueError, RecursionError):
             word = None
-        if not isinstance(word, dict) or not isinstance(word.get("is"), str):
+        if not isinstance(word, dict) or not isinstance(word.get(self._kind), str):
             self.leave(POLICY)
             return []
         return [word]

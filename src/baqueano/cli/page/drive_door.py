@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from socket import socket
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
+from baqueano.contracts.blocks import World
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.adjusting import Adjusting
@@ -41,7 +42,7 @@ RELAYED = ("vehicle", "fields", "route", "frame", "state", "event")
 BY_HAND = ("drive", "teach")
 
 
-class WorldWithBody(Protocol):
+class WorldWithBody(World, Protocol):
     """A simulated or emulated world."""
 
     @property
@@ -101,7 +102,7 @@ class DriveDoor:
         if "world" not in given:
             known = ("truth", "seed", "eta", "backend")
             given["world"] = Conditions(**{k: given[k] for k in known if k in given}).world_of(file)
-        watching = _PageObserver(self, mission, file, given["world"])
+        watching = _PageObserver(self, mission, file, cast(WorldWithBody, given["world"]))
         given["observers"] = (
             *given.get("observers", ()),
             watching,

@@ -50,6 +50,12 @@ TEMPLATES: dict[str, str] = {
     "web.no-network": "The address of this computer in its network was not found. Type: --address 192.168.4.1",
     "web.one-of": "{several} were given together. Expected one of them.",
     "web.at": "page: {url}   Ctrl-C ends it",
+    "web.foxglove": "for Foxglove, to look at: {url}",
+    "web.foxglove-set": "Parameters are read only here. Who drives sets gains on the page.",
+    "web.foxglove-publish": "This vehicle takes no messages.",
+    "web.foxglove-updates": "No updates of parameters are sent. Ask for the parameters again.",
+    "web.foxglove-channel": "Channel {word} is unknown here.",
+    "web.foxglove-most": "At most {word} subscriptions are taken.",
     "web.to-stop": "who may watch and stop: {url}",
     "web.to-view": "who may only watch: {url}",
     "web.plain": (

@@ -1,0 +1,1 @@
+"""The vehicle for programs that speak Foxglove's protocol: they look, and change nothing."""

@@ -1,0 +1,262 @@
+"""Foxglove's WebSocket protocol, version 1, under both its names; a client looks, and that is all.
+
+    ws://HOST:PORT/foxglove[/TOKEN]
+
+channels        one of JSON for each family of numbers, a message a tick; events; the route
+parameters      name, world and blocks of the vehicle, its gains and limits: read only
+connection      the block diagram: who publishes a topic, who reads it
+graph
+
+Words are read as `op`; a client that publishes, calls or sets is told so and nothing is done.
+"""
+
+import json
+import struct
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+from baqueano.contracts.values import Value
+from baqueano.diagnostics import note
+from baqueano.messages import text
+from baqueano.printable import one_line
+from baqueano.web.visitor import Visitor, encoded, packed
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+NAMES = ("foxglove.sdk.v1", "foxglove.websocket.v1")  # of the subprotocol
+MESSAGE = struct.Struct("<BIQ")  # opcode 1, subscription, time [ns]
+DATA, ERROR, SECOND = 1, 2, 10**9
+MOST = 256  # subscriptions of a client
+FAMILIES = {  # of the first part of a column's name → topic
+    "eta": "/estimate/pose", "P": "/estimate/covariance", "nu": "/estimate/velocity", "ref": "/guide/reference",
+    "truth": "/world/truth", "u": "/command/applied", "asked": "/controller/command", "z": "/sensors",
+    "model": "/estimate/measurement", "innov": "/estimate/innovation", "S": "/estimate/innovation_std",
+}  # fmt: skip
+DRIVE, EVENTS, ROUTE = "/drive", "/events", "/guide/route"
+READS = {  # block → the topics that it reads; each publishes those below its own name
+    "estimator": ("/sensors", "/command/applied"), "guide": ("/estimate/pose", ROUTE),
+    "controller": ("/guide/reference", "/estimate/pose", "/estimate/velocity"),
+    "supervisor": ("/controller/command", "/sensors"), "world": ("/command/applied",),
+}  # fmt: skip
+WRITES = {
+    "estimator": "/estimate/", "guide": "/guide/", "controller": "/controller/", "supervisor": "/command/",
+    "world": ("/sensors", "/world/", DRIVE, EVENTS),
+}  # fmt: skip
+LEVELS = {"info": 2, "warning": 3, "error": 4, "fatal": 5}  # of foxglove.Log
+REFUSED = {
+    "setParameters": "web.foxglove-set", "advertise": "web.foxglove-publish",
+    "subscribeParameterUpdates": "web.foxglove-updates",
+}  # fmt: skip
+
+
+class Client(NamedTuple):
+    """A program that looks: subscription → topic."""
+
+    line: Visitor
+    wanted: dict[int, str]
+
+
+class Foxglove:
+    """All programs that look at a vehicle. `about` returns its words: vehicle, fields, route."""
+
+    def __init__(self, about: "Callable[[], JsonObject]", now_ns: Callable[[], int] = time.time_ns) -> None:
+        self._about, self._now_ns = about, now_ns
+        self._clients: dict[Visitor, Client] = {}
+        self._topics: list[str] = []
+        self._begun_ns, self._last_s = now_ns(), float("inf")
+
+    def __len__(self) -> int:
+        return len(self._clients)
+
+    def welcome(self, line: Visitor) -> None:
+        """Say who the vehicle is, and what there is to see."""
+        self._clients[line] = Client(line, {})
+        vehicle = self._about().get("vehicle") or {}
+        line.say({
+            "op": "serverInfo", "name": f"baqueano: {vehicle.get('name', '')}", "sessionId": str(self._begun_ns),
+            "capabilities": ["parameters", "connectionGraph"], "supportedEncodings": ["json"],
+            "metadata": {"world": str(vehicle.get("world", ""))},
+        })  # fmt: skip
+        line.say({"op": "advertise", "channels": self._channels()})
+
+    def left(self, line: Visitor) -> None:
+        """A program has gone."""
+        self._clients.pop(line, None)
+
+    async def heard(self, line: Visitor, word: "JsonObject") -> None:
+        """Do a word of a program; one that would change something is answered by a status."""
+        client, op = self._clients[line], word["op"]
+        try:
+            match op:
+                case "subscribe":
+                    self._subscribe(client, word["subscriptions"])
+                case "unsubscribe":
+                    for number in word["subscriptionIds"]:
+                        client.wanted.pop(int(number), None)
+                case "getParameters":
+                    line.say(self._parameters(word["parameterNames"], word.get("id")))
+                case "subscribeConnectionGraph":
+                    line.say(self._graph())
+                case "unsubscribeConnectionGraph" | "unsubscribeParameterUpdates" | "unadvertise":
+                    pass
+                case _:
+                    line.say(_status(REFUSED.get(op, "web.unknown-word"), op))
+                    if op == "setParameters":  # the values that hold
+                        line.say(self._parameters([], word.get("id")))
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            line.say(_status("web.not-understood", type(error).__name__))
+
+    def show(self, rows: list[list[float]]) -> None:
+        """Send the rows of a frame to who has subscribed to something of them; each topic is encoded once."""
+        if not self._clients:
+            return
+        fields = self._about()["fields"]
+        self._advertise_again()
+        bodies: dict[str, list[tuple[int, bytes]]] = {}
+        for client in self._clients.values():
+            messages = []
+            for number, topic in client.wanted.items():
+                if topic not in bodies:
+                    bodies[topic] = [(self._stamp(row), _body(topic, fields, row)) for row in rows]
+                messages += [
+                    packed(MESSAGE.pack(DATA, number, t_ns) + body) for t_ns, body in bodies[topic] if body
+                ]
+            if messages:
+                client.line.show(b"".join(messages))
+
+    def event(self, severity: str, words: str) -> None:
+        """Send an event to who has subscribed to events."""
+        self._send(EVENTS, {
+            "timestamp": _time(self._now_ns()), "level": LEVELS.get(severity, 2), "message": words,
+            "name": "baqueano", "file": "", "line": 0,
+        })  # fmt: skip
+
+    def _subscribe(self, client: Client, asked: "list[JsonObject]") -> None:
+        for one in asked:
+            number, channel = int(one["id"]), int(one["channelId"])
+            if not 0 < channel <= len(self._topics) or not 0 <= number < 1 << 32:
+                client.line.say(_status("web.foxglove-channel", str(channel)))
+            elif len(client.wanted) >= MOST:
+                client.line.say(_status("web.foxglove-most", str(MOST)))
+            else:
+                client.wanted[number] = self._topics[channel - 1]
+                if self._topics[channel - 1] == ROUTE:
+                    self._send(ROUTE, self._route())
+
+    def _channels(self) -> "list[JsonObject]":
+        fields = self._about()["fields"]
+        families = [
+            FAMILIES[one] for one in dict.fromkeys(_family(f["name"]) for f in fields) if one in FAMILIES
+        ]
+        self._topics = [*families, DRIVE, EVENTS, ROUTE]
+        kinds = {EVENTS: "foxglove.Log", ROUTE: "foxglove.PosesInFrame"}
+        return [
+            {
+                "id": k, "topic": topic, "encoding": "json", "schemaEncoding": "jsonschema",
+                "schemaName": kinds.get(topic, "baqueano" + topic.replace("/", ".")),
+                "schema": json.dumps({"type": "object", "properties": _properties(topic, fields)}),
+            }
+            for k, topic in enumerate(self._topics, 1)
+        ]  # fmt: skip
+
+    def _advertise_again(self) -> None:
+        """Another vehicle may have other columns: those that know the old channels get the new ones."""
+        before = self._topics
+        channels = self._channels()
+        if before == self._topics:
+            return
+        for client in self._clients.values():
+            client.wanted.clear()
+            client.line.say({"op": "unadvertise", "channelIds": [*range(1, len(before) + 1)]})
+            client.line.say({"op": "advertise", "channels": channels})
+
+    def _parameters(self, names: list[str], asked: object) -> "JsonObject":
+        vehicle = self._about().get("vehicle") or {}
+        known: dict[str, Value] = {
+            f"vehicle.{k}": vehicle[k] for k in ("name", "world", "rate_hz") if k in vehicle
+        }
+        known |= {f"block.{room}": str(kind) for room, kind in (self._about().get("blocks") or {}).items()}
+        known |= dict(vehicle.get("gains") or {})
+        for one in vehicle.get("command", []):
+            known[f"limit.{one['name']}"] = [one["low"], one["high"]]
+        chosen = [name for name in known if not names or name in names]
+        values = [{"name": name, "value": known[name]} for name in chosen]
+        return {"op": "parameterValues", "parameters": values} | ({} if asked is None else {"id": str(asked)})
+
+    def _graph(self) -> "JsonObject":
+        def blocks(topic: str) -> list[str]:
+            return [block for block, own in WRITES.items() if topic.startswith(own)]
+
+        return {
+            "op": "connectionGraphUpdate", "advertisedServices": [], "removedTopics": [], "removedServices": [],
+            "publishedTopics": [{"name": one, "publisherIds": blocks(one)} for one in self._topics],
+            "subscribedTopics": [
+                {"name": one, "subscriberIds": [block for block, read in READS.items() if one in read]}
+                for one in self._topics
+            ],
+        }  # fmt: skip
+
+    def _route(self) -> "JsonObject":
+        route = self._about().get("route") or {"x": [], "y": []}
+        at = {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+        poses = [
+            {"position": {"x": x, "y": y, "z": 0.0}} | at
+            for x, y in zip(route["x"], route["y"], strict=False)
+        ]
+        return {"timestamp": _time(self._now_ns()), "frame_id": "map", "poses": poses}
+
+    def _send(self, topic: str, message: "JsonObject") -> None:
+        body = encoded(message)
+        for client in self._clients.values():
+            for number, wanted in client.wanted.items():
+                if wanted == topic:
+                    client.line.show(packed(MESSAGE.pack(DATA, number, self._now_ns()) + body))
+
+    def _stamp(self, row: list[float]) -> int:
+        """Return the time of a row on the clock of the wall: that of its drive's begin, and the time since then."""
+        t_s = float(row[0] or 0.0)
+        if t_s < self._last_s:
+            self._begun_ns = self._now_ns() - round(t_s * SECOND)
+        self._last_s = t_s
+        return self._begun_ns + round(t_s * SECOND)
+
+
+def _family(name: str) -> str:
+    return name.partition(".")[0]
+
+
+def _topic(name: str) -> str:
+    return FAMILIES.get(_family(name), DRIVE)
+
+
+def _key(name: str) -> str:
+    return name.partition(".")[2] or name
+
+
+def _properties(topic: str, fields: "list[JsonObject]") -> "JsonObject":
+    if topic == EVENTS:
+        return {"message": {"type": "string"}, "level": {"type": "integer"}, "name": {"type": "string"}}
+    if topic == ROUTE:
+        return {"frame_id": {"type": "string"}, "poses": {"type": "array", "items": {"type": "object"}}}
+    return {
+        _key(one["name"]): {"type": "number", "description": one["unit"]}
+        for one in fields if _topic(one["name"]) == topic
+    }  # fmt: skip
+
+
+def _body(topic: str, fields: "list[JsonObject]", row: list[float]) -> bytes:
+    """Return the numbers of a topic as JSON; nothing where none of them is known."""
+    named = zip((one["name"] for one in fields), row, strict=False)
+    held = {_key(name): x for name, x in named if _topic(name) == topic}
+    return encoded(held) if any(x is not None for x in held.values()) else b""
+
+
+def _time(t_ns: int) -> "JsonObject":
+    return {"sec": t_ns // SECOND, "nsec": t_ns % SECOND}
+
+
+def _status(code: str, word: str = "") -> "JsonObject":
+    named = one_line(word)[:40]
+    return {"op": "status", "level": ERROR, "message": text(note(code, word=named, error=named))}

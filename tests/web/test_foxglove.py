@@ -1,0 +1,177 @@
+"""Foxglove's protocol, as its public client speaks it: it looks at the vehicle, and changes nothing."""
+
+import asyncio
+import json
+import math
+import shutil
+import struct
+import subprocess
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from baqueano.diagnostics import Severity, note
+from baqueano.web.foxglove.bridge import MESSAGE, NAMES
+from baqueano.web.guard import Role
+from tests.web.fake_vehicle import live_page, until
+from tests.web.page_client import WAIT_S, run_page
+
+HERE = Path(__file__).with_name("foxglove")
+NODE = shutil.which("node")
+needs_client = pytest.mark.skipif(
+    NODE is None or not (HERE / "node_modules").is_dir(),
+    reason="the public client is not installed: make foxglove",
+)
+ROUTE = {"is": "route", "name": "oval", "closed": True, "length_m": 2.0, "x": [0.0, 1.0], "y": [0.0, 0.5]}
+BLOCKS = {"estimator": "Ekf", "guide": "AlongRoute", "controller": "PdFeedforward"}
+
+
+def there(server, token=""):
+    return f"ws://127.0.0.1:{server.port}/foxglove" + (f"/{token}" if token else "")
+
+
+async def next_word(line, *ops):
+    while True:
+        data = await asyncio.wait_for(line.recv(), WAIT_S)
+        if isinstance(data, str) and json.loads(data)["op"] in ops:
+            return json.loads(data)
+
+
+@needs_client
+def test_the_public_client_sees_all_and_changes_nothing(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, live):
+            link.on_word({
+                "is": "vehicle", "name": "small", "world": "simulated", "rate_hz": 100.0, "blocks": BLOCKS,
+                "command": [{"name": "u_x", "low": -1, "high": 1}], "gains": {"controller.k_x": 3.0},
+            })  # fmt: skip
+            link.on_word(ROUTE)
+            program = await asyncio.create_subprocess_exec(
+                str(NODE), "look.mjs", there(server), "4", cwd=HERE, stdout=subprocess.PIPE
+            )
+            looking = asyncio.create_task(program.communicate())
+            await until(lambda: len(live.foxglove) == 1)
+            k = 0
+            while not looking.done():
+                k += 1
+                link.frame(0.1 * k, 2, **{"eta.x": 0.25, "u.0": 0.5, "z.imu[2]": math.nan if k % 2 else 1.5})
+                if k == 10:
+                    link.on_word({"is": "event", "said": note("web.begins", Severity.WARNING)})
+                await asyncio.sleep(0.1)
+            seen = json.loads((await looking)[0])
+        assert seen["info"]["capabilities"] == ["parameters", "connectionGraph"]
+        topics = {one["topic"]: one for one in seen["channels"]}
+        assert {"/estimate/pose", "/command/applied", "/sensors", "/drive", "/events", "/guide/route"} <= {
+            *topics
+        }
+        assert topics["/events"]["schemaName"] == "foxglove.Log"
+        poses = seen["messages"]["/estimate/pose"]
+        assert poses[0]["value"] == {"x": 0.25}
+        steps = [b["t"] - a["t"] for a, b in pairwise(poses)]
+        assert all(step > 0.0 for step in steps)
+        assert min(steps) == pytest.approx(0.01, abs=1e-3)  # the two ticks of a frame
+        assert {
+            one["value"]["u_x" if "u_x" in one["value"] else "0"]
+            for one in seen["messages"]["/command/applied"]
+        } == {0.5}
+        assert seen["messages"]["/guide/route"][0]["value"]["poses"][1]["position"] == {
+            "x": 1.0,
+            "y": 0.5,
+            "z": 0.0,
+        }
+        assert seen["messages"]["/events"][0]["value"]["level"] == 3
+        values = {one["name"]: one["value"] for one in seen["parameters"]["all"]}
+        assert values["controller.k_x"] == 3.0
+        assert values["block.estimator"] == "Ekf"
+        assert values["limit.u_x"] == [-1, 1]
+        assert seen["parameters"]["mine"] == seen["parameters"]["all"]  # what was set is not
+        assert len(seen["statuses"]) >= 3  # set, publish, updates
+        published = {one["name"]: one["publisherIds"] for one in seen["graph"]["publishedTopics"]}
+        read = {one["name"]: one["subscriberIds"] for one in seen["graph"]["subscribedTopics"]}
+        assert published["/estimate/pose"] == ["estimator"]
+        assert set(read["/estimate/pose"]) == {"guide", "controller"}
+        assert "world" in read["/command/applied"]
+        assert seen["closed"] == 1003  # it published
+        assert {word["do"] for word in link.heard} == {"watch", "routes"}  # nothing came to the vehicle
+
+    run_page(job)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_names_of_the_protocol_are_spoken(tmp_path, name):
+    async def job():
+        async with (
+            live_page(tmp_path) as (server, link, _),
+            connect(there(server), subprotocols=[name]) as line,
+        ):
+            assert line.subprotocol == name
+            info = await next_word(line, "serverInfo")
+            assert "small" in info["name"]
+            channels = (await next_word(line, "advertise"))["channels"]
+            chosen = next(one["id"] for one in channels if one["topic"] == "/drive")
+            await line.send(
+                json.dumps({"op": "subscribe", "subscriptions": [{"id": 7, "channelId": chosen}]})
+            )
+            await line.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 8, "channelId": 99}]}))
+            assert "99" in (await next_word(line, "status"))["message"]
+            link.frame(1.0, nis=1.25)
+            data = await asyncio.wait_for(line.recv(), WAIT_S)
+            opcode, number, _ = MESSAGE.unpack(data[: MESSAGE.size])
+            assert (opcode, number) == (1, 7)
+            assert json.loads(data[MESSAGE.size :])["nis"] == 1.25
+            for bad in (
+                {"op": "subscribe"},
+                {"op": "unsubscribe", "subscriptionIds": ["x"]},
+                {"op": "fetchAsset"},
+            ):
+                await line.send(json.dumps(bad))
+                await next_word(line, "status")
+
+    run_page(job)
+
+
+def test_ne2_ne3_a_program_needs_a_token_where_a_page_would(tmp_path):
+    async def refused(url, **how):
+        with pytest.raises(InvalidStatus) as error:
+            await connect(url, subprotocols=[NAMES[0]], **how).__aenter__()
+        return error.value.response.status_code
+
+    async def job():
+        async with live_page(tmp_path) as (server, _, _):
+            evil = {"origin": "https://evil.example"}
+            assert await refused(there(server), **evil) == 403
+            assert await refused(there(server, "x" * 22)) == 403
+            token = server.guard.tokens[Role.VIEW]
+            async with connect(
+                there(server, token), subprotocols=[NAMES[0]], **evil
+            ) as line:  # Foxglove's own page
+                await next_word(line, "serverInfo")
+            with pytest.raises(InvalidStatus):
+                await connect(there(server)).__aenter__()  # of no protocol that is spoken here
+        async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _):
+            assert await refused(there(server)) == 403
+
+    run_page(job)
+
+
+def test_a_program_that_publishes_is_let_go(tmp_path):
+    async def job():
+        async with (
+            live_page(tmp_path) as (server, link, _),
+            connect(there(server), subprotocols=[NAMES[1]]) as line,
+        ):
+            await line.send(struct.pack("<BI", 1, 1) + b"{}")
+            with pytest.raises(ConnectionClosed):
+                await asyncio.wait_for(all_of(line), WAIT_S)
+            assert {word["do"] for word in link.heard} == {"watch", "routes"}
+
+    run_page(job)
+
+
+async def all_of(line):
+    """Read until the connection ends."""
+    while True:
+        await line.recv()
