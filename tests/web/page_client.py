@@ -61,6 +61,7 @@ async def recorded_page(folder: Path, *opened: str, **how: Any) -> AsyncIterator
         async with server:
             yield server
     finally:
+        await page.close()
         await shelf.close()
         await lab.close()
 
@@ -71,10 +72,17 @@ class Browser:
     def __init__(self, line: ClientConnection) -> None:
         self.line, self.frames = line, []
         self.hello: dict[str, Any] = {}
+        self.asked = 0
 
     async def say(self, word: str, **more: Any) -> None:
         """Send a word."""
         await self.line.send(json.dumps({"is": word, **more}))
+
+    async def ask(self, what: str, **more: Any) -> dict[str, Any]:
+        """Ask, and return the answer."""
+        self.asked += 1
+        await self.say("ask", id=self.asked, what=what, **more)
+        return await self.next("answer", where=lambda word, asked=self.asked: word.get("id") == asked)
 
     async def next(
         self, *kinds: str, where: Callable[[dict[str, Any]], bool] = lambda word: True

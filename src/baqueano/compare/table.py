@@ -15,6 +15,7 @@ from baqueano.language import translated as _
 if TYPE_CHECKING:
     from baqueano.compare.comparison import Comparison, RunComparison
     from baqueano.compare.consistency import Band
+    from baqueano.contracts.values import JsonObject
 
 WIDTH = 80  # letters of a line
 COLUMN, LEAST_COLUMN = 18, 8  # letters of a run's column
@@ -32,6 +33,7 @@ class TableLine(NamedTuple):
     label: str
     unit: str
     of: "Callable[[RunComparison], Any]"
+    error: bool = False  # a smaller one is better
 
 
 def table(found: "Comparison") -> str:
@@ -66,6 +68,33 @@ def table(found: "Comparison") -> str:
     return "\n\n".join(blocks)
 
 
+def sections_of(found: "Comparison") -> "list[JsonObject]":
+    """Return the figures that are known of at least one run, for a page: {title, rows: [{label, unit, cells, best}]};
+    `best` is the column of the smallest error, None where a smaller figure is not a better one."""
+    sections: list[JsonObject] = []
+    for title, lines in _sections(found):
+        rows: list[JsonObject] = []
+        for line in lines:
+            values = [line.of(one) for one in found.runs]
+            cells = [_cell(value) for value in values]
+            if any(cell != "-" for cell in cells):
+                rows.append(
+                    {"label": line.label, "unit": line.unit, "cells": cells, "best": _best(line, values)}
+                )
+        if rows:
+            sections.append({"title": title, "rows": rows})
+    return sections
+
+
+def _best(line: TableLine, values: Sequence[Any]) -> int | None:
+    """Return the column of the smallest error."""
+    numbers = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
+    known = sorted((value, k) for k, value in enumerate(numbers) if value is not None)
+    if not line.error or len(known) < 2 or known[0][0] == known[1][0]:
+        return None
+    return known[0][1]
+
+
 def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
     """Yield the columns that fit beside each other."""
     first = 0
@@ -89,15 +118,15 @@ def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
     yield (
         _(ALIGNED[found.alignment]),
         [
-            TableLine(_("position (ATE)"), "m", lambda j: j.ate_m),
-            TableLine(_("position, at the end"), "m", lambda j: j.end_error_m),
-            TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES),
-            TableLine(_("drift {over} (RPE)", over=over), "m", lambda j: j.rpe_m),
+            TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, True),
+            TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, True),
+            TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES, True),
+            TableLine(_("drift {over} (RPE)", over=over), "m", lambda j: j.rpe_m, True),
             TableLine(
-                _("drift of the heading {over}", over=over), "°", lambda j: j.rpe_heading_rad * DEGREES
+                _("drift of the heading {over}", over=over), "°", lambda j: j.rpe_heading_rad * DEGREES, True
             ),
-            TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s),
-            TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s),
+            TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s, True),
+            TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, True),
         ],
     )
     if found.of_drives:
@@ -124,17 +153,17 @@ def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
 
 def _distances(name: str) -> list[TableLine]:
     return [
-        TableLine(_("distance, rms"), "m", lambda j: getattr(j, name).rms_m),
-        TableLine(_("distance, 95 %"), "m", lambda j: getattr(j, name).p95_m),
-        TableLine(_("distance, largest"), "m", lambda j: getattr(j, name).max_m),
+        TableLine(_("distance, rms"), "m", lambda j: getattr(j, name).rms_m, True),
+        TableLine(_("distance, 95 %"), "m", lambda j: getattr(j, name).p95_m, True),
+        TableLine(_("distance, largest"), "m", lambda j: getattr(j, name).max_m, True),
     ]
 
 
 def _paces(name: str) -> list[TableLine]:
     return [
-        TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s),
-        TableLine(_("speed error, of the mean"), "%", lambda j: 100.0 * getattr(j, name).error),
-        TableLine(_("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).uneven),
+        TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s, True),
+        TableLine(_("speed error, of the mean"), "%", lambda j: 100.0 * getattr(j, name).error, True),
+        TableLine(_("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).uneven, True),
     ]
 
 

@@ -1,4 +1,5 @@
-"""Gains that the holder changes while the vehicle drives: taken between two ticks, and written into the run.
+"""Gains that the holder changes while the vehicle drives: taken between two ticks, and written into the run. So are,
+with its first tick, the blocks that a mission took in place of those of its vehicle file.
 
 Only numbers of the controller can be set; the limits of the supervisor clip whatever it asks for. A changed controller
 runs as it is written, in some 0.1 ms a tick: to compile it would hold up the loop.
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from baqueano.loop import Blocks
     from baqueano.signals import Command, Estimate, Reference
 
-SOURCE, ROOM = "set", "controller"
+SOURCE, SWAP, ROOM = "set", "swap", "controller"
 
 
 class Adjustable:
@@ -63,8 +64,14 @@ class Adjustable:
 class Adjusting(Observer):
     """Takes the changes of one drive from the operator; each is told, and an event of the run."""
 
-    def __init__(self, operator: "Operator", tell: "Callable[[JsonObject], None]") -> None:
+    def __init__(
+        self,
+        operator: "Operator",
+        tell: "Callable[[JsonObject], None]",
+        blocks: "dict[str, str] | None" = None,
+    ) -> None:
         self._operator, self._tell = operator, tell
+        self._blocks = dict(blocks or {})  # in place of the file's, not yet told
         self._controller = Adjustable(None)
         operator.changes()  # of before this drive
 
@@ -74,6 +81,9 @@ class Adjusting(Observer):
 
     def events(self) -> list[LastLine]:
         lines: list[LastLine] = []
+        while self._blocks:
+            room, kind = self._blocks.popitem()
+            lines.append((SWAP, str(Severity.INFO), note("door.swapped", room=room, kind=kind)))
         for path, value in self._operator.changes():
             try:
                 what, level = self._controller.change(path, value), Severity.INFO

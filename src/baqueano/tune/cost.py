@@ -38,16 +38,24 @@ class TickErrors(NamedTuple):
 
 def tick_cost(weights: Weights, limit: np.ndarray, heard: Any) -> Any:
     """Return a term of the sum, a scalar [m²].  (2), (3)"""
+    cost = path_cost(weights, heard)
+    return cost if weights.effort_m2 == 0.0 else cost + weights.effort_m2 * jerk(limit, heard)
+
+
+def path_cost(weights: Weights, heard: Any) -> Any:
+    """Return the cost of the distance from the reference at a tick, a scalar [m²].  (2)"""
     d = heard.record.reference.eta - heard.truth.eta
     k = weights.huber_m
     r2 = d[0] * d[0] + d[1] * d[1] + (weights.radian_m * wrap(d[2])) ** 2
     beyond = k * np.sqrt(np.maximum(r2, k * k)) - 0.5 * k * k
-    cost = np.where(r2 <= k * k, 0.5 * r2, beyond)
-    if weights.effort_m2 == 0.0:
-        return cost
+    return np.where(r2 <= k * k, 0.5 * r2, beyond)
+
+
+def jerk(limit: np.ndarray, heard: Any) -> Any:
+    """Return the squared change of the command at a tick, in parts of its limit; q is its price.  (3)"""
     scale = np.where((limit > 0.0) & np.isfinite(limit), limit, 1.0)
     change = (heard.record.command.u - heard.record.tick.u) / scale
-    return cost + weights.effort_m2 * np.sum(change * change)
+    return np.sum(change * change)
 
 
 def shown(limit: np.ndarray, heard: Any) -> TickErrors:

@@ -141,10 +141,10 @@ def rehearse(
     which has no such price. `aside_m`: how far behind and to the left of the route's start the vehicle begins, 0 in the
     paper. `estimator`: in the loop, with the noise of `seed`; `draws`: vehicles from the covariance of the fit.
     """
-    weights = _weights(vehicle_file, radian_m, huber_m, effort_m2)
+    weights = weights_of(vehicle_file, radian_m, huber_m, effort_m2)
     if not np.isfinite(aside_m):
         raise UsageError(fault("tune.aside", aside_m=aside_m))
-    asked = _asked(vehicle_file, gains, bounds or {})
+    asked = sought(vehicle_file, gains, bounds or {})
     system = closed(vehicle_file, route, laps, not estimator, vehicle_file.controller(**asked.first))
     system = unquantised(system)
     rate = vehicle_file.rate_hz
@@ -260,16 +260,17 @@ def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int) -> Gain:
     return Gain(*named, float(asked.low[k]), float(asked.high[k]), limit, *around)
 
 
-def _asked(
-    vehicle_file: "VehicleFile", gains: Sequence[str] | None, bounds: dict[str, tuple[float, float]]
-) -> SoughtGains:
-    """The gains, their bounds, and what the file has for them."""
+def sought(
+    vehicle_file: "VehicleFile", gains: Sequence[str] | None, bounds: dict[str, tuple[float, float]],
+    kind: str | None = None,
+) -> SoughtGains:  # fmt: skip
+    """The gains, their bounds, and what the file has for them; `kind`: those of another controller."""
     try:
-        block = vehicle_file.controller()
+        block = vehicle_file.controller(kind)
     except BaqueanoError:  # gains are still to be found: they are what the file lacks
         wanted = THE_PAPERS if gains is None else tuple(gains)
         anything: JsonObject = dict.fromkeys(wanted, 1.0)
-        block, known = vehicle_file.controller(**anything), False
+        block, known = vehicle_file.controller(kind, **anything), False
     else:
         known = True
     fields = {name: p for name, p in parameters(block) if p.shape == ()}
@@ -299,7 +300,7 @@ def _bounds(name: str, p: Any, full: float, bounds: dict[str, tuple[float, float
     return (p.low if np.isfinite(p.low) else 0.0), (p.high if np.isfinite(p.high) else full / error)
 
 
-def _weights(
+def weights_of(
     vehicle_file: "VehicleFile", radian_m: float | None, huber_m: float, effort_m2: float
 ) -> Weights:
     """The settings of the cost, checked."""

@@ -39,6 +39,7 @@ class Descent(NamedTuple):
     cost: float
     costs: np.ndarray  # (e,) of each evaluation, that of the start first
     slope: float  # what L-BFGS-B left of it, relative to the cost; 0 at the minimum of a smooth cost
+    way: tuple[np.ndarray, ...] = ()  # gains (p,) after each step, those of the start first
 
 
 def search(
@@ -65,6 +66,13 @@ def search(
     return ends
 
 
+def descend(
+    cost_and_gradient: CostAndGradient, start: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> Descent:
+    """Return the descent from `start`, which lies within the bounds."""
+    return _descend(_minimize(), cost_and_gradient, start, low, high)
+
+
 def _descend(
     minimize: Callable,
     cost_and_gradient: CostAndGradient,
@@ -85,10 +93,14 @@ def _descend(
 
     options = {"maxfun": EVALUATIONS, "ftol": 1e-10, "gtol": 1e-8}
     x0 = place(start, low, high)
-    found = minimize(f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options)
+    way = [np.array(start, dtype=float)]
+    found = minimize(
+        f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options,
+        callback=lambda x: way.append(gains(x, low, high)),
+    )  # fmt: skip
     better = found.fun <= first * scale
     x, least = (found.x, float(found.fun / scale)) if better else (x0, first)
-    return Descent(start, gains(x, low, high), least, np.array(costs), _slope(found, x))
+    return Descent(start, gains(x, low, high), least, np.array(costs), _slope(found, x), tuple(way))
 
 
 def _slope(found: Any, x: np.ndarray) -> float:

@@ -68,6 +68,7 @@ class Live:
         self._changed = True
         self.over = asyncio.Event()  # the drives have ended as they should, and the service with them
         self._ledger: list[JsonObject] = []  # the rows, with diagnostics
+        self._blocks: dict[str, str] = {}  # room → kind, in place of the file's
 
     def _about(self) -> "JsonObject":
         blocks = self._vehicle.get("blocks", {})
@@ -101,8 +102,9 @@ class Live:
             state = self._described()
         about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
         return {
-            "robot": self.robot, "vehicle": about or None,
-            "blocks": self._vehicle.get("blocks", {}), "fields": self._fields,
+            "robot": self.robot,
+            "vehicle": about or None, "blocks": self._vehicle.get("blocks", {}), "swapped": self._blocks,
+            "fields": self._fields,
             "driver": getattr(self.lease.holder, "name", None), "state": state, "route": self._route,
             "routes": [route["name"] for route in self._routes],
         }  # fmt: skip
@@ -137,6 +139,21 @@ class Live:
     def left(self, visitor: Visitor) -> None:
         """A browser has gone. The holder's silence stops the vehicle by itself."""
         self.lease.left(visitor)
+
+    def may_change(self, visitor: Visitor) -> None:
+        """Refuse who may not change what the next mission does: the holder may, or anyone who may drive while nobody
+        does."""
+        self._needs(visitor, Role.DRIVE)
+        if self.lease.holder is not None:
+            self.lease.check(visitor)
+
+    def swapped(self, room: str, blocks: dict[str, str]) -> None:
+        """Take another block in this room from the next mission on, and tell everybody."""
+        self._blocks = dict(blocks)
+        kind = blocks.get(room)
+        code = "web.swapped" if kind else "web.swapped-back"
+        self._on_event({"said": note(code, room=room, **({"kind": kind} if kind else {}))})
+        self._tell_blocks()
 
     def _stop(self, visitor: Visitor, word: "JsonObject") -> None:
         """Stop, by anyone who may, without the lease, at once."""
@@ -192,7 +209,8 @@ class Live:
         if kind not in MISSIONS:
             raise UsageError(fault("web.no-such-mission", kind=one_line(kind)[:LONGEST], known=[*MISSIONS]))
         kinds = MISSIONS[kind]
-        return kind, {name: _of_kind(word[name], kinds[name]) for name in kinds if name in word}
+        own = {"blocks": self._blocks} if kind == "repeat" and self._blocks else {}
+        return kind, own | {name: _of_kind(word[name], kinds[name]) for name in kinds if name in word}
 
     def _pass_on(self, visitor: Visitor, word: "JsonObject") -> None:
         self.lease.check(visitor)
@@ -204,9 +222,7 @@ class Live:
 
     def _clear(self, visitor: Visitor, word: "JsonObject") -> None:
         """Take a stop away: a person who may drive, and nobody else drives."""
-        self._needs(visitor, Role.DRIVE)
-        if self.lease.holder is not None:
-            self.lease.check(visitor)
+        self.may_change(visitor)
         self._link.say("clear")
 
     def _set(self, visitor: Visitor, word: "JsonObject") -> None:
@@ -217,9 +233,7 @@ class Live:
 
     def _pace(self, visitor: Visitor, word: "JsonObject") -> None:
         """Hand on the pace: of the holder, or of one who may drive while nobody does."""
-        self._needs(visitor, Role.DRIVE)
-        if self.lease.holder is not None:
-            self.lease.check(visitor)
+        self.may_change(visitor)
         self._asked = visitor
         self._link.say("pace", factor=float(word["factor"]))
 
@@ -270,11 +284,20 @@ class Live:
 
     def _on_event(self, word: "JsonObject") -> None:
         said = word["said"]
+        if said.code == "door.set":
+            self._set_gain(said)
         t_s = self.feed.value("t")
         self._events.append((t_s if math.isfinite(t_s) else 0.0, said))
         self.foxglove.event(str(said.severity), text(said))
         for visitor in self._all():
             self._say_event(visitor, *self._events[-1])
+
+    def _set_gain(self, said: Diagnostic) -> None:
+        """Keep the gain that is in force now, and tell everybody."""
+        with suppress(KeyError, TypeError, ValueError):
+            gains = self._vehicle.get("gains", {}) | {said.figures["path"]: float(said.figures["now"])}
+            self._vehicle = self._vehicle | {"gains": gains}
+            self._tell_blocks()
 
     def _on_no(self, word: "JsonObject") -> None:
         """Tell a refusal of the service to who asked."""
@@ -288,6 +311,7 @@ class Live:
     def _on_vehicle(self, word: "JsonObject") -> None:
         self._vehicle = word
         self.identifying.vehicle = word.get("file") or self.identifying.vehicle
+        self._tell_blocks()
 
     def _on_fields(self, word: "JsonObject") -> None:
         names, units = word["names"], word.get("units", [])
@@ -342,6 +366,11 @@ class Live:
 
     def _all(self) -> list[Visitor]:
         return [one for one in self._visitors() if one.role is not None]
+
+    def _tell_blocks(self) -> None:
+        """Tell who sits in which room, the gains, and what the next mission takes in place of the file's."""
+        about = {name: self._vehicle.get(name, {}) for name in ("blocks", "gains")}
+        self._tell({"is": "blocks", **about, "swapped": self._blocks})
 
     def _tell(self, word: "JsonObject") -> None:
         for visitor in self._all():

@@ -17,6 +17,7 @@ from baqueano.web import PROTOCOL
 from baqueano.web.guard import Guard
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.identifying import Identifying
+from baqueano.web.lab.questions import Questions
 from baqueano.web.lab.shelf import Shelf
 from baqueano.web.visitor import POLICY, Visitor
 
@@ -36,8 +37,9 @@ LABELS = {
     "truth.psi": "web.label-true-heading", "nis": "web.label-nis", "progress": "web.label-progress",
     "cross": "web.label-cross", "battery": "web.label-battery", "late_ms": "web.label-late",
 }  # fmt: skip
-SLOW = ("mission", "ask")  # words that a worker may have to answer first
+SLOW = ("mission", "swap", "write", "ask")  # words that a worker may have to answer first
 LONGEST_NAME = 40  # letters
+LONGEST_FILTER = 200
 SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
 
 
@@ -60,6 +62,14 @@ class VehicleSide(Protocol):
         """A browser has gone."""
         ...
 
+    def may_change(self, visitor: Visitor) -> None:
+        """Refuse who may not change what the next mission does."""
+        ...
+
+    def swapped(self, room: str, blocks: dict[str, str]) -> None:
+        """Another block takes a room from the next mission on."""
+        ...
+
 
 class BrowserPage:
     """The visitors of a page, with a vehicle (`live`) or with the recorded runs `opened`: one, and a ghost."""
@@ -70,6 +80,9 @@ class BrowserPage:
     ) -> None:  # fmt: skip
         self._lab, self._shelf, self._guard, self._opened, self.live = lab, shelf, guard, opened, live
         self._identifying = Identifying()  # of runs that are over
+        first = {"path": str(opened[0])} if opened else None
+        self.source: Callable[[], JsonObject | None] = lambda: first  # what questions are about
+        self.questions = Questions(shelf, lambda: self.source())
         self._count = 0
         self._reading: set[asyncio.Task[None]] = set()
 
@@ -83,6 +96,7 @@ class BrowserPage:
     async def _do(self, visitor: Visitor, word: "JsonObject") -> None:
         words: dict[str, Callable[[Visitor, JsonObject], Awaitable[None]]] = {
             "hello": self._hello, "open": self._open, "runs": self._runs, "ask": self._ask,
+            "swap": self._swap, "write": self._write,
         }  # fmt: skip
         try:
             if visitor.role is None and word["is"] != "hello":
@@ -110,6 +124,7 @@ class BrowserPage:
     async def close(self) -> None:
         """End what computes for the page."""
         await self._identifying.close()
+        await self.questions.close()
 
     def left(self, visitor: Visitor) -> None:
         """A browser has gone."""
@@ -170,17 +185,36 @@ class BrowserPage:
                 raise UsageError(fault("web.no-run"))
             said = await self._identifying.recorded(path, visitor.language)
         elif word["what"] != "ping":
-            raise UsageError(fault("web.no-question", what=one_line(str(word["what"]))[:LONGEST_NAME]))
+            self.questions.ask(visitor, word)
+            return
         visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | said)
+
+    async def _swap(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Let another block take a room from the next mission on."""
+        if self.live is None:
+            raise UsageError(fault("web.no-vehicle", word="swap"))
+        self.live.may_change(visitor)
+        await self.questions.swap(str(word["room"]), str(word.get("kind") or ""))
+        self.live.swapped(str(word["room"]), self.questions.blocks)
+
+    async def _write(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Write gains into the vehicle file: who may change what the next mission does may."""
+        if self.live is None:
+            raise UsageError(fault("web.no-vehicle", word="write"))
+        self.live.may_change(visitor)
+        done = await self.questions.write(visitor, word)
+        with within(visitor.language):
+            visitor.say({"is": "event", "t": 0.0, "severity": "warning", "text": text(done)})
 
     async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
         """Send the run of a word of the list, and its ghost."""
-        paths, found = self._shelf.paths(), []
-        for word_of_run in filter(None, (word["run"], word.get("ghost"))):
+        paths, through = self._shelf.paths(), str(word.get("filter") or "")[:LONGEST_FILTER]
+        found: list[tuple[Path, str]] = []
+        for word_of_run in filter(None, (word["run"], word["run"] if through else word.get("ghost"))):
             if word_of_run not in paths:
                 raise UsageError(fault("web.no-run"))
-            found.append(paths[word_of_run])
-        visitor.send_all(self._pieces(visitor, tuple(found)))
+            found.append((paths[word_of_run], through if found else ""))
+        visitor.send_all(self._pieces(visitor, found))
 
     async def _runs(self, visitor: Visitor, word: "JsonObject") -> None:
         self._later(self._list(visitor))
@@ -192,16 +226,23 @@ class BrowserPage:
         except BaqueanoError as error:
             self.refuse(visitor, {"is": "runs"}, error.diagnostic)
 
-    async def _pieces(self, visitor: Visitor, paths: tuple[Path, ...]) -> "AsyncIterator[bytes | JsonObject]":
-        """Yield what there is to say of each run, and its frames."""
-        for stream, path in enumerate(paths, 1):
+    async def _pieces(
+        self, visitor: Visitor, paths: list[tuple[Path, str]]
+    ) -> "AsyncIterator[bytes | JsonObject]":
+        """Yield what there is to say of each run, and its frames; of one with the name of a filter, its ticks through
+        that."""
+        for stream, (path, through) in enumerate(paths, 1):
+            lab, which = (
+                (self.questions.slow if through else self._lab),
+                {"path": str(path), "filter": through},
+            )
             try:
-                about, _ = await self._lab.ask("open", path=str(path))
+                about, _ = await lab.ask("open", **which)
                 start = {"is": "answer", "to": "open", "stream": stream, "of": OF[stream]}
-                yield start | self._about(visitor, path, about) | {"done": False}
+                yield start | self._about(visitor, path, about) | {"done": False, "filter": through or None}
                 for number, first in enumerate(range(0, about["rows"], ROWS), 1):
-                    _, frame = await self._lab.ask(
-                        "frame", path=str(path), number=stream << STREAM | number, first=first, count=ROWS
+                    _, frame = await lab.ask(
+                        "frame", number=stream << STREAM | number, first=first, count=ROWS, **which
                     )
                     yield frame
                 yield start | {"done": True, "seconds": about["seconds"]}

@@ -37,6 +37,7 @@ class Served:
     share: bool = False
     address: str = ""  # of the network; found where none is given
     browser: bool = True  # a tab is opened
+    routes: Path = Path("routes")  # the folder of the stored routes
 
 
 async def show_runs(
@@ -78,6 +79,7 @@ async def show_vehicle(
     link = await start()
     live = Live(link, lambda: server.visitors)
     page = BrowserPage(lab, shelf, lambda: server.guard, live=live)
+    page.source = lambda: source_of(live.identifying.vehicle, how.routes)
     live.say_hello = lambda visitor: page.say_hello(visitor, live.hello(visitor))
     live.on_done = lambda: page.list_to(server.visitors)
     server = _server(page, shelf, how)
@@ -111,6 +113,13 @@ async def show_vehicle(
         await page.close()
         await shelf.close()
         await lab.close()
+
+
+def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
+    """Return what questions about the vehicle are about: its file, or the run that holds it, and the stored routes."""
+    if not vehicle:
+        return None
+    return {"path" if vehicle.endswith(".mcap") else "vehicle": vehicle, "routes": str(routes)}
 
 
 async def _presumed(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.blocks import resolve
 from baqueano.contracts.values import JsonObject
 from baqueano.drive.health import shown
 from baqueano.errors import BaqueanoError
@@ -20,8 +21,13 @@ if TYPE_CHECKING:
 ROOMS = ("estimator", "guide", "controller")
 
 
-def vehicle_words(file: "VehicleFile", world: str, seed: int | None = None) -> JsonObject:
-    """Return what a page must know of a vehicle before its first picture. `world`: simulated or real."""
+def vehicle_words(
+    file: "VehicleFile", world: str, seed: int | None = None, blocks: dict[str, str] | None = None
+) -> JsonObject:
+    """Return what a page must know of a vehicle before its first picture. `world`: simulated or real; `blocks`: those
+    that a mission takes in place of the file's, by room."""
+    other = blocks or {}
+    kinds = {one: resolve(one, other[one], file.folder) if one in other else file.kind(one) for one in ROOMS}
     command, shape = file.command, file.geometry
     round_m = None if shape.radius_m is None else 2.0 * shape.radius_m
     names, limits = command.names, command.limit.tolist()
@@ -35,7 +41,7 @@ def vehicle_words(file: "VehicleFile", world: str, seed: int | None = None) -> J
             {"name": n, "low": -high, "high": high, "unit": command.unit}
             for n, high in zip(names, limits, strict=True)
         ],
-        "blocks": {"model": type(file.vehicle).__name__} | {room: file.kind(room).__name__ for room in ROOMS},
+        "blocks": {"model": type(file.vehicle).__name__} | {one: k.__name__ for one, k in kinds.items()},
         "sensors": [
             {
                 "name": name, "kind": str(file.data.get("sensors", {}).get(name, {}).get("kind", name)),
@@ -43,14 +49,14 @@ def vehicle_words(file: "VehicleFile", world: str, seed: int | None = None) -> J
             }
             for name, sensor in file.sensors._asdict().items()
         ],
-        "gains": gains_of(file),
+        "gains": gains_of(file, other.get("controller")),
     }  # fmt: skip
 
 
-def gains_of(file: "VehicleFile") -> dict[str, float]:
+def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
     """Return the numbers of the controller by their path, "controller.k_x"; none where the file lacks them."""
     try:
-        controller = file.controller()
+        controller = file.controller(kind)
     except BaqueanoError:
         return {}
     values = {name: np.asarray(getattr(controller, name)) for name in numbers_in(controller)}

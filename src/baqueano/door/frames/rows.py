@@ -189,7 +189,8 @@ class Frames:
             "is": "fields", "names": [c.name for c in drive.columns], "units": [c.unit for c in drive.columns],
             "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / file.rate_hz),
         }  # fmt: skip
-        vehicle = {"is": "vehicle", **vehicle_words(file, world, seed)}
+        blocks = {} if mission is None else mission.blocks
+        vehicle = {"is": "vehicle", **vehicle_words(file, world, seed, blocks)}
         words = [vehicle, fields, route_words(route, name, laps)]
         with self._lock:
             self._drive, self._words = drive, words

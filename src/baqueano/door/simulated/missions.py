@@ -1,7 +1,7 @@
 """Missions by name, as a page asks for them: a kind, a shape or a stored route, and numbers. No path comes from there.
 
     {kind: "teach", name, shape, size_m, speed_m_s, closed}     without a shape by hand
-    {kind: "repeat", route, laps}
+    {kind: "repeat", route, laps, blocks}   room → kind, in place of the file's
     {kind: "experiment", signal, seconds}
     {kind: "drive"}, {kind: "first drive"}
 
@@ -22,6 +22,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
+from baqueano.door.frames.descriptions import ROOMS
 from baqueano.drive.mission import Mission, unpacked
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import shape
@@ -29,6 +30,8 @@ from baqueano.runs.folder import plain_label
 from baqueano.runs.route_file import read_route
 from baqueano.worlds.faults.fault import Fault
 from baqueano.worlds.shaken import MOST_FAULTS
+from baqueano.vehicle_file import load
+from baqueano.vehicle_file.text.toml_text import read_text
 
 if TYPE_CHECKING:
     from baqueano.guides.route import Route
@@ -80,6 +83,13 @@ def planned(asked: str, file: "VehicleFile", routes: "StoredRoutes", seed: int) 
     with TemporaryDirectory(prefix="baqueano-") as folder:
         file = unpacked(mission, Path(folder))
         yield MissionPlan(mission, file, seed=seed, shake=faults, hurry_s=hurry_s)
+
+
+def refreshed(file: "VehicleFile") -> "VehicleFile":
+    """Return the vehicle file as it is on disk now: gains may have been written since. FileError where it is broken."""
+    if file.path is None or file.on_disk is None or read_text(file.path) == file.on_disk:
+        return file
+    return load(file.path)
 
 
 class StoredRoutes:
@@ -139,7 +149,8 @@ def _named(kind: str, said: JsonObject, file: "VehicleFile", routes: StoredRoute
         case "repeat":
             name = str(said.get("route", ""))
             laps = max(0, round(_number(said, "laps", 1)))
-            return MissionPlan(Mission("repeat", route=routes.read(name), laps=laps), file, name, seed=seed)
+            mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_blocks(said))
+            return MissionPlan(mission, file, name, seed=seed)
         case "experiment":
             from baqueano.identify.design.signals import excitation
 
@@ -148,6 +159,15 @@ def _named(kind: str, said: JsonObject, file: "VehicleFile", routes: StoredRoute
             u = excitation(signal, file.command.limit, length_s, file.rate_hz, seed)
             return MissionPlan(Mission("experiment", u=u), file, seed=seed)
     return MissionPlan(Mission(kind), file, seed=seed)
+
+
+def _blocks(said: JsonObject) -> dict[str, str]:
+    """Return the blocks of a repetition that are not those of the file."""
+    given = said.get("blocks", {})
+    named = isinstance(given, dict) and set(given) <= set(ROOMS)
+    if not named or not all(isinstance(kind, str) for kind in given.values()):
+        raise UsageError(fault("mission.damaged", kind="TypeError", error="blocks"))
+    return dict(given)
 
 
 def _number(said: JsonObject, name: str, usual: float) -> float:

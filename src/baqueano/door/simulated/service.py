@@ -23,7 +23,7 @@ from baqueano.door.frames.descriptions import drive_words
 from baqueano.door.frames.rows import Frames
 from baqueano.door.operator import STOP, Operator
 from baqueano.door.outcome import outcome_of
-from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, planned
+from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, planned, refreshed
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.simulated.shaking import FaultWords
 from baqueano.door.states import DoorState, Machine
@@ -120,6 +120,7 @@ class SimulatedService:
 
     def _taken(self, asked: str, attended: bool, done: JsonObject) -> None:
         """Drive a mission as far as it comes; `done` is told of it then."""
+        self.file = refreshed(self.file)
         with planned(asked, self.file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
             try:
@@ -152,7 +153,7 @@ class SimulatedService:
         watching = _DriveObserver(self, plan, world, attended)
         observers = (
             watching,
-            Adjusting(self.operator, self.tell),
+            Adjusting(self.operator, self.tell, plan.mission.blocks),
             self.shaken.begin(plan, world, asked, attended),
         )
         try:

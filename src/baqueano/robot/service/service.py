@@ -232,7 +232,7 @@ class Service:
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
             self._counted, watching = None, _Watching(self, world, late, attended, mission, file)
-            observers = (watching, Adjusting(self.operator, self.tell))
+            observers = (watching, Adjusting(self.operator, self.tell, mission.blocks))
             try:
                 perform(
                     mission, file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,

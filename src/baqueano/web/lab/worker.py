@@ -1,6 +1,8 @@
 """Lab worker: words on stdin, answers on stdout, one at a time. It ends with its stdin.
 
-to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission" | "identify" | …, …}
+to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission" | "compare" | "identify" | …, …}
+                   {"do": "tune" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
+                   {"do": "block" | "check", …}                                     described_blocks.py
 from the worker    a line {…, "bytes": n} and n bytes behind it; {"no": diagnostic, "code": n, …}
 """
 
@@ -12,12 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from baqueano.diagnostics import fault
-from baqueano.errors import BaqueanoError, FileError, named
+from baqueano.errors import BaqueanoError, FileError, UsageError, named
 from baqueano.web.lab.drives import Drives
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
+    from baqueano.runs import Run
     from baqueano.web.lab.recorded import PackedRun
+    from baqueano.web.lab.tuning import TuningBench
 
 LONGEST_S = 3600.0  # of an experiment
 KEPT = 4  # runs that stay open
@@ -27,18 +31,31 @@ class Worker:
     """The open runs, and the words."""
 
     def __init__(self) -> None:
-        self._open: OrderedDict[tuple[str, int], PackedRun] = OrderedDict()
+        self._open: OrderedDict[tuple[str, int, str], PackedRun] = OrderedDict()
         self._lines: dict[tuple[str, int], JsonObject] = {}  # of the list
         self._identified = Drives()
+        self._bench: TuningBench | None = None
 
     def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the answer to a word, and the bytes behind it."""
         words: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
             "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
-            "vehicle": _vehicle, "mission": _mission, "identify": self._identified.answer,
-            "identify run": self._identified.answer_run,
+            "vehicle": _vehicle, "mission": _mission, "compare": _compare, "block": _block, "check": _block,
+            **dict.fromkeys(("tune", "lap", "costs", "downhill", "write"), self._tune),
+            "identify": self._identified.answer, "identify run": self._identified.answer_run,
         }  # fmt: skip
         return words[word["do"]](word)
+
+    def _tune(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+        from baqueano.web.lab.tuning import TuningBench
+
+        self._bench = self._bench or TuningBench()
+        bench = self._bench
+        words = {
+            "tune": bench.begin, "lap": bench.lap, "costs": bench.costs, "downhill": bench.downhill,
+            "write": bench.write,
+        }  # fmt: skip
+        return words[word["do"]](word), b""
 
     def _find(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
         """The files of the runs of these names."""
@@ -50,22 +67,23 @@ class Worker:
         return {"paths": [str(path.resolve()) for path in paths]}, b""
 
     def _begin(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        run = self._recorded(Path(word["path"]))
+        run = self._recorded(Path(word["path"]), word.get("filter") or "")
         return run.around | {"fields": run.fields}, b""
 
     def _frame(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        run = self._recorded(Path(word["path"]))
+        run = self._recorded(Path(word["path"]), word.get("filter") or "")
         return {}, run.frame(word["number"], word["first"], word["count"])
 
-    def _recorded(self, path: Path) -> "PackedRun":
-        """A run, read when it is asked for first or has changed."""
+    def _recorded(self, path: Path, estimator: str = "") -> "PackedRun":
+        """A run, read when it is asked for first or has changed; or its ticks through another estimator."""
         from baqueano.runs import read_run
         from baqueano.vehicle_file.build import DEFAULT_KIND
         from baqueano.web.lab.recorded import recorded
 
-        key = _version(path)
+        key = (*_version(path), estimator)
         if key not in self._open:
-            self._open[key] = recorded(read_run(path), DEFAULT_KIND)
+            run = read_run(path)
+            self._open[key] = recorded(_refiltered(run, estimator) if estimator else run, DEFAULT_KIND)
         self._open.move_to_end(key)
         while len(self._open) > KEPT:
             self._open.popitem(last=False)
@@ -97,6 +115,46 @@ class Worker:
         return {}, b""
 
 
+def _refiltered(run: "Run", estimator: str) -> "Run":
+    """Return the ticks of a run through an estimator of ours, or of the folder in which the page was started."""
+    from dataclasses import replace
+
+    from baqueano.drive import replay
+    from baqueano.drive.verbs import vehicle_of
+    from baqueano.web.lab.described_blocks import listed_kinds
+
+    file = vehicle_of(run)
+    known = listed_kinds("estimator", file)
+    if estimator not in known:
+        raise UsageError(fault("web.no-kind", room="estimator", found=repr(estimator), known=known))
+    again = replay(run, file, estimator=estimator, backend="auto")
+    return replace(again, name=estimator, metadata=run.metadata | again.metadata | {"kind": "replay"})
+
+
+def _block(word: "JsonObject") -> tuple["JsonObject", bytes]:
+    from baqueano.web.lab.described_blocks import checked, described
+    from baqueano.web.lab.tuning import file_of
+
+    return (described if word["do"] == "block" else checked)(word, file_of(word)), b""
+
+
+def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
+    """Return the table of `compare` for these runs, in a language."""
+    from baqueano.compare import compare
+    from baqueano.compare.table import sections_of
+    from baqueano.language import within
+    from baqueano.messages import text
+    from baqueano.runs import read_run
+
+    found = compare([read_run(Path(path)) for path in word["paths"]])
+    with within(word["language"]):
+        return {
+            "names": [one.name for one in found.runs], "sections": sections_of(found),
+            "sentences": [list(one.sentences) for one in found.runs],
+            "reasons": [text(one) for one in found.reasons],
+        }, b""  # fmt: skip
+
+
 def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return what the page says of a real vehicle before its first drive, by its file here; and the routes here."""
     from baqueano.door.frames.descriptions import vehicle_words
@@ -126,7 +184,8 @@ def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
             min(float(said.get("seconds", 60.0)), LONGEST_S),
         )
         u = excitation(signal, file.command.limit, long_s, file.rate_hz, 0)
-    mission = Mission(kind, u=u, route=route, laps=max(0, round(said.get("laps", 1))))
+    blocks = said.get("blocks", {}) if kind == "repeat" else {}
+    mission = Mission(kind, u=u, route=route, laps=max(0, round(said.get("laps", 1))), blocks=blocks)
     return {"mission": packed(mission, file).json()}, b""
 
 

@@ -59,6 +59,7 @@ TEMPLATES: dict[str, str] = {
     "door.many-fetches": "{most} runs are being sent already. Wait until one has arrived.",
     "door.not-holder": "Only the person who drives can set a gain, and only while the vehicle drives.",
     "door.not-settable": "{path} cannot be set while the vehicle drives; what can be set is {known}",
+    "door.swapped": "{kind} drives as {room}, in place of the block of the vehicle file",
     "door.set": "{path} is now {now}, before it was {before}",
     "door.pace": "pace {found:g}: expected a factor from {slowest:g} to {fastest:g}",
     "door.route-name": "{found} cannot be the name of a route. Use letters, digits and hyphens, as in lab-1.",

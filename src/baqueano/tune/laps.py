@@ -1,0 +1,140 @@
+"""A simulated lap for each set of gains, by one kernel: its path, its cost, and how steep the cost is there.
+
+    C(p, q) = C_path(p) + q C_jerk(p)                                      cost.py (1) to (3)             (1)
+
+Both terms are kept apart, so that another price q needs no other lap. The vehicle is the model of the file with
+perfect pose, and begins `aside_m` behind and beside the route, as in `tune`.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.geometry import compose
+from baqueano.guides.route import Route
+from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
+from baqueano.simulate.open_loop import times
+from baqueano.simulate.system import Input, begin
+from baqueano.tune.cost import Weights, jerk, path_cost, shown
+from baqueano.tune.gains import (
+    ASIDE_M,
+    EFFORT_M2,
+    HUBER_M,
+    SoughtGains,
+    rms,
+    sought,
+    unquantised,
+    weights_of,
+)
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+LONGEST_S = 60.0  # of a lap
+
+
+class _LapTick(NamedTuple):
+    """The outputs of the kernel at a tick."""
+
+    x: Any
+    y: Any
+    path: Any  # its share of C_path
+    jerk: Any  # and of C_jerk
+    distance_m: Any
+    saturated: Any
+
+
+class Lap(NamedTuple):
+    """A lap with some gains."""
+
+    x: np.ndarray  # (N,) [m]
+    y: np.ndarray
+    path_cost: float  # [m²]
+    jerk_cost: float
+    distance_rms_m: float
+    distance_max_m: float
+    saturated: float  # share of the ticks at a limit of the command
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedLaps:
+    """The laps of a vehicle on a route, for any gains of its controller."""
+
+    asked: SoughtGains
+    weights: Weights
+    seconds: float  # of a lap
+    whole: bool  # False: only the first LONGEST_S of it
+    _inputs: Input
+    _start: Any
+    _kernel: Any
+
+    @property
+    def backend(self) -> str:
+        """Return the back end of the kernel."""
+        return self._kernel.backend
+
+    def lap(self, gains: np.ndarray) -> Lap:
+        """Return the lap with gains (p,)."""
+        _, tick = self._kernel.run(self._inputs, gains, carry=self._start)
+        each = float(np.sum(tick.path)), float(np.sum(tick.jerk))
+        most, full = float(np.max(tick.distance_m)), float(np.mean(tick.saturated))
+        return Lap(tick.x, tick.y, *each, rms(tick.distance_m), most, full)
+
+    def costs(self, gains: np.ndarray) -> np.ndarray:
+        """Return C_path and C_jerk (L, 2) of the laps with gains (L, p)."""
+        laps = [self.lap(each) for each in gains]
+        return np.array([(lap.path_cost, lap.jerk_cost) for lap in laps]).reshape(-1, 2)
+
+    def cost_and_gradient(self, gains: np.ndarray, price: float) -> tuple[float, np.ndarray]:
+        """Return C and ∂C/∂gains (p,) at a price of jerks [m²].  (1)"""
+        y, slopes = self._kernel.sensitivities(self._inputs, gains, carry=self._start)
+        path, jerks = (_LapTick._fields.index(name) for name in ("path", "jerk"))
+        cost = float(np.sum(y[:, path]) + price * np.sum(y[:, jerks]))
+        return cost, np.sum(slopes[:, path] + price * slopes[:, jerks], axis=0)
+
+
+def simulated_laps(
+    vehicle_file: "VehicleFile", route: Route, kind: str | None = None, backend: str = "auto"
+) -> SimulatedLaps:
+    """Return the laps of the file's vehicle on a route, or the first LONGEST_S of a longer one.
+
+    Parameters
+    ----------
+    vehicle_file : VehicleFile
+        The identified vehicle and its controller.
+    route : Route
+        What to follow, once.
+    kind : str, optional
+        A controller in place of the file's: a kind of ours, or "file.py:Class".
+    backend : str
+        "auto", "c" or "python".
+
+    Returns
+    -------
+    SimulatedLaps
+        Compiled at the first lap.
+
+    Raises
+    ------
+    UsageError
+        For a controller without a gain.
+    """
+    asked = sought(vehicle_file, None, {}, kind)
+    weights = weights_of(vehicle_file, None, HUBER_M, EFFORT_M2)
+    controller = vehicle_file.controller(kind, **asked.first)
+    system = unquantised(closed(vehicle_file, route, 1, True, controller))
+    rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
+    lasting = ticks_of(system, rate)
+    ticks = min(lasting, round(LONGEST_S * rate))
+
+    def output(heard: Any) -> _LapTick:
+        errors = shown(limit, heard)
+        eta, cost = heard.truth.eta, path_cost(weights, heard)
+        return _LapTick(eta[0], eta[1], cost, jerk(limit, heard), errors.distance_m, errors.saturated)
+
+    paths = tuple(f"controller.{name}" for name in asked.names)
+    kernel = closed_loop(system, rate, noise=False, backend=backend, output=output, paths=paths)
+    start = begin(system, compose(start_of(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
+    whole = ticks == lasting
+    return SimulatedLaps(asked, weights, ticks / rate, whole, Input(times(ticks, rate), None), start, kernel)

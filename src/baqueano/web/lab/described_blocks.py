@@ -1,0 +1,173 @@
+"""A block for the page: its text, its parameters, what a step costs, and which other blocks could stand in its room.
+
+A class of the user's own is listed by its text alone; it is executed once somebody picks it, from the folder of the
+vehicle file or the one where the page was started. No text comes from a browser.
+"""
+
+import ast
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.blocks import ROOMS, kinds, resolve
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.vehicle_file.file import VehicleFile
+
+ROOMS_BY_INPUTS = {
+    ("tick",): "estimator", ("estimate",): "guide", ("reference", "estimate"): "controller",
+    ("command", "tick", "estimate"): "supervisor",
+}  # fmt: skip
+LOOP = ("estimator", "guide", "controller", "supervisor")
+SWAPPED = ("estimator", "guide", "controller")
+LONGEST_TEXT = 60_000  # letters of a file that is shown
+FILES, LARGEST = 50, 200_000  # of the user's folder
+CALLS, ROUNDS = 50, 5  # of a step that is timed
+MOST_NUMBERS = 9  # of an array that is shown whole
+
+
+def described(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
+    """Return all that the page shows of the block of a room, or of another `kind` in its place."""
+    room, kind = word["room"], word["kind"]
+    of_file = _kind_in_file(room, file)
+    others = listed_kinds(room, file) if room in SWAPPED else []
+    if kind and kind not in others and kind != of_file:
+        raise UsageError(fault("web.no-kind", room=room, found=repr(kind), known=others))
+    block = block_of(room, kind or of_file, file)
+    cls = type(block)
+    return {
+        "room": room, "kind": kind or of_file, "of_file": of_file, "kinds": others, "name": cls.__name__,
+        "ours": _ours(cls), "parameters": _parameters(room, block), **_text(cls),
+        "step_us": step_us(room, kind or of_file, file) if room in LOOP else None, "tick_us": 1e6 / file.rate_hz,
+    }  # fmt: skip
+
+
+def checked(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
+    """Return what `blocks check` finds wrong with it."""
+    from baqueano.vehicle_file.checked import check
+
+    described(word | {"kind": word["kind"]}, file)  # refuses what is in no list
+    room = word["room"]
+    found = check(block_of(room, word["kind"] or _kind_in_file(room, file), file), file, room)
+    return {"findings": [one.to_json() for one in found.findings]}
+
+
+def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
+    """Return what may stand in a room: our kinds, and the classes of the user's folder."""
+    return [*kinds(room), *own_kinds(room, file)]
+
+
+def own_kinds(room: str, file: "VehicleFile") -> list[str]:
+    """Return "file.py:Class" of each class in the user's folder that fits a room, by its text."""
+    found = []
+    for path in sorted(Path(file.folder or ".").glob("*.py"))[:FILES]:
+        if path.is_symlink() or path.stat().st_size > LARGEST:
+            continue
+        try:
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, SyntaxError):
+            continue
+        classes = [one for one in tree.body if isinstance(one, ast.ClassDef)]
+        found += [f"{path.name}:{one.name}" for one in classes if _room(one) == room]
+    return found
+
+
+def _room(cls: ast.ClassDef) -> str:
+    """Return the room of a class by the inputs of its step, or by what it is derived from."""
+    steps = [one for one in cls.body if isinstance(one, ast.FunctionDef) and one.name == "step"]
+    if steps:
+        return ROOMS_BY_INPUTS.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
+    bases = {getattr(base, "attr", getattr(base, "id", "")) for base in cls.bases}
+    ours = {target.partition(":")[2]: room for room in LOOP for target in ROOMS[room].values()}
+    return next((room for name, room in ours.items() if name in bases), "")
+
+
+def block_of(room: str, kind: str, file: "VehicleFile") -> Any:
+    """Return the block of a room with what the file holds for it."""
+    from baqueano.guides.shapes import circle
+
+    if room == "vehicle":
+        return file.vehicle
+    if room == "sensors":
+        return next(iter(file.sensors), None)
+    resolve(room, kind, file.folder)
+    given = None if kind == _kind_in_file(room, file) else kind
+    return file.guide(circle(1.0, 0.25), given) if room == "guide" else getattr(file, room)(given)
+
+
+def _kind_in_file(room: str, file: "VehicleFile") -> str:
+    from baqueano.vehicle_file.build import DEFAULT_KIND
+
+    table = file.data.get({"vehicle": "model"}.get(room, room), {})
+    return str(table.get("kind", DEFAULT_KIND.get(room, "")) if isinstance(table, dict) else "")
+
+
+def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
+    """Return the time [µs] of a step of this block as a drive calls it, here; None where it cannot be tried."""
+    from baqueano import loop
+    from baqueano.drive.session import example_tick, ready
+    from baqueano.loop import Blocks
+
+    own = {one: block_of(one, kind if one == room else _kind_in_file(one, file), file) for one in LOOP}
+    tick = example_tick(file)
+    quick, _ = ready(Blocks(**own), tick, "auto")
+    states = loop.init(quick)
+    try:
+        _, estimate = quick.estimator.step(states.estimator, tick)
+        _, reference = quick.guide.step(states.guide, estimate)
+        _, command = quick.controller.step(states.controller, reference, estimate)
+    except Exception:  # a block of the user's: `blocks check` names what is wrong
+        return None
+    inputs = {"estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
+              "supervisor": (command, tick, estimate)}[room]  # fmt: skip
+    step, state = getattr(quick, room).step, getattr(states, room)
+    rounds = []
+    for _ in range(ROUNDS):
+        began = time.perf_counter()
+        for _ in range(CALLS):
+            step(state, *inputs)
+        rounds.append(time.perf_counter() - began)
+    return 1e6 * min(rounds) / CALLS
+
+
+def _ours(cls: type) -> bool:
+    from baqueano.block_checks.source_text import is_ours
+
+    return is_ours(cls)
+
+
+def _text(cls: type) -> "JsonObject":
+    """Return the name of the file of a class, and its text."""
+    from baqueano.block_checks.source_text import source_text
+
+    text = source_text(cls)
+    module = cls.__module__.removeprefix("baqueano.").replace(".", "/")
+    return {"file": f"{module}.py" if _ours(cls) else f"{cls.__name__}", "text": text[:LONGEST_TEXT],
+            "line": _line(text, cls.__name__)}  # fmt: skip
+
+
+def _line(text: str, name: str) -> int:
+    """Return the line, from 0, at which the class begins."""
+    return next((k for k, line in enumerate(text.splitlines()) if line.startswith(f"class {name}")), 0)
+
+
+def _parameters(room: str, block: object) -> "list[JsonObject]":
+    from baqueano.parameter import all_parameters
+
+    rows = []
+    for path, one in all_parameters(block, room):
+        value: Any = block
+        for name in path.split(".")[1:]:
+            value = getattr(value, name)
+        array = np.asarray(value, dtype=float) if value is not None else np.zeros(0)
+        shown = array.ravel().tolist() if array.size <= MOST_NUMBERS else None
+        rows.append({
+            "name": path.partition(".")[2], "unit": "" if one.unit == "1" else one.unit, "meaning": one.meaning,
+            "value": shown, "shape": " × ".join(map(str, array.shape)),
+        })  # fmt: skip
+    return rows

@@ -1,0 +1,174 @@
+"""Questions of browsers that a worker answers: laps and landscapes of gains, blocks, comparisons.
+
+Of one kind of question of a browser the newest counts: an older one that still waits is answered `stale`. Laps go
+before what takes longer: a landscape is computed in pieces, and descents, checks and comparisons have their own worker.
+"""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.errors import BaqueanoError, UsageError
+from baqueano.language import within
+from baqueano.messages import text
+from baqueano.printable import one_line
+from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.shelf import Shelf
+from baqueano.web.visitor import Visitor
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+SIDE = 24  # laps along an axis of a landscape, at most
+PIECE = 10  # laps of a landscape between two other questions
+COMPARED = 6  # runs side by side
+LONGEST_NAME = 200  # letters of a name of a browser
+
+
+class Questions:
+    """The workers, and what they are asked. `source` is the vehicle that the page is about: {vehicle, routes} or
+    {path, routes}; None where there is none."""
+
+    def __init__(self, shelf: Shelf, source: "Callable[[], JsonObject | None]") -> None:
+        self._shelf, self._source = shelf, source
+        self._bench, self.slow = Lab(), Lab()
+        self._newest: dict[tuple[Visitor, str], object] = {}
+        self._running: set[asyncio.Task[None]] = set()
+        self.blocks: dict[str, str] = {}  # room → kind that the next mission takes in place of the file's
+        self.words: dict[str, Callable[[Visitor, JsonObject], Awaitable[JsonObject]]] = {
+            "tune": self._tune, "lap": self._lap, "landscape": self._landscape, "downhill": self._downhill,
+            "block": self._block, "check": self._check, "compare": self._compare,
+        }  # fmt: skip
+
+    def ask(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Answer a question when its worker can; the next word of this browser does not wait for that."""
+        what = str(word["what"])
+        if what not in self.words:
+            raise UsageError(fault("web.no-question", what=one_line(what)[:LONGEST_NAME]))
+        key = visitor, what
+        self._newest[key] = word.get("id")
+        task = asyncio.create_task(self._answer(visitor, word))
+        self._running.add(task)
+        task.add_done_callback(self._running.discard)
+
+    async def close(self) -> None:
+        """End the workers."""
+        for task in list(self._running):
+            task.cancel()
+        await asyncio.gather(*self._running, return_exceptions=True)
+        await self._bench.close()
+        await self.slow.close()
+
+    async def _answer(self, visitor: Visitor, word: "JsonObject") -> None:
+        said: JsonObject
+        try:
+            said = await self.words[word["what"]](visitor, word)
+        except BaqueanoError as error:
+            said = self._refusal(visitor, error.diagnostic)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:  # any word may come
+            said = self._refusal(visitor, fault("web.not-understood", error=type(error).__name__))
+        if self._is_newest(visitor, word):
+            self._newest.pop((visitor, word["what"]), None)
+        if visitor.open:
+            visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | said)
+
+    def _refusal(self, visitor: Visitor, why: Diagnostic) -> "JsonObject":
+        with within(visitor.language):
+            return {"no": text(why), "code": str(why.code)}
+
+    def _is_newest(self, visitor: Visitor, word: "JsonObject") -> bool:
+        return visitor.open and self._newest.get((visitor, word["what"])) == word.get("id")
+
+    def about(self, word: "JsonObject") -> "JsonObject":
+        """Return what a question is about: a run of the list, or the page's vehicle. UsageError where there is none."""
+        if word.get("run"):
+            paths = self._shelf.paths()
+            if word["run"] not in paths:
+                raise UsageError(fault("web.no-run"))
+            return {"path": str(paths[word["run"]])}
+        source = self._source()
+        if source is None:
+            raise UsageError(fault("web.no-vehicle-file"))
+        return source
+
+    def _bench_word(self, word: "JsonObject") -> "JsonObject":
+        kind = "" if word.get("run") else self.blocks.get("controller", "")
+        return self.about(word) | {"route": str(word.get("route") or "")[:LONGEST_NAME], "kind": kind}
+
+    async def _tune(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+        said, _ = await self._bench.ask("tune", **self._bench_word(word))
+        return said
+
+    async def _lap(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+        if not self._is_newest(visitor, word):
+            return {"stale": True}
+        said, _ = await self._bench.ask("lap", gains=word["gains"], **self._bench_word(word))
+        return said
+
+    async def _landscape(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+        """A square of laps, row by row from below."""
+        side = max(2, min(SIDE, int(word["side"])))
+        at = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
+        given = {name: word[name] for name in ("gains", "a", "b")} | self._bench_word(word)
+        began, costs = time.monotonic(), []
+        for first in range(0, len(at), PIECE):
+            if not self._is_newest(visitor, word):
+                return {"stale": True}
+            said, _ = await self._bench.ask("costs", at=at[first : first + PIECE], **given)
+            costs += said["costs"]
+        return {"side": side, "costs": costs, "seconds": time.monotonic() - began}
+
+    async def _downhill(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+        given = {name: word[name] for name in ("gains", "price")} | self._bench_word(word)
+        said, _ = await self.slow.ask("downhill", **given)
+        return said
+
+    async def write(self, visitor: Visitor, word: "JsonObject") -> Diagnostic:
+        """Write gains into the vehicle file of the page, and return that it is done."""
+        given = {"gains": word["gains"]} | self._bench_word({"route": word.get("route")})
+        said, _ = await self._bench.ask("write", **given)
+        return note("web.tuned", file=said["file"])
+
+    async def _block(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+        said, _ = await self.slow.ask("block", **self._block_word(word))
+        return said | {"swapped": self.blocks.get(str(word["room"]))}
+
+    async def _check(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+        said, _ = await self.slow.ask("check", **self._block_word(word))
+        with within(visitor.language):
+            return {"findings": [text(Diagnostic.of_json(one)) for one in said["findings"]]}
+
+    def _block_word(self, word: "JsonObject") -> "JsonObject":
+        room = str(word["room"])[:LONGEST_NAME]
+        own = "" if word.get("run") else self.blocks.get(room, "")
+        return self.about(word) | {"room": room, "kind": str(word.get("kind") or own)[:LONGEST_NAME]}
+
+    async def _compare(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
+        paths = self._shelf.paths()
+        found = [paths[one] for one in list(word["runs"])[:COMPARED] if one in paths]
+        if not found:
+            raise UsageError(fault("web.no-run"))
+        said, _ = await self.slow.ask(
+            "compare", paths=[str(path) for path in found], language=visitor.language
+        )
+        return said
+
+    async def swap(self, room: str, kind: str) -> None:
+        """Let the next missions take another block; "" takes that of the file again. UsageError for one that is not
+        in the list of its room."""
+        said, _ = await self.slow.ask(
+            "block", **self.about({}), room=room[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
+        )
+        if not said["kinds"]:
+            raise UsageError(fault("web.no-swap", room=one_line(room)[:LONGEST_NAME]))
+        if said["kind"] == said["of_file"]:
+            self.blocks.pop(room, None)
+        else:
+            self.blocks[room] = said["kind"]
+
+    def path_of(self, word: str) -> Path:
+        """Return the run of a word of the list."""
+        return Path(self.about({"run": word})["path"])

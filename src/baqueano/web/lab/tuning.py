@@ -1,0 +1,212 @@
+"""The tuning bench of the lab worker: laps, the landscape of their cost, and the way downhill, by kept kernels.
+
+The vehicle is that of a file, or of a run; the route a stored one, that of the run, or a shape. A name that stands in
+no list of this process is refused.
+"""
+
+import time
+from collections import OrderedDict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.diagnostics import fault
+from baqueano.errors import FileError, UsageError
+from baqueano.guides.shapes import SHAPES, shape
+from baqueano.runs.route_file import read_route
+from baqueano.tune.gains import EFFORT_M2
+from baqueano.tune.laps import SimulatedLaps, simulated_laps
+from baqueano.tune.search import UNUSABLE, descend, gains, place
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.guides.route import Route
+    from baqueano.tune.laps import Lap
+    from baqueano.vehicle_file.file import VehicleFile
+
+SIZE_M, SPEED_M_S = 1.0, 0.25  # of a shape, as a service draws it
+POINTS = 500  # of a path that is drawn
+KEPT = 4  # kernels
+MOST = 200  # laps of one question
+OF_RUN = "run"
+
+
+class TuningBench:
+    """Kernels by vehicle, route and controller."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[tuple[object, ...], tuple[VehicleFile, Route, SimulatedLaps]] = OrderedDict()
+
+    def begin(self, word: "JsonObject") -> "JsonObject":
+        """Return the gains, their ranges, and the lap with those in force: {vehicle | path, routes, route, kind}."""
+        names = route_names(word)
+        name = word.get("route") or names[0]
+        file, route, laps = self._laps(word | {"route": name})
+        asked = laps.asked
+        block = file.controller(word.get("kind") or None, **asked.first)
+        meanings = dict(_meanings(block))
+        known = bool(np.all(np.isfinite(asked.before)))
+        rows = [
+            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n], "low": low, "high": high,
+             "file": before if known else None, "value": first}
+            for n, unit, low, high, before, first in zip(
+                asked.names, asked.units, asked.low.tolist(), asked.high.tolist(), asked.before.tolist(),
+                asked.first.values(), strict=True)
+        ]  # fmt: skip
+        return {
+            "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": EFFORT_M2,
+            "seconds": laps.seconds, "whole": laps.whole, "ticks": round(laps.seconds * file.rate_hz),
+            "path": {
+                "x": np.round(route.eta[:, 0], 4).tolist()[:: 1 + len(route.eta) // 1500],
+                "y": np.round(route.eta[:, 1], 4).tolist()[:: 1 + len(route.eta) // 1500],
+                "closed": bool(route.closed),
+            },
+            "file": None if file.path is None else file.path.name,
+        }  # fmt: skip
+
+    def lap(self, word: "JsonObject") -> "JsonObject":
+        """Return path, cost and figures of the lap with `gains`."""
+        _, _, laps = self._laps(word)
+        began = time.perf_counter()
+        lap = laps.lap(_values(word["gains"], laps))
+        return drawn(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
+
+    def costs(self, word: "JsonObject") -> "JsonObject":
+        """Return both terms of the cost of laps, whose gains vary along two axes: {gains, a, b, at: [[x, y], …]}; x and
+        y are places in [0, 1] of the range of gains a and b (search.py)."""
+        _, _, laps = self._laps(word)
+        asked, base = laps.asked, _values(word["gains"], laps)
+        a, b = (asked.names.index(word[axis]) for axis in "ab")
+        at = np.clip(np.array(word["at"], dtype=float).reshape(-1, 2)[:MOST], 0.0, 1.0)
+        each = np.tile(base, (len(at), 1))
+        for axis, k in ((0, a), (1, b)):
+            each[:, k] = gains(at[:, axis], asked.low[k], asked.high[k])
+        return {"costs": _finite(laps.costs(each))}
+
+    def downhill(self, word: "JsonObject") -> "JsonObject":
+        """Return the steps of a descent from `gains` at a `price` of jerks: places in [0, 1], gains, and costs."""
+        _, _, laps = self._laps(word)
+        price, asked = max(0.0, float(word["price"])), laps.asked
+        began = time.perf_counter()
+        start = np.clip(_values(word["gains"], laps), asked.low, asked.high)
+        found = descend(lambda g: laps.cost_and_gradient(g, price), start, asked.low, asked.high)
+        way = [*found.way, found.gains]
+        return {
+            "way": [each.tolist() for each in way], "cost": found.cost, "before": float(found.costs[0]),
+            "laps": len(found.costs), "seconds": time.perf_counter() - began,
+            "places": [place(each, asked.low, asked.high).tolist() for each in way],
+        }  # fmt: skip
+
+    def write(self, word: "JsonObject") -> "JsonObject":
+        """Write gains into the vehicle file, whole or not at all; its name. UsageError for one of the garage."""
+        from baqueano.diagnostics import Verdict
+        from baqueano.vehicle_file.history import Provenance
+
+        file, _, laps = self._laps(word)
+        if file.path is None:
+            raise UsageError(fault("web.tune-garage", "baqueano new", vehicle=file.name))
+        own = dict(zip(laps.asked.names, _values(word["gains"], laps).tolist(), strict=True))
+        values = {f"controller.{name}": value for name, value in own.items()}
+        origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
+        file.with_values(values, dict.fromkeys(values, origin)).save()
+        self._kept.clear()
+        return {"file": file.path.name}
+
+    def _laps(self, word: "JsonObject") -> "tuple[VehicleFile, Route, SimulatedLaps]":
+        key = (_stamp(word), word.get("route", ""), word.get("kind") or "")
+        if key not in self._kept:
+            file = file_of(word)
+            route = _route(word)
+            self._kept[key] = file, route, simulated_laps(file, route, word.get("kind") or None)
+            while len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key]
+
+
+def file_of(word: "JsonObject") -> "VehicleFile":
+    """Return the vehicle file that a question is about: that of a run at `path`, or the one named `vehicle`."""
+    from baqueano.drive.verbs import vehicle_of
+    from baqueano.runs import read_run
+    from baqueano.vehicle_file import load
+
+    return load(word["vehicle"]) if "vehicle" in word else vehicle_of(read_run(Path(word["path"])))
+
+
+def route_names(word: "JsonObject") -> list[str]:
+    """Return what can be followed: the route of the run, the stored ones, the shapes."""
+    stored = sorted(_stored(word))
+    return [*([OF_RUN] if "path" in word and _of_run(word) is not None else []), *stored, *SHAPES]
+
+
+def _stored(word: "JsonObject") -> dict[str, Path]:
+    folder = word.get("routes")
+    return {} if not folder else {path.stem: path for path in Path(folder).glob("*.csv")}
+
+
+def _route(word: "JsonObject") -> "Route":
+    name = word["route"]
+    if name in SHAPES:
+        return shape(name, SIZE_M, SPEED_M_S)
+    if name == OF_RUN and "path" in word and (route := _of_run(word)) is not None:
+        return route
+    stored = _stored(word)
+    if name not in stored:
+        raise FileError(fault("door.no-route", found=repr(name)[:80], known=route_names(word)))
+    return read_route(stored[name])
+
+
+def _of_run(word: "JsonObject") -> "Route | None":
+    """Return the references of a run as a route, from its first one on; None of a run without them."""
+    from baqueano.guides.route import Route
+    from baqueano.runs import read_run
+    from baqueano.signals import seconds
+
+    ref = read_run(Path(word["path"])).reference
+    if ref is None:
+        return None
+    good = np.isfinite(ref.eta).all(axis=1)
+    if good.sum() < 2 or not np.ptp(ref.eta[good, :2], axis=0).any():
+        return None
+    t_ns = ref.t_ns[good]
+    return Route(seconds(t_ns, t_ns[0]), ref.eta[good], ref.nu[good], False)
+
+
+def drawn(lap: "Lap") -> "JsonObject":
+    """Return a lap as it is drawn."""
+    every = 1 + len(lap.x) // POINTS
+    figures = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
+    path, jerk, rms, most, full = (x if np.isfinite(x) else None for x in figures)
+    return {
+        "x": np.round(lap.x[::every], 4).tolist(), "y": np.round(lap.y[::every], 4).tolist(),
+        "cost": path, "jerk": jerk, "rms": rms, "most": most, "full": full,
+    }  # fmt: skip
+
+
+def _meanings(block: object) -> "list[tuple[str, str]]":
+    from baqueano.parameter import parameters
+
+    return [(name, one.meaning) for name, one in parameters(block)]
+
+
+def _values(given: object, laps: SimulatedLaps) -> np.ndarray:
+    """Return gains (p,) within their bounds. UsageError for what are none."""
+    try:
+        values = np.array(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        values = np.zeros(0)
+    if values.shape != laps.asked.low.shape or not np.all(np.isfinite(values)):
+        raise UsageError(fault("web.not-understood", error="gains"))
+    return np.clip(values, laps.asked.low, laps.asked.high)
+
+
+def _finite(costs: np.ndarray) -> "list[list[float | None]]":
+    return [[float(x) if np.isfinite(x) and x < UNUSABLE else None for x in row] for row in costs]
+
+
+def _stamp(word: "JsonObject") -> tuple[object, ...]:
+    """Return what changes when the file of a vehicle or of a route does."""
+    paths = [Path(str(word[name])) for name in ("vehicle", "path") if name in word]
+    paths += [path for name, path in _stored(word).items() if name == word.get("route")]
+    return tuple((str(path), path.stat().st_mtime_ns if path.is_file() else 0) for path in paths)

@@ -1,0 +1,50 @@
+"""Laps that are simulated for a screen: the cost is that of `tune`, the slope that of differences."""
+
+import numpy as np
+import pytest
+
+from baqueano.guides.shapes import circle
+from baqueano.tune.gains import rehearse
+from baqueano.tune.laps import simulated_laps
+from baqueano.tune.search import descend
+from baqueano.vehicle_file import load
+
+ROUTE = circle(0.3, 0.2)
+
+
+@pytest.fixture(scope="module")
+def laps():
+    return simulated_laps(load("small"), ROUTE)
+
+
+def test_a_lap_costs_what_tune_says(laps):
+    own = laps.asked.before
+    lap, tuned = laps.lap(own), rehearse(load("small"), ROUTE)
+    assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(tuned.cost(own), rel=1e-9)
+    assert lap.distance_rms_m == pytest.approx(tuned.drive(own).distance_rms_m, rel=1e-9)
+    assert laps.costs(np.array([own, own]))[1] == pytest.approx([lap.path_cost, lap.jerk_cost])
+
+
+@pytest.mark.parametrize("price", [0.0, 0.1, 1.0])
+def test_the_slope_is_that_of_differences(laps, price):
+    gains, (p, step) = laps.asked.before, (1, 1e-5)
+    slope = laps.cost_and_gradient(gains, price)[1]
+    sides = [laps.lap(gains + sign * step * np.eye(len(gains))[p]) for sign in (1, -1)]
+    costs = [lap.path_cost + price * lap.jerk_cost for lap in sides]
+    assert slope[p] == pytest.approx((costs[0] - costs[1]) / (2 * step), rel=1e-4)
+
+
+def test_a_descent_goes_down_step_by_step_within_the_bounds(laps):
+    asked = laps.asked
+    start = asked.low + 0.05 * (asked.high - asked.low)
+    found = descend(lambda g: laps.cost_and_gradient(g, 0.1), start, asked.low, asked.high)
+    costs = [laps.cost_and_gradient(g, 0.1)[0] for g in found.way]
+    assert np.all(np.diff(costs) <= 1e-12)
+    assert costs[0] == pytest.approx(found.costs[0])
+    assert costs[-1] == pytest.approx(found.cost)
+    assert np.all(found.gains >= asked.low)
+    assert np.all(found.gains <= asked.high)
+
+
+def test_another_controller_has_its_own_gains():
+    assert simulated_laps(load("small"), ROUTE, "kanayama").asked.names[-3:] == ("k_x", "k_y", "k_chi")
