@@ -88,6 +88,24 @@ SENTENCES = {
         "STOPPED": ("DETENIDO", "Una persona lo detuvo. Vuelve a andar cuando se levante el alto."),
     },
 }
+GAINS = [
+    {
+        "name": name,
+        "unit": unit,
+        "meaning": meaning,
+        "low": 0.0,
+        "high": high,
+        "file": own,
+        "value": own,
+        "best": best,
+    }
+    for name, unit, meaning, high, own, best in (
+        ("k_i", "1/s", "share of the error a second", 10.0, 0.5, 0.6),
+        ("k_x", "1/s", "speed per error ahead e_x", 10.0, 1.0, 1.4),
+        ("k_chi", "1/s", "turn per error of the course e_χ", 20.0, 4.0, 6.0),
+        ("join_m", "m", "way L in which the path is joined", 10.0, 0.25, 0.2),
+    )
+]
 RUNS = [
     {
         "id": f"r{k}",
@@ -219,6 +237,69 @@ def ledger(language: str) -> dict[str, Any]:
     ]}  # fmt: skip
 
 
+def answered(word: dict[str, Any]) -> dict[str, Any]:
+    """Return what a worker would say to a question, on paper."""
+    if word["what"] == "tune":
+        about = {
+            "gains": GAINS,
+            "controller": "PdFeedforward",
+            "routes": ["lab", "sinuous-circle"],
+            "route": "lab",
+        }
+        return about | {
+            "price": 0.1,
+            "seconds": 20.8,
+            "whole": True,
+            "ticks": 2081,
+            "path": route(),
+            "file": "vehicle.toml",
+        }
+    if word["what"] == "lap":
+        return lap_of(word["gains"])
+    if word["what"] == "landscape":
+        k = [one["name"] for one in GAINS]
+        side, a, b = word["side"], k.index(word["a"]), k.index(word["b"])
+        costs = []
+        for j in range(side):
+            for i in range(side):
+                gains = list(word["gains"])
+                for axis, at in ((a, i), (b, j)):
+                    gains[axis] = GAINS[axis]["high"] * math.expm1(7 * at / (side - 1)) / math.expm1(7)
+                lap = lap_of(gains)
+                costs.append([lap["cost"], lap["jerk"]])
+        return {"side": side, "costs": costs, "seconds": 0.4}
+    if word["what"] == "downhill":
+        best = [one["best"] for one in GAINS]
+        way = [
+            [g + part * (w - g) for g, w in zip(word["gains"], best, strict=True)]
+            for part in (0, 0.4, 0.8, 1)
+        ]
+        places = [[math.log1p(g / one["high"] * math.expm1(7)) / 7 for g, one in zip(gains, GAINS, strict=True)]
+                  for gains in way]  # fmt: skip
+        costs = [lap_of(gains)["cost"] for gains in way]
+        return {
+            "way": way,
+            "places": places,
+            "cost": costs[-1],
+            "before": costs[0],
+            "laps": 23,
+            "seconds": 0.2,
+        }
+    return {}
+
+
+def lap_of(gains: list[float]) -> dict[str, Any]:
+    """Return a lap that is the farther from its circle the farther the gains are from their best."""
+    off = sum(math.log((g + 0.1) / (one["best"] + 0.1)) ** 2 for g, one in zip(gains, GAINS, strict=True))
+    far = 0.01 + 0.02 * off
+    angles = [math.tau * k / 300 for k in range(300)]
+    return {
+        "x": [(1 + far * math.cos(3 * a)) * math.sin(a) for a in angles],
+        "y": [1 - (1 + far * math.cos(3 * a)) * math.cos(a) for a in angles],
+        "cost": 0.2 + 4.0 * off, "jerk": 0.1 + gains[0] / 10, "rms": 0.7 * far, "most": far, "full": 0.03, "ms": 2.1,
+    }  # fmt: skip
+
+
 class Scripted:
     """`with Scripted("live") as server:`, then server.url, server.said, server.put(word)."""
 
@@ -230,6 +311,7 @@ class Scripted:
         self.guests: list[tuple[ServerConnection, str]] = []
         self.holder: ServerConnection | None = None
         self.state, self.kind = "MISSION", "repeat"
+        self.gains = {f"controller.{one['name']}": one["file"] for one in GAINS}
         self.tick, self.running, self.frozen = 6000, True, False
 
     def __enter__(self) -> "Scripted":
@@ -305,6 +387,7 @@ class Scripted:
             "command": COMMAND,
             "rate_hz": RATE,
             "sensors": [{"name": "imu", "kind": "imu", "channels": 3, "rate_hz": RATE}],
+            "gains": self.gains,
             "world": self.world if self.mode == "live" else "recorded",
         }
 
@@ -341,8 +424,13 @@ class Scripted:
         elif word["is"] == "identify" and word["on"]:
             guest.send(json.dumps(taught(self._language(guest), live=True)))
         elif word["is"] == "ask":
-            more = taught(self._language(guest), live=False) if word["what"] == "identify" else {}
+            asks = word["what"] == "identify"
+            more = taught(self._language(guest), live=False) if asks else answered(word)
             guest.send(json.dumps({"is": "answer", "to": "ask", "id": word["id"]} | more))
+        elif word["is"] == "set":
+            self.gains[word["path"]] = word["value"]
+            for one, _ in list(self.guests):
+                one.send(json.dumps({"is": "blocks", "blocks": BLOCKS, "gains": self.gains, "swapped": {}}))
 
     def _language(self, guest: ServerConnection) -> str:
         return next((language for one, language in self.guests if one is guest), "en")

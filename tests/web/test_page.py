@@ -10,10 +10,8 @@ import pytest
 from tests.web.chromium import CHROMIUM, SIZES, Tab
 from tests.web.scripted import RADIUS, Scripted
 
-LIVE, REPLAYED = (
-    ("drive", "identify", "runs", "blocks", "faults"),
-    ("replay", "ghost", "identify", "runs", "blocks"),
-)
+LIVE = ("drive", "identify", "tune", "runs", "blocks", "faults")
+REPLAYED = ("replay", "ghost", "identify", "tune", "runs", "blocks")
 BOXES = (Path(__file__).parent / "boxes.js").read_text(encoding="utf-8")
 SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder, to look at what the tests see
 FRAME_MS = 8.0
@@ -60,6 +58,11 @@ def test_every_screen_is_whole(browser, size, theme, language):
                     tab.wait(f"Boolean({PAGE}.ghost)")
                 if screen in ("replay", "ghost", "identify") and mode == "replay":
                     tab.js(f"{PAGE}.screens.replay.seek(22.4)")
+                if screen == "tune":
+                    tab.wait(f"{PAGE}.screens.tune.land?.side === 20 && Boolean({PAGE}.screens.tune.lap)")
+                    tab.js(f"{PAGE}.screens.tune.jump([0.5, 1, 1, 0.8])")
+                    tab.wait(f"{PAGE}.screens.tune.lap.rms > 0.05")
+                    tab.wait(f"{PAGE}.screens.tune.land?.side === 20")
                 time.sleep(0.3)
                 found = tab.js(BOXES) + tab.errors
                 if SHOTS:

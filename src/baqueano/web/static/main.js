@@ -11,11 +11,12 @@ import { Link } from "./link.js";
 import { Record } from "./record.js";
 import { Opened, Replay } from "./replay.js";
 import { Runs } from "./runs.js";
+import { Tune } from "./tune.js";
 import { duration, language, num, otherLanguage, speak, t } from "./strings.js";
 
 const KEPT_S = 60; // of a live drive
 const OLD_MS = 200; // from where on the age of the picture is shown
-const SCREENS = [Drive, Identify, Replay, Runs, Blocks, Faults];
+const SCREENS = [Drive, Identify, Replay, Tune, Runs, Blocks, Faults];
 const KEYS = ["Space", "L", "W A S D ↑ ↓ ← →", "T R B", "P M E", "1 2 3 4", "F 0 + −", "K ← → Home End", "[ ]", "N V", "Shift+↑ N G"];
 
 const page = {
@@ -64,6 +65,12 @@ const on = {
   ledger({ rows }) { page.ledger = rows; page.screens.faults?.ledger(rows); },
   route(word) { page.route = word.x?.length ? word : null; },
   routes({ routes }) { page.screens.drive?.routes(routes.map((one) => one.name ?? one)); },
+  blocks({ blocks, gains, swapped }) {
+    page.hello.blocks = blocks;
+    page.hello.vehicle.gains = gains;
+    page.hello.swapped = swapped;
+    for (const one of Object.values(page.screens)) one.blocks?.();
+  },
   runs({ runs }) { page.runs = runs; for (const one of Object.values(page.screens)) one.runs?.(); },
   identify(word) { page.screens.identify?.take(word); },
   lease(word) { page.hand.lease(word); lease(word); page.screens.drive?.state(page.state); page.screens.faults?.state(); },
