@@ -53,3 +53,46 @@ def test_a_vehicle_is_taken_driven_and_stopped(chromium, tmp_path):
         shown(tab, "STOPPED")
         assert not tab.errors
         tab.close()
+
+
+TUNE = "baqueano.page.screens.tune"
+
+
+def test_gains_are_tuned_applied_and_taken_back_while_it_repeats(chromium, tmp_path):
+    """On the simulated service itself: the run holds what was set."""
+    from baqueano.guides.shapes import circle
+    from baqueano.runs import read_run
+    from baqueano.runs.route_file import write_route
+
+    (tmp_path / "routes").mkdir()
+    write_route(circle(0.3, 0.2), tmp_path / "routes" / "ring.csv")
+    with program("baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path) as page:
+        tab = chromium.tab()
+        tab.goto(f"http://127.0.0.1:{port_of(page)}/")
+        shown(tab, "nobody drives")
+        tab.wait("baqueano.page.hello.fields.length > 9", START_S)  # a second hello begins afresh
+        tab.js(PRESS.format(name="Take the wheel"))
+        shown(tab, "you drive")
+        tab.js(PRESS.format(name="Repeat"))
+        shown(tab, "REPEATING")
+        tab.click("#tab-tune")
+        tab.wait(f"{TUNE}.about?.route === 'ring' && Boolean({TUNE}.lap)", START_S)
+        tab.wait(f"{TUNE}.land?.side === 10 || {TUNE}.land?.side === 20", START_S)
+        before = tab.js(f"{TUNE}.lap.rms")
+        tab.js(f"{TUNE}.jump([0, 1, 0.5, 0.25])")
+        tab.wait(f"{TUNE}.lap.rms !== {before}", START_S)
+        tab.js(f"{TUNE}.do.downhill.click()")
+        tab.wait(f"{TUNE}.lap.rms < {before} && !{TUNE}.do.apply.disabled", START_S)
+        tab.js(f"{TUNE}.do.apply.click()")
+        tab.wait(f"{TUNE}.state.textContent === 'in force'", START_S)
+        applied = tab.js(f"{TUNE}.values")
+        tab.js(f"{TUNE}.do.undo.click()")
+        tab.wait(f"{TUNE}.force[1] === 1 && {TUNE}.force[2] === 4", START_S)
+        tab.js(PRESS.format(name="STOP"))
+        shown(tab, "STOPPED")
+        tab.close()
+    run = read_run(next((tmp_path / "runs").glob("*.mcap")))
+    set_to = [e.diagnostic.figures for e in run.events if e.source == "set"]
+    assert {one["path"] for one in set_to} >= {"controller.k_x", "controller.k_chi"}
+    k_x = [float(one["now"]) for one in set_to if one["path"] == "controller.k_x"]
+    assert k_x == [pytest.approx(applied[1]), 1.0]

@@ -17,6 +17,7 @@ SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder, to look at what the tests 
 FRAME_MS = 8.0
 READY = "Boolean(globalThis.baqueano?.page?.screen)"
 PAGE = "baqueano.page"
+TUNE = f"{PAGE}.screens.tune"
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -74,7 +75,7 @@ def test_every_screen_is_whole(browser, size, theme, language):
     assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
 
 
-@pytest.mark.parametrize("screen", ["drive", "identify", "replay", "runs", "blocks"])
+@pytest.mark.parametrize("screen", ["drive", "identify", "replay", "tune", "runs", "blocks"])
 def test_space_stops_on_every_screen_without_the_lease(tab, live, screen):
     opened(tab, live, screen=screen)
     tab.press(" ", "Space", " ")
@@ -93,7 +94,7 @@ def test_space_on_a_button_stops_and_does_not_press_it(tab, live):
 
 def test_a_touch_of_the_stop_is_enough_and_it_stands_at_the_same_place(tab, live):
     places = set()
-    for screen in ("drive", "replay", "runs", "blocks"):
+    for screen in ("drive", "replay", "tune", "runs", "blocks"):
         opened(tab, live, screen=screen)
         places.add(tab.middle("#stop"))
     assert len(places) == 1
@@ -262,6 +263,57 @@ def test_a_ghost_is_paired_by_distance_or_by_time(tab):
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4")
         assert tab.js("document.querySelector('.compare tbody td.better').textContent").startswith("2.")
         tab.wait(f"{PAGE}.screens.replay.pairs.map[2000] === 2000")
+
+
+def tuned(tab, live):
+    opened(tab, live, screen="tune")
+    tab.press("l", "KeyL", "l")
+    tab.wait(f"{PAGE}.hand.mine && Boolean({TUNE}.lap)")
+
+
+def test_a_slider_simulates_a_lap_at_each_move_and_a_descent_is_shown(tab, live):
+    tuned(tab, live)
+    laps, far = len(asked(live, "lap")), tab.js(f"{TUNE}.lap.rms")
+    tab.js("document.querySelectorAll('.gain input')[2].focus()")
+    for _ in range(4):
+        tab.press("PageDown")
+    tab.wait(f"{TUNE}.lap.rms > 1.2 * {far}")
+    assert len(asked(live, "lap")) > laps
+    assert not live.words("set")  # nothing that drives has changed
+    tab.js(f"{TUNE}.do.downhill.click()")
+    tab.wait(f"{TUNE}.values.every((x, k) => Math.abs(x - [0.6, 1.4, 6, 0.2][k]) < 1e-6)")
+
+
+def test_gains_are_applied_by_the_holder_and_taken_back(tab, live):
+    tuned(tab, live)
+    assert tab.js(f"{TUNE}.do.apply.disabled")
+    tab.js(f"{TUNE}.jump([0.5, 2, 8, 0.25])")
+    tab.wait(f"!{TUNE}.do.apply.disabled")
+    tab.js(f"{TUNE}.do.apply.click()")
+    until(lambda: len(live.words("set")) == 2)
+    assert {word["path"]: word["value"] for word in live.words("set")} == {
+        "controller.k_x": 2,
+        "controller.k_chi": 8,
+    }
+    tab.wait(f"{TUNE}.do.apply.disabled && {TUNE}.state.textContent === 'in force'")
+    tab.js(f"{TUNE}.do.undo.click()")
+    until(lambda: live.gains == {"controller.k_i": 0.5, "controller.k_x": 1, "controller.k_chi": 4,
+                                 "controller.join_m": 0.25})  # fmt: skip
+    tab.wait(f"{TUNE}.do.undo.disabled")
+
+
+def test_a_touch_on_the_landscape_chooses_two_gains(tab, live):
+    tuned(tab, live)
+    tab.wait(f"Boolean({TUNE}.land)")
+    x, y = tab.middle(".land")
+    tab.mouse("mousePressed", x, y)
+    tab.mouse("mouseReleased", x, y)
+    tab.wait(f"{TUNE}.values[2] > 0.1 && {TUNE}.values[2] < 1")
+    assert tab.js(f"{TUNE}.values[0]") == 0.5  # the others rest
+
+
+def asked(live, what):
+    return [word for word in live.words("ask") if word["what"] == what]
 
 
 def test_what_others_named_is_text(tab):

@@ -1,6 +1,6 @@
 """Lab worker: words on stdin, answers on stdout, one at a time. It ends with its stdin.
 
-to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission" | "compare" | "identify" | …, …}
+to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission" | "compare" | …, …}
                    {"do": "tune" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
                    {"do": "block" | "check", …}                                     described_blocks.py
 from the worker    a line {…, "bytes": n} and n bytes behind it; {"no": diagnostic, "code": n, …}
