@@ -150,9 +150,10 @@ class Live:
     def swapped(self, room: str, blocks: dict[str, str]) -> None:
         """Take another block in this room from the next mission on, and tell everybody."""
         self._blocks = dict(blocks)
-        kind = blocks.get(room)
-        code = "web.swapped" if kind else "web.swapped-back"
-        self._on_event({"said": note(code, room=room, **({"kind": kind} if kind else {}))})
+        if room in blocks:
+            self._on_event({"said": note("web.swapped", room=room, kind=blocks[room])})
+        else:
+            self._on_event({"said": note("web.swapped-back", room=room)})
         self._tell_blocks()
 
     def _stop(self, visitor: Visitor, word: "JsonObject") -> None:
