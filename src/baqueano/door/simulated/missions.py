@@ -28,10 +28,10 @@ from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import shape
 from baqueano.runs.folder import plain_label
 from baqueano.runs.route_file import read_route
-from baqueano.worlds.faults.fault import Fault
-from baqueano.worlds.shaken import MOST_FAULTS
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.toml_text import read_text
+from baqueano.worlds.faults.fault import Fault
+from baqueano.worlds.shaken import MOST_FAULTS
 
 if TYPE_CHECKING:
     from baqueano.guides.route import Route
