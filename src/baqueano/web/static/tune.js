@@ -9,7 +9,7 @@ import { length, num, t, three } from "./strings.js";
 const CURVE = 7; // of tune/search.py: g = low + (high − low) (e^{cx} − 1) / (e^c − 1)
 const SIDES = [10, 20]; // of the landscape: coarse at once, then fine
 const SETTLED_MS = 250, LAP_MS = 60, LOST_MS = 10000; // LAP_MS between two laps: a browser may say 50 words a second
-const FINE = 200, BANDS = 16; // pixels and steps of the landscape
+const FINE = 160, BANDS = 16; // pixels and steps of the landscape
 const RAMPS = [["#f6f7f4", "#d9ebdd", "#a3d1b1", "#57a877", "#1f7d44", "#0c4a26"], ["#161b22", "#1d3541", "#22606b", "#3f9483", "#9cc86f", "#f1e27c"]]
   .map((ramp) => ramp.map((one) => [1, 3, 5].map((k) => parseInt(one.slice(k, k + 2), 16))));
 const gainOf = ({ low, high }, x) => low + ((high - low) * Math.expm1(CURVE * x)) / Math.expm1(CURVE);
@@ -160,7 +160,7 @@ export class Tune {
   buttons() {
     if (!this.about || !this.live) return;
     const { force, page } = this, same = force?.every((x, k) => Math.abs(x - this.values[k]) <= 1e-6 * Math.abs(x)), may = page.hello.role === "drive";
-    const drives = page.hand?.mine && ["MISSION", "MANUAL"].includes(page.state.state) && force;
+    const drives = page.hand?.mine && ["MISSION", "MANUAL"].includes(page.state.state) && page.state.t_s !== 0 && force; // at 0 it is still prepared
     this.do.apply.disabled = !drives || same;
     this.do.undo.disabled = !drives || !this.undos.length;
     this.do.write.disabled = !may || !this.about.file;
@@ -184,7 +184,7 @@ export class Tune {
 
   draw(now_ms) {
     if (!this.about) return;
-    const { lap, ofFile, about, page } = this, put = (name, much) => much.forEach((text, k) => write(this.numbers[name][k], text)), now = `${page.state.state}${page.hand?.mine}`;
+    const { lap, ofFile, about, page } = this, put = (name, much) => much.forEach((text, k) => write(this.numbers[name][k], text)), now = `${page.state.state}${page.hand?.mine}${page.state.t_s !== 0}`;
     if (this.then !== now) { this.then = now; this.buttons(); }
     put("here", length(lap?.rms ?? NaN));
     put("file", length(ofFile?.rms ?? NaN));
@@ -256,13 +256,16 @@ export class Tune {
     const { costs, side } = this.land, z = costs.map(([path, jerk]) => (path === null || jerk === null ? NaN : Math.log(path + this.price * jerk)));
     const known = z.filter(Number.isFinite).sort((a, b) => a - b), low = known[0], high = known[Math.floor(0.95 * (known.length - 1))];
     const ramp = RAMPS[getComputedStyle(document.documentElement).colorScheme === "dark" ? 1 : 0], steps = ramp.length - 1, image = new ImageData(FINE, FINE);
-    const at = (i, j) => (z[j * side + i] < high ? z[j * side + i] : high), mix = (a, b, part) => a + part * (b - a);
-    for (let q = 0, pixel = 0; q < FINE; q++) for (let p = 0; p < FINE; p++) {
-      const [u, v] = [p, FINE - 1 - q].map((x) => (x / (FINE - 1)) * (side - 1)), [i, j] = [u, v].map((x) => Math.min(Math.floor(x), side - 2));
-      const value = mix(mix(at(i, j), at(i + 1, j), u - i), mix(at(i, j + 1), at(i + 1, j + 1), u - i), v - j);
-      const depth = (Math.round(within((high - value) / (high - low || 1)) ** 1.5 * BANDS) / BANDS) * steps, r = Math.min(Math.floor(depth), steps - 1);
-      for (let k = 0; k < 3; k++) image.data[pixel++] = mix(ramp[r][k], ramp[r + 1][k], depth - r);
-      image.data[pixel++] = 255;
+    const at = (k) => (z[k] < high ? z[k] : high), mix = (a, b, part) => a + part * (b - a), place = (p) => { const u = (p / (FINE - 1)) * (side - 1), i = Math.min(Math.floor(u), side - 2); return [i, u - i]; };
+    const across = Array.from({ length: FINE }, (_, p) => place(p));
+    let pixel = 0;
+    for (let q = FINE - 1; q >= 0; q--) {
+      const [j, v] = across[q], row = Array.from({ length: side }, (_, i) => mix(at(j * side + i), at((j + 1) * side + i), v));
+      for (const [i, u] of across) {
+        const depth = (Math.round(within((high - mix(row[i], row[i + 1], u)) / (high - low || 1)) ** 1.5 * BANDS) / BANDS) * steps, r = Math.min(Math.floor(depth), steps - 1);
+        for (let k = 0; k < 3; k++) image.data[pixel++] = mix(ramp[r][k], ramp[r + 1][k], depth - r);
+        image.data[pixel++] = 255;
+      }
     }
     this.picture = el("canvas", { width: FINE, height: FINE });
     this.picture.getContext("2d").putImageData(image, 0, 0);
