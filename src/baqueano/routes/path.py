@@ -22,7 +22,7 @@ BACK_M_S = 0.02  # speed from which a vehicle drives backward
 CLOSE_M, CLOSE_RAD = 0.3, np.radians(45.0)  # ends that lie closer meet
 
 
-class Path(NamedTuple):
+class RoutePath(NamedTuple):
     """Points of a path.
 
     Attributes
@@ -82,7 +82,7 @@ def direction(route: Route) -> float:
     return -1.0 if np.any(back) else 1.0
 
 
-def route_along(path: Path, speed: np.ndarray, ahead: float, closed: bool) -> Route:
+def route_along(path: RoutePath, speed: np.ndarray, ahead: float, closed: bool) -> Route:
     """Return the route that drives a path with the speeds (m,) > 0 [m/s]; `ahead` −1 drives it backward."""
     rate = 0.5 * (speed[1:] + speed[:-1])
     t_s = np.append(0.0, np.cumsum(np.diff(path.s) / rate))
@@ -91,11 +91,11 @@ def route_along(path: Path, speed: np.ndarray, ahead: float, closed: bool) -> Ro
     return Route(t_s, np.column_stack([path.xy, psi]), nu, closed)
 
 
-def path_of(route: Route) -> Path:
+def path_of(route: Route) -> RoutePath:
     """Return the path of a route as it was taught, with the curvature that its own headings have.  (1)"""
     keep = moving(route)
     xy = route.eta[keep, :2]
     s = way(xy)
     psi = np.unwrap(route.eta[keep, 2]) + (np.pi if direction(route) < 0.0 else 0.0)
     kappa = np.gradient(psi, s)
-    return Path(s, xy, psi, kappa)
+    return RoutePath(s, xy, psi, kappa)

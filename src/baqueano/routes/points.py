@@ -7,7 +7,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.routes.path import GRID_M, STEP_M, Path, route_along, way
+from baqueano.routes.path import GRID_M, STEP_M, RoutePath, route_along, way
 
 JUMP_M = 20.0  # between two points
 
@@ -68,7 +68,7 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
         heading = np.concatenate([[heading[-1] - turn], heading, [heading[0] + turn]])
         between = np.concatenate([[between[-1] - grid[-1]], between, [between[0] + grid[-1]]])
     course = np.interp(grid, between, heading)
-    path = Path(grid, line, course, np.gradient(course, grid))
+    path = RoutePath(grid, line, course, np.gradient(course, grid))
     return route_along(path, np.full(len(grid), float(speed_m_s)), 1.0, closed)
 
 

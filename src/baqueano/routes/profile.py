@@ -17,7 +17,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.printable import typed
 from baqueano.routes.capability import FASTEST_M_S, FASTEST_M_S2, Capability, most
-from baqueano.routes.path import GRID_M, NAME, Path, direction, path_of, route_along
+from baqueano.routes.path import GRID_M, NAME, RoutePath, direction, path_of, route_along
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -130,16 +130,16 @@ def fastest(
     return route_along(path, _swept(path, v_most, up, down, stops), ahead, route.closed)
 
 
-def _even(path: Path) -> Path:
+def _even(path: RoutePath) -> RoutePath:
     """Return the path with a point each GRID_M; its curvature is the mean over as much."""
     s = np.linspace(0.0, path.s[-1], max(8, round(path.s[-1] / GRID_M) + 1))
     xy = np.column_stack([np.interp(s, path.s, column) for column in path.xy.T])
     course = np.interp(s, path.s, path.course)
-    return Path(s, xy, course, np.gradient(course, s))
+    return RoutePath(s, xy, course, np.gradient(course, s))
 
 
 def _rates(
-    can: Capability, path: Path, ahead: float, sign: float, v_most: np.ndarray, share: float
+    can: Capability, path: RoutePath, ahead: float, sign: float, v_most: np.ndarray, share: float
 ) -> np.ndarray:
     """Return the largest |v̇| (m, SPEEDS) in the direction `sign` at parts of v_most.  (2)"""
     v = v_most[:, None] * np.linspace(0.0, 1.0, SPEEDS)
@@ -155,7 +155,7 @@ def _rates(
     return most(holds, np.full(v.shape, FASTEST_M_S2))
 
 
-def _swept(path: Path, v_most: np.ndarray, up: np.ndarray, down: np.ndarray, stops: bool) -> np.ndarray:
+def _swept(path: RoutePath, v_most: np.ndarray, up: np.ndarray, down: np.ndarray, stops: bool) -> np.ndarray:
     """Return the speed (m,) under (1), reached and braked by (2)."""
     v, ds, parts = v_most.copy(), np.diff(path.s), np.linspace(0.0, 1.0, SPEEDS)
     if stops:

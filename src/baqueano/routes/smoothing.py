@@ -17,7 +17,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.routes.edit import meets
-from baqueano.routes.path import GRID_M, Path, direction, moving, route_along, way
+from baqueano.routes.path import GRID_M, RoutePath, direction, moving, route_along, way
 
 LEAST_M, LARGEST_M = 1e-4, 0.5  # of a tolerance
 WAVE_M = 0.8  # the longest wave that is taken out
@@ -119,7 +119,7 @@ def _off(waves: Spectrum, cut_rad_m: float, kind: str) -> float:
     return float(np.max(off) if kind == "max" else np.sqrt(np.mean(off**2)))
 
 
-def _path(waves: Spectrum, cut_rad_m: float, closed: bool) -> Path:
+def _path(waves: Spectrum, cut_rad_m: float, closed: bool) -> RoutePath:
     """Return the smooth path, a point each GRID_M.  (3)"""
     p = _smoothed(waves, cut_rad_m) + waves.straight
     p1, p2 = _smoothed(waves, cut_rad_m, 1) + waves.slope, _smoothed(waves, cut_rad_m, 2)
@@ -129,4 +129,4 @@ def _path(waves: Spectrum, cut_rad_m: float, closed: bool) -> Path:
     s = way(np.column_stack([x, y]))
     even = np.linspace(0.0, s[-1], max(8, round(s[-1] / GRID_M) + 1))
     x, y, course, kappa = (np.interp(even, s, column) for column in (x, y, course, kappa))
-    return Path(even, np.column_stack([x, y]), course, kappa)
+    return RoutePath(even, np.column_stack([x, y]), course, kappa)
