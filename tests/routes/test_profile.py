@@ -106,7 +106,7 @@ def test_a_jump_is_found_where_it_is():
 
 
 def test_walls_are_those_of_the_room():
-    from baqueano.identify.design import room_of
+    from baqueano.identify.design.room import room_of
 
     small = load("small")
     lap = circle(0.5, 0.2)  # 1 m wide and to the left of its start

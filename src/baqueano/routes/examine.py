@@ -8,7 +8,7 @@ An acceleration of the route is judged over SMOOTH_S, as motors do: a corner of 
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from baqueano.routes.capability import Capability
 from baqueano.routes.path import NAME, way
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import TableRow
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
 JUMP_M = 0.1  # between two poses, beyond what the speed makes
@@ -37,9 +37,14 @@ class Walls(Protocol):
     """A room: `free` (2,) [m] from its middle, and the `start` x, y [m], ψ [rad] in it."""
 
     @property
-    def free(self) -> np.ndarray: ...
+    def free(self) -> np.ndarray:
+        """How far from the middle the body's origin may come (2,) [m]."""
+        ...
+
     @property
-    def start(self) -> tuple[float, float, float]: ...
+    def start(self) -> tuple[float, float, float]:
+        """Where the route begins, from the middle: x, y [m], ψ [rad]."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -133,7 +138,7 @@ def examine(
     vehicle_file : VehicleFile, optional
         The vehicle that is to drive it.
     room : Room, optional
-        Walls, as `identify.design.room_of` makes them; the route begins at the start of the room.
+        Walls, as `identify.design.room.room_of` makes them; the route begins at the start of the room.
     backend : str
         "auto", "c", "python", or "numpy".
 
@@ -213,7 +218,7 @@ def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Di
     at_m, steady = float(np.interp(t_s[k], route.t_s, s)), can.share(v[k], r[k])
     straight = float(can.fastest_speed(np.zeros(1), np.full(1, 100.0))[0])
     slower = typed("route", "faster", NAME)
-    figures: dict[str, Any] = {"at_m": at_m, "share": float(lasting[k])}
+    figures: JsonObject = {"at_m": at_m, "share": float(lasting[k])}
     if abs(v[k]) > straight:
         finding = fault(
             "route.speed-too-high", slower, needs_m_s=float(abs(v[k])), has_m_s=straight, **figures

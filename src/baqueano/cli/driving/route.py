@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,7 +16,10 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.printable import typed
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.guides.route import Route
+    from baqueano.identify.design.room import Room
+    from baqueano.vehicle_file import VehicleFile
 
 NAME = "NAME"  # of routes.path, which loads numpy
 FASTER = ("route.speed-too-high", "route.turns-too-fast", "route.accelerates-too-fast")
@@ -214,11 +217,19 @@ def faster(
     if speed_m_s is not None:
         return edited(route, "speed", name, as_json, lambda one: at_speed(one, speed_m_s))
     file = options.load_vehicle(vehicle, settings)
-    limits: Any = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}
+    limits: JsonObject = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}
     edited(route, "fast", name, as_json, lambda one: fastest(one, file, **limits))
 
 
-def drivable(route: "Route", name: str, file: Any, room: Any, robot: str, anyway: bool, backend: str) -> None:
+def drivable(
+    route: "Route",
+    name: str,
+    file: "VehicleFile",
+    room: "Room | None",
+    robot: str,
+    anyway: bool,
+    backend: str,
+) -> None:
     """Refuse a route that leaves the room or jumps, and one that is faster than the vehicle unless `anyway`, before
     anything moves. A model that nobody measured cannot tell that a route is too fast: it only warns."""
     from baqueano.routes import examine
@@ -261,7 +272,7 @@ def stored(route: "Route", name: str, as_json: bool) -> None:
     )
 
 
-def walls(file: Any, room: str | None, start: str | None) -> Any:
+def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
     """Return the room of `--room` and `--start`, None without; UsageError for what is no room."""
     if room is None:
         if start is not None:
@@ -269,7 +280,7 @@ def walls(file: Any, room: str | None, start: str | None) -> Any:
         return None
     import numpy as np
 
-    from baqueano.identify.design import room_of
+    from baqueano.identify.design.room import room_of
 
     try:
         x, y, degrees = (float(part) for part in (start or "0,0,0").split(","))
