@@ -14,6 +14,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
+from tests.web.scripted_ledger import ledger
 from tests.web.taught import taught
 
 STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
@@ -201,40 +202,6 @@ def route() -> dict[str, Any]:
         "x": [math.sin(a) for a in angles],
         "y": [1 - math.cos(a) for a in angles],
     }
-
-
-def ledger(language: str) -> dict[str, Any]:
-    """Return what happened to the vehicle, and who noticed."""
-    k = 0 if language == "en" else 1
-
-    def fault(kind: str, **more: Any) -> dict[str, Any]:
-        return {"kind": kind, "of": "", "x": 0.0, "y": 0.0, "size": 0.0, "part": 0.0, "frame": "map"} | more
-
-    rows = [
-        (44.0, None, fault("tilt", x=0.025, y=0.02),
-         ("floor tilted by 1.8°, up towards 39°", "piso inclinado 1,8°, sube hacia 39°"), [],
-         ("for 16.0 s: NIS at most 1.02. The estimate is 1.4 cm off and believes ± 5.3 cm. An accelerometer shows a "
-          "tilt as it shows a bias, and nothing else measures it.",
-          "durante 16,0 s: NIS a lo sumo 1,02. La estimación se equivoca en 1,4 cm y cree estar a ± 5,3 cm. Un "
-          "acelerómetro muestra una inclinación igual que un sesgo, y nada más la mide.")),
-        (51.2, 51.25, fault("push", x=0.11, y=-0.05),
-         ("push of 0.12 N s to the left", "empujón de 0,12 N s hacia la izquierda"),
-         [("NIS", 0.02, ("2.63 over 1 s, by chance at most 1.33",
-                         "2,63 en 1 s, por azar a lo sumo 1,33")),
-          (("gate", "compuerta")[k], 0.03, ("refused 3 innovations within 1 s",
-                                            "rechazó 3 innovaciones en 1 s"))], None),
-        (55.0, None, fault("drift", of="imu[2]", size=0.15),
-         ("zero of imu[2] drifts by 0.15", "el cero de imu[2] deriva 0,15"), [],
-         ("for 5.0 s: NIS at most 1.05. No other sensor shows this motion, so nothing contradicts imu[2].",
-          "durante 5,0 s: NIS a lo sumo 1,05. Ningún otro sensor muestra este movimiento, así que nada contradice a "
-          "imu[2].")),
-    ]  # fmt: skip
-    return {"is": "ledger", "rows": [
-        {"number": n, "t_s": t_s, "until_s": until_s, "over": until_s is not None, "fault": of, "what": what[k],
-         "noticed": [{"who": who, "after_s": after_s, "text": text[k]} for who, after_s, text in noticed],
-         "silent": ["monitor", "supervisor"], "nobody": nobody and nobody[k]}
-        for n, (t_s, until_s, of, what, noticed, nobody) in enumerate(rows, 1)
-    ]}  # fmt: skip
 
 
 def answered(word: dict[str, Any]) -> dict[str, Any]:

@@ -198,6 +198,14 @@ def test_the_ledger_says_who_noticed_and_when():
     assert "monitor" in [one.who for one in row.noticed]
 
 
+def test_what_an_earlier_fault_left_is_not_of_the_next():
+    u = np.tile([0.5, 0.0, 0.1], (600, 1))
+    run = experiment(FILE, u, seed=1, shake=["3 s: push 0.4 N s left", "3.5 s: drift imu[2] 0.02"])
+    push, drift = ledger_of(run, FILE).rows
+    assert "nis" in [one.who for one in push.noticed]
+    assert drift.noticed == []
+
+
 def test_the_ledger_says_who_could_not_and_why():
     ledger, row = rows_of("4 s: drift imu[2] 0.15")
     assert row.noticed == []

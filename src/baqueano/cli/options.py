@@ -40,6 +40,12 @@ runs_folder = click.option(
 out = click.option(
     "-o", "--out", type=click.Path(path_type=Path), help="Where to write; default: the next run."
 )
+shake = click.option(
+    "--shake",
+    multiple=True,
+    metavar="WHEN: WHAT",
+    help='A fault of the simulation, "12 s: push 0.3 N s left" or "3-6 s: cut imu"; again for more.',
+)
 page = click.option("--report", "page", type=click.Path(path_type=Path), help="Also write an HTML report.")
 update = click.option("--update", is_flag=True, help="Write the result into the vehicle file.")
 

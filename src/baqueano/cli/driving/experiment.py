@@ -9,7 +9,7 @@ import numpy as np
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
-from baqueano.cli.driving.targets import Place, placed
+from baqueano.cli.driving.targets import Place, placed, say_ledger
 from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, busy, clocked, talk
 from baqueano.diagnostics import Verdict, fault, nearest, note
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 )
 @click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
 @options.seed
+@options.shake
 @options.backend
 @options.runs_folder
 @options.out
@@ -56,7 +57,8 @@ if TYPE_CHECKING:
 @options.as_json
 def command(
     vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, known: bool,
-    rounds: int | None, seconds: float, seed: int, backend: str, folder: str, out: Path | None, update: bool,
+    rounds: int | None, seconds: float, seed: int, shake: tuple[str, ...],
+    backend: str, folder: str, out: Path | None, update: bool,
     shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     _meant(signal, rounds, update)
@@ -75,7 +77,7 @@ def command(
 
     with (
         live.live_page(shown, robot, file, folder, pace) as page,
-        placed(robot, file, seed, backend, page=page) as place,
+        placed(robot, file, seed, backend, page=page, shake=shake) as place,
     ):
         runs: list[Run] = []
         if signal == "designed" and not known and file.guessed:
@@ -88,11 +90,13 @@ def command(
             answer(found, as_json)
             options.kept(found.rounds[-1].fit.vehicle_file, update)
         else:
-            one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json)
+            one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json, shake)
     talk(note("cli.next-identify", fix=typed("identify", *driven, *options.naming(file, folder))))
 
 
-def one(file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool) -> None:
+def one(
+    file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool, shake: tuple[str, ...] = ()
+) -> None:
     """Drives the commands `u` (N, n), and shows the run."""
     from baqueano.drive.mission import Mission
     from baqueano.runs.show import show
@@ -100,6 +104,7 @@ def one(file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: b
     with clocked(note("cli.experiment"), len(u) / file.rate_hz) as seen:
         run = place.drive(Mission("experiment", u=u), file, path, seen)
     talk(note("cli.run", path=path))
+    say_ledger(run, file, shake)
     answer(show(run), as_json)
     options.ended(run, path)
 

@@ -6,7 +6,7 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.route import drivable, room_option, start_option, walls
-from baqueano.cli.driving.targets import placed
+from baqueano.cli.driving.targets import placed, say_ledger
 from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, clocked, talk
 from baqueano.diagnostics import note
@@ -26,6 +26,7 @@ from baqueano.diagnostics import note
 @click.option("--controller", metavar="FILE:CLASS", help="A controller of your own instead of the file's.")
 @click.option("--guide", metavar="FILE:CLASS", help="A guide of your own instead of the file's.")
 @options.seed
+@options.shake
 @options.backend
 @options.runs_folder
 @options.out
@@ -35,7 +36,8 @@ from baqueano.diagnostics import note
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
     start: str | None, anyway: bool, estimator: str | None, controller: str | None, guide: str | None,
-    seed: int, backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
+    seed: int, shake: tuple[str, ...],
+    backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
@@ -52,12 +54,13 @@ def command(
     )
     with (
         live.live_page(shown, robot, file, folder, pace) as watching,
-        placed(robot, file, seed, backend, page=watching) as place,
+        placed(robot, file, seed, backend, page=watching, shake=shake) as place,
     ):
         path = options.run_path(out, folder, "repeat")
         with clocked(note("cli.repeat"), laps * float(taught.t_s[-1])) as seen:
             run = place.drive(what, file, path, seen)
     talk(note("cli.run", path=path))
+    say_ledger(run, file, shake)
     compared = compare(run)
     answer(compared, as_json)
     options.advise_to_fit(compared, [run], options.naming(file, folder), folder)

@@ -95,11 +95,13 @@ class There:
 @contextmanager
 def placed(
     robot: str, file: "VehicleFile", seed: int, backend: str, attended: bool = True,
-    page: "LivePage | None" = None,
+    page: "LivePage | None" = None, shake: tuple[str, ...] = (),
 ) -> Iterator[Place]:  # fmt: skip
     """The place that --robot names: "simulated" or "emulated", each with ":FILE" for the body of another vehicle, or a
-    host."""
+    host. `shake` are the faults of a simulation."""
     kind = robot.partition(":")[0]
+    if shake and kind != "simulated":
+        raise UsageError(fault("shake.robot", host=robot))
     near = nearest(kind, IN_HERE, LIKE)
     if not {"@", "."} & set(robot) and near.figures.get("meant", kind) != kind:
         raise UsageError(fault("cli.robot-mistyped", found=kind, near=near))
@@ -107,6 +109,7 @@ def placed(
         talk(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
     if kind == "simulated":
         given = {"truth": load_truth(robot, file), "seed": seed, "backend": backend}
+        given |= {"shake": shake} if shake else {}
         yield Here(lambda: given, page)
     elif kind == "emulated":
         from baqueano.robot.emulated import emulated
@@ -118,3 +121,20 @@ def placed(
 
         with reached(robot) as remote:
             yield There(remote, attended, page)
+
+
+def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
+    """Say of each fault who noticed it, and when, or why nobody did."""
+    if not shake:
+        return
+    from baqueano.worlds import ledger_of
+
+    ledger = ledger_of(run, file)
+    for row in ledger.rows:
+        talk(note("ledger.fault", at_s=row.fault.at_s, what=row.said))
+        for one in row.noticed:
+            talk(
+                note("ledger.noticed", who=note(f"ledger.who-{one.who}"), after_s=one.after_s, said=one.said)
+            )
+        if (nobody := ledger.nobody(row)) is not None:
+            talk(note("ledger.by-nobody", said=nobody))

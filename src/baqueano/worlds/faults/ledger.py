@@ -34,6 +34,7 @@ WITNESSES = ("monitor", "model", "supervisor", "gate", "nis")
 OF_SOURCE = {"sensors": "monitor", "model": "model", "loop": "supervisor"}
 AFTER_S, WINDOW_S, BEFORE_S = 2.0, 1.0, 5.0
 GATED, Z, RATIO = 3, 3.72, 1.3
+FEWEST = 6  # numbers in a window
 SOON_S = 1.0  # of a fault: before, nobody could be said not to have noticed
 WHEELS = ("wheels", "encoders", "odometer")
 
@@ -154,6 +155,9 @@ class Ledger:
         one = Fault.of_diagnostic(what)
         self._before = deque(pair for pair in self._before if pair[0] >= one.at_s - BEFORE_S)
         self.rows.append(LedgerRow(number, one, what, one.until_s))
+        self._window.clear()  # what an earlier fault left there is not of this one
+        self._refused.clear()
+        self._sum, self._count = 0.0, 0
 
     def _noticed(self, who: str, t_s: float, said: Diagnostic) -> None:
         watched = [row for row in self.rows if row.watched(t_s)]
@@ -195,10 +199,11 @@ class Ledger:
         while self._window and t_s - self._window[0][0] > WINDOW_S:
             _, square, m = self._window.popleft()
             self._sum, self._count = self._sum - square, self._count - m
-        if self._count < 20:
+        if self._count < FEWEST:
             return
         mean, k = self._sum / self._count, self._count
-        if not self._before or t_s - self._before[-1][0] >= WINDOW_S:
+        whole = bool(self._window) and t_s - self._window[0][0] > 0.9 * WINDOW_S
+        if whole and (not self._before or t_s - self._before[-1][0] >= WINDOW_S):
             self._before.append((t_s, mean))
         for row in [row for row in self.rows if row.watched(t_s)][-1:]:
             row.worst_nis = mean if not isfinite(row.worst_nis) else max(mean, row.worst_nis)
