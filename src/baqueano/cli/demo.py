@@ -67,7 +67,7 @@ def command(
     out = out or free_folder()
     with in_motion(out, shown, pace) as motion:
         with steps() as begin:
-            found = demo(out, seed, backend, begin, motion.show)
+            found = demo(out, seed, backend, begin, motion.show, motion.tuned)
         answer(found, as_json)
         with busy(note("cli.drawing")):
             page = found.page().save(out / "report.html")

@@ -211,9 +211,10 @@ def demo(
     backend: str = "auto",
     say: Callable[[str], object] = lambda text: None,
     show: Callable[[Path], object] = lambda run: None,
+    show_gains: Callable[[TuneResult], object] = lambda tuned: None,
 ) -> Demo:
     """Run the demo into `folder`: runs, route, vehicle.toml, report.html. Raises AnswerNo if the fit is refused. `show`
-    gets the file of each run."""
+    gets the file of each run, `show_gains` what was tuned."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, believed = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
@@ -237,6 +238,7 @@ def demo(
     quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
     less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
     tuned = tune(believed, shape, backend=backend, **less)
+    show_gains(tuned)
     believed = tuned.applied()
     believed.save(folder / "vehicle.toml")
     say(_("5/6 teach       a sinuous circle"))

@@ -274,9 +274,7 @@ class Live:
                 visitor.show(picture)
 
     def _on_state(self, word: "JsonObject") -> None:
-        if {k: word.get(k) for k in ("state", "mission", "paused", "pace")} != {
-            k: self._state.get(k) for k in ("state", "mission", "paused", "pace")
-        }:
+        if any(word.get(k) != self._state.get(k) for k in ("state", "mission", "paused", "pace", "scene")):
             self._changed = True
         if word["state"] != self._state["state"] and word["state"] == "STOPPED":
             self._state = word
@@ -317,7 +315,7 @@ class Live:
     def _on_fields(self, word: "JsonObject") -> None:
         names, units = word["names"], word.get("units", [])
         changed = self.feed.columns([str(name) for name in names])
-        self.identifying.begin(self.feed.names)
+        self.identifying.begin(self.feed.names, ahead="file" in self._vehicle)
         self._events.clear()
         if changed:
             commands = [str(one["name"]) for one in self._vehicle.get("command", [])]

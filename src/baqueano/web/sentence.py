@@ -43,7 +43,7 @@ def described(
         "lap": lap if driven else None, "laps": laps, "left_s": state.get("left_s"), "t_s": state.get("t_s"),
         "paused": bool(state.get("paused")), "pace": state.get("pace"), "title": text(note(title)),
         "sentence": " ".join(ended(text(one)) for one in parts), "severity": str(grave),
-        "odd": [text(one) for one in odd], "battery_v": state.get("battery_v"),
+        "odd": [text(one) for one in odd], "battery_v": state.get("battery_v"), "scene": state.get("scene"),
     }  # fmt: skip
 
 

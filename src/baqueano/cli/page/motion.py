@@ -6,10 +6,17 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
+from itertools import accumulate
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from baqueano.cli.terminal import talk
 from baqueano.diagnostics import Diagnostic, note
+
+if TYPE_CHECKING:
+    from baqueano.tune import TuneResult
+
+POINTS = 200  # of the curve of costs
 
 
 class PageOfDrives:
@@ -21,6 +28,16 @@ class PageOfDrives:
     def show(self, run: Path) -> None:
         """Show a run after those before it."""
         self._send({"play": str(run.resolve())})
+
+    def tuned(self, found: "TuneResult") -> None:
+        """Show how the cost fell, and the gains before and after."""
+        costs = list(accumulate(found.history[:, 1].tolist(), min))
+        gains = [
+            {"name": one.name, "unit": one.unit, "before": one.before, "value": one.value}
+            for one in found.gains
+        ]
+        around = {"cost": found.cost, "before": found.cost_before, "gains": gains}
+        self._send({"tuned": around | {"history": costs[:: max(1, len(costs) // POINTS)]}})
 
     def say(self, said: Diagnostic) -> None:
         """Show an event."""

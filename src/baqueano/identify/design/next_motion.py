@@ -1,11 +1,11 @@
 """The motion that would tell most now, of a few that a person can drive: straight, turning, in curves.
 
-    k = argmin Σ_i log(σ_i² + GOAL²),   σ of F + F_k                                                      (1)
+    k, i = argmin log(σ_i² + GOAL²) − log(σ_i,now² + GOAL²),   σ of F + F_k                               (1)
 
 F is what the drive has told, F_k what the k-th motion would tell, from rest, σ_i the standard errors in parts of the
-values. It is the first step of the search of compose.py, without walls, over motions that have a name; whoever drives
-by hand wants what is known badly to be known better, so that an error below GOAL gains little. A motion goes out and
-comes back the same way, so that it needs little room, or circles on.
+values. It is the first step of the search of compose.py, without walls, over motions that have a name, for the one
+parameter that gains most: whoever drives by hand asks what to drive for what is known badly. An error below GOAL gains
+little. A motion goes out and comes back the same way, so that it needs little room, or circles on.
 """
 
 from typing import NamedTuple
@@ -87,6 +87,5 @@ class MotionAdvisor:
         before = np.minimum(wider * sd(F * D), 1.0)
         after = np.array([np.minimum(wider * sd((F + one) * D), 1.0) for one in self._F])
         gain = np.log(before**2 + GOAL**2) - np.log(after**2 + GOAL**2)
-        k = int(np.argmax(np.sum(gain, axis=1)))
-        i = int(np.argmax(gain[k]))
-        return NextMotion(self._motions[k].words, i, float(before[i]), float(after[k, i]))
+        k, i = np.unravel_index(np.argmax(gain), gain.shape)
+        return NextMotion(self._motions[k].words, int(i), float(before[i]), float(after[k, i]))

@@ -15,7 +15,7 @@ class Drives:
     """The drive that goes on, and the answers on runs."""
 
     def __init__(self) -> None:
-        self._key: object = None
+        self._vehicle, self._number = "", 0
         self._drive: DriveIdentification | None = None
         self._answers: dict[tuple[str, int], JsonObject] = {}
 
@@ -23,11 +23,14 @@ class Drives:
         """Take rows of the drive `drive` of a vehicle; return what it has taught."""
         from baqueano.web.lab.identification import DriveIdentification
 
-        key = word["drive"], word["vehicle"]
-        if self._drive is None or key != self._key:
+        if self._drive is None or word["vehicle"] != self._vehicle:
             if self._drive is not None:
                 self._drive.close()
-            self._key, self._drive = key, DriveIdentification(_file(word["vehicle"]))
+            self._vehicle, self._drive = word["vehicle"], DriveIdentification(_file(word["vehicle"]))
+            self._drive.warm()
+        elif word["drive"] != self._number:
+            self._drive.again()
+        self._number = word["drive"]
         if word["rows"]:
             self._drive.rows(word["names"], word["rows"])
         return self._drive.state(), b""

@@ -72,10 +72,15 @@ class DriveIdentification:
         self._sizes = {name: int(getattr(file.sensors, name).size) for name in file.sensors._fields}
         self.compiled = self._informant.kernel.backend == "c"
         self._thread = ThreadPoolExecutor(1)
+        self.again()
+
+    def again(self) -> None:
+        """Begin with another drive of the same vehicle."""
         self._job: Future[FitOfDrive | Diagnostic] | None = None
         self._next_s = 0.0
         self._why: Diagnostic | None = None  # the last fit was none
         self._fitted: FitOfDrive | None = None
+        self._fit_ticks = 0  # that the last fit had
         self._theta, self._size = self._informant.nominal, self._informant.of.size
         self._wider = np.ones(len(self._free))  # errors of the last fit, in parts of what is expected
         self._begin()
@@ -86,6 +91,14 @@ class DriveIdentification:
         self._u, self._z = np.zeros((0, n)), np.zeros((0, m))
         self._information = self._live.begin(self._theta)
         self._sd: list[np.ndarray] = []  # (p,) after each window
+        self._fit_ticks = 0
+
+    def warm(self) -> None:
+        """Compile what a window needs, before there is one."""
+        if self.compiled:
+            still = np.zeros((WINDOW, self._u.shape[1]))
+            self._live.add(self._information, still)
+            self._informant.information(still)
 
     @property
     def seconds(self) -> float:
@@ -94,8 +107,9 @@ class DriveIdentification:
 
     @property
     def busy(self) -> bool:
-        """Return True while rows wait, or a fit goes on."""
-        return self._job is not None or len(self._sd) < len(self._ticks) // WINDOW
+        """Return True while rows wait for their window or their fit, or a fit goes on."""
+        waiting = self.seconds >= FIRST_S and self._fit_ticks < len(self._ticks)
+        return self._job is not None or waiting or len(self._sd) < len(self._ticks) // WINDOW
 
     def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
         """Take ticks that follow those before. Ticks that are missing are driven with the last command and measured
@@ -128,7 +142,9 @@ class DriveIdentification:
         self._take_fit()
         self._advance(time.monotonic() + BUDGET_S)
         now_s = time.monotonic()
-        if self._job is None and self.seconds >= FIRST_S and now_s >= self._next_s:
+        fresh = self.seconds >= FIRST_S and self._fit_ticks < len(self._ticks)
+        if self._job is None and fresh and now_s >= self._next_s:
+            self._fit_ticks = len(self._ticks)
             self._next_s = now_s + (PERIOD_S if self.compiled else SLOW_PERIOD_S)
             self._job = self._thread.submit(self._fit, self.run())
         return self._described()

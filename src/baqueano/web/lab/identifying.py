@@ -46,15 +46,19 @@ class Identifying:
         self._frames: deque[array[float]] = deque(maxlen=KEPT)  # rows that the worker has not got
         self._last_s = 0.0
         self._drive = 0
+        self._warm = ""  # the vehicle for which the worker has what it needs
         self._said: JsonObject | None = None
         self._asking: asyncio.Task[None] | None = None
 
-    def begin(self, names: list[str]) -> None:
-        """A drive with these columns begins."""
+    def begin(self, names: list[str], ahead: bool = False) -> None:
+        """A drive with these columns begins. `ahead`: start the worker at once, somebody will look."""
         known = "t" in names
         self._at = [k for k, name in enumerate(names) if known and (name == "t" or name[:2] in ("u.", "z."))]
         self._names = [names[k] for k in self._at]
         self._forget()
+        if ahead and self.vehicle and (self._asking is None or self._asking.done()):
+            self._warm = self.vehicle
+            self._asking = asyncio.create_task(self._ask(once=True))
 
     def take(self, rows: list[list[float | None]]) -> None:
         """Take ticks of the drive."""
@@ -96,11 +100,14 @@ class Identifying:
         self._drive += 1
         self._said = None
 
-    async def _ask(self) -> None:
+    async def _ask(self, once: bool = False) -> None:
         """Hand rows to the worker each second, and tell what it answers, while somebody looks."""
+        if once:
+            await self._once()
         while self._looking:
             self._looking &= set(self._visitors())
-            if self.vehicle and (self._frames or self._busy):
+            if self.vehicle and (self._frames or self._busy or self._warm != self.vehicle):
+                self._warm = self.vehicle
                 await self._once()
             await asyncio.sleep(0.0 if len(self._frames) > EACH_S * FRAMES_HZ * 2 else EACH_S)
 

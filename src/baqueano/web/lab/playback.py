@@ -2,8 +2,8 @@
 
     python -m baqueano.web.lab.playback FOLDER [--pace F] [--no-browser]
 
-Lines of JSON on stdin: {"play": path} and {"say": diagnostic}. At the end of stdin it plays what is left to whoever
-watches, and ends. The simulation is not slowed down by that, nor by a browser.
+Lines of JSON on stdin: {"play": path}, {"tuned": …} and {"say": diagnostic}. At the end of stdin it plays what is left
+to whoever watches, and ends. The simulation is not slowed down by that, nor by a browser.
 """
 
 import argparse
@@ -32,6 +32,9 @@ STEP_S = 0.05  # between frames
 TELL_S = 0.2
 ROWS = 4096  # that are asked for at once
 COMES_S = 10.0  # in which a browser that was opened may come
+LOOKS_S = 4.0  # of an experiment at the vehicle, before its parameters are shown
+STAYS_S = 4.0  # with what was learned, after it
+TUNED_S = 7.0  # with the gains
 
 
 class RunPlayer:
@@ -39,15 +42,16 @@ class RunPlayer:
 
     def __init__(self, lab: Lab, pace: float = PACE) -> None:
         self._lab, self._pace = lab, pace
-        self._waiting: asyncio.Queue[Path | Diagnostic | None] = asyncio.Queue()
+        self._waiting: asyncio.Queue[Path | Diagnostic | JsonObject | None] = asyncio.Queue()
         self._on_word: Callable[[JsonObject], None] = lambda word: None
         self._paused, self._why = False, None
         self.viewers: Callable[[], int] = lambda: 1
         self._mission: JsonObject = {}
+        self._scene: JsonObject = {"screen": "drive"}  # that browsers show which have not chosen one
         self._patience_s = 0.0  # until when a browser is waited for; 0 before the first run
 
-    def put(self, what: Path | Diagnostic | None) -> None:
-        """Play this run, or tell this, after what waits; None: the end."""
+    def put(self, what: "Path | Diagnostic | JsonObject | None") -> None:
+        """Play this run, show these gains, or tell this, after what waits; None: the end."""
         self._waiting.put_nowait(what)
 
     def say(self, do: str, **words: object) -> None:
@@ -72,6 +76,8 @@ class RunPlayer:
         while (what := await self._waiting.get()) is not None:
             if isinstance(what, Path):
                 await self._play(what)
+            elif isinstance(what, dict):
+                await self._show({"screen": "tuned", **what}, TUNED_S)
             else:
                 on_word({"is": "event", "level": str(what.severity), "said": what})
 
@@ -88,7 +94,9 @@ class RunPlayer:
         if not await self._somebody():
             return
         events, shown, done_s, told_s = about["events"], 0, 0.0, float("-inf")
-        before_s = time.monotonic()
+        before_s = begun_s = time.monotonic()
+        taught = about["kind"] == "experiment"
+        await self._show({"screen": "drive"})
         while shown < about["rows"]:
             frame = (await self._lab.ask("frame", path=str(path), number=0, first=shown, count=ROWS))[1]
             rows = list(rows_of(frame, len(names)))
@@ -109,6 +117,9 @@ class RunPlayer:
                 at = due
                 while events and events[0]["t"] <= done_s:
                     self._event(events.pop(0))
+                if taught and now_s - begun_s > LOOKS_S:
+                    taught = False
+                    await self._show({"screen": "identify"})
                 if now_s - told_s >= TELL_S:
                     told_s = now_s
                     self._mission = {
@@ -118,6 +129,16 @@ class RunPlayer:
             shown += len(rows)
         self._mission = {}
         self._tell()
+        if about["kind"] == "experiment":
+            await self._show({"screen": "identify"}, STAYS_S)
+
+    async def _show(self, scene: "JsonObject", stays_s: float = 0.0) -> None:
+        """Show a screen; wait so long while somebody watches and the player is not paused."""
+        self._scene = scene
+        self._tell()
+        while stays_s > 0.0 and self.viewers():
+            await asyncio.sleep(STEP_S)
+            stays_s -= 0.0 if self._paused else STEP_S
 
     async def _somebody(self) -> bool:
         """Return True once somebody watches; False where nobody has come in time."""
@@ -136,6 +157,7 @@ class RunPlayer:
         state = "STOPPED" if self._why is not None else "MISSION" if self._mission else "READY"
         self._on_word(
             {"is": "state", "state": state, "why": self._why, "pace": self._pace, "paused": self._paused}
+            | {"scene": self._scene}
             | ({} if self._why is not None else self._mission)
         )
 
@@ -176,12 +198,15 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     await reading
 
 
-def read(coming: BinaryIO, put: Callable[[Path | Diagnostic | None], object]) -> None:
+def read(coming: BinaryIO, put: "Callable[[Path | Diagnostic | JsonObject | None], object]") -> None:
     """Hand on each line of stdin; None at its end."""
     for line in coming:
         try:
             word = json.loads(line)
-            put(Path(word["play"]) if "play" in word else Diagnostic.of_json(word["say"]))
+            if "tuned" in word:
+                put(dict(word["tuned"]))
+            else:
+                put(Path(word["play"]) if "play" in word else Diagnostic.of_json(word["say"]))
         except (ValueError, KeyError, TypeError):
             continue
     put(None)

@@ -12,6 +12,7 @@ import { Record } from "./record.js";
 import { Opened, Replay } from "./replay.js";
 import { Runs } from "./runs.js";
 import { Tune } from "./tune.js";
+import { Tuned } from "./tuned.js";
 import { duration, language, num, otherLanguage, speak, t } from "./strings.js";
 
 const KEPT_S = 60; // of a live drive
@@ -59,6 +60,7 @@ const on = {
     page.state = word;
     page.screens.drive?.state(word);
     page.screens.faults?.state();
+    follow(word.scene);
     told();
     meters();
   },
@@ -128,7 +130,8 @@ function frame() {
   $("meters").replaceChildren(...(replay ? [] : ["battery", "link", "loop"].map((key) => el("span", { class: `meter of-${key}` }, el("span", {}, t(`meter.${key}`)), el("b", { id: `meter-${key}` }, "–")))));
   show($("lease"), !replay && hello.role === "drive");
   lease({ who: hello.driver, you: false, watching: hello.watching });
-  open(page.screens[before] ? before : replay ? "replay" : shown[0].key);
+  open(page.screens[before] ? before : replay ? "replay" : shown[0].key, false);
+  follow(page.state.scene);
   page.ping();
   told();
 }
@@ -144,15 +147,23 @@ function fixedTexts() {
   $("keys").replaceChildren(el("h2", {}, t("keys")), el("dl", {}, ...KEYS.flatMap((key, k) => [el("dt", {}, ...(k ? key : t("stop.key")).split(" ").map((one) => el("kbd", {}, one))), el("dd", {}, t(`keys.${k}`))])), el("button", { type: "button", class: "primary", onclick: () => $("keys").close() }, t("keys.close")));
 }
 
-function open(key) {
+/** Show the screen of the drives that are played, until somebody chooses one. */
+function follow(scene) {
+  if (!scene || page.chosen || scene.screen === page.scene) return;
+  page.scene = scene.screen;
+  if (scene.screen === Tuned.key) page.screens.tuned = new Tuned(scene);
+  open(scene.screen, false);
+}
+
+function open(key, chosen = true) {
   if (!page.screens[key]) return;
+  page.chosen ||= chosen;
   page.screen?.hidden?.();
   page.screen = page.screens[key];
   $("screen").replaceChildren(page.screen.node);
   document.body.dataset.screen = key;
   for (const one of $("tabs").children) one.setAttribute("aria-selected", String(one.id === `tab-${key}`));
-  $(`tab-${key}`).scrollIntoView({ block: "nearest", inline: "nearest" });
-  $(`tab-${key}`).scrollIntoView({ inline: "center", block: "nearest" });
+  $(`tab-${key}`)?.scrollIntoView({ inline: "center", block: "nearest" });
   page.hand.still();
   page.screen.shown?.();
   told();
@@ -162,6 +173,7 @@ function open(key) {
 function told() {
   const { state, hello, opened } = page;
   if (!hello || !page.link.up) return;
+  if (page.screen?.told) { sentence("info", ...page.screen.told); return; }
   const recorded = hello.mode === "replay" || (page.screen?.constructor === Replay && opened);
   if (recorded) {
     const about = opened?.about;
@@ -244,7 +256,7 @@ function neighbour(way) {
   const names = Object.keys(page.screens), k = names.indexOf(page.screen.constructor.key);
   const next = names[(k + way + names.length) % names.length];
   open(next);
-  $(`tab-${next}`).focus();
+  $(`tab-${next}`)?.focus();
 }
 
 function theme(chosen) {
