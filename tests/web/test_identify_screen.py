@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from tests.web.chromium import CHROMIUM
+from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.taught import taught
-from tests.web.test_page import PAGE, opened, until
+from tests.web.test_page import BOXES, PAGE, opened, until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -102,3 +102,41 @@ def test_the_path_is_painted_by_what_it_taught(tab, live):
     live.put(taught("en", live=True) | {"rate": []})
     time.sleep(0.4)
     assert painted > tab.js(script) + 5
+
+
+SCENE = {
+    "screen": "tuned", "history": [1.2, 1.2, 1.05, 0.96, 0.94], "before": 1.2, "cost": 0.94,
+    "gains": [{"name": "k_x", "unit": "1/s", "before": None, "value": 2.54}],
+}  # fmt: skip
+
+
+def title(tab) -> str:
+    return tab.js("document.getElementById('title').textContent")
+
+
+def test_a_demo_leads_from_screen_to_screen_until_somebody_chooses_one(tab, live):
+    opened(tab, live)
+    for scene, screen in (
+        ({"screen": "identify"}, "identify"),
+        (SCENE, "tuned"),
+        ({"screen": "drive"}, "drive"),
+    ):
+        live.put(live._state("en") | {"scene": scene})
+        tab.wait(f"{PAGE}.screen.constructor.key === '{screen}'")
+        if screen == "tuned":
+            assert title(tab) == "TUNED"
+            assert "2.54" in tab.js("document.querySelector('.tuned').textContent")
+    tab.click("#tab-runs")
+    live.put(live._state("en") | {"scene": {"screen": "identify"}})
+    time.sleep(0.3)
+    assert tab.js(f"{PAGE}.screen.constructor.key") == "runs"
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_scene_of_the_gains_is_whole(tab, live, size):
+    tab.size(*SIZES[size])
+    opened(tab, live, "es")
+    live.put(live._state("es") | {"scene": SCENE})
+    tab.wait(f"{PAGE}.screen.constructor.key === 'tuned'")
+    time.sleep(0.3)
+    assert not tab.js(BOXES) + tab.errors

@@ -3,6 +3,9 @@
 import asyncio
 import io
 import json
+import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ import pytest
 from baqueano.cli.page.motion import PageOfDrives, in_motion
 from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
+from baqueano.tune.tuned import Gain
 from baqueano.web import share
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.playback import RunPlayer, read
@@ -128,3 +132,48 @@ def test_a_page_that_has_gone_does_not_end_the_work():
 
     Gone.stdin.close()
     PageOfDrives(Gone()).say(note("web.demo-done", verdict="USABLE"))
+
+
+def test_scenes_lead_from_the_vehicle_to_what_is_known_and_to_the_gains(tmp_path, monkeypatch):
+    from baqueano.web.lab import playback as module
+
+    for name, seconds in (("LOOKS_S", 0.1), ("STAYS_S", 0.2), ("TUNED_S", 0.2)):
+        monkeypatch.setattr(module, name, seconds)
+    taught = replace(drive(), metadata={"kind": "experiment"})
+    folder = folder_of(tmp_path / "runs", experiment=taught, repeat=drive())
+    gains = {"history": [3.0, 1.0], "before": 3.0, "cost": 1.0, "gains": []}
+
+    async def job():
+        lab = Lab()
+        words = await played(
+            RunPlayer(lab, 10.0), [folder / "experiment.mcap", gains, folder / "repeat.mcap"]
+        )
+        await lab.close()
+        scenes = [word["scene"] for word in words if word["is"] == "state"]
+        shown = [one for k, one in enumerate(scenes) if k == 0 or one != scenes[k - 1]]
+        assert [one["screen"] for one in shown] == ["drive", "identify", "tuned", "drive"]
+        assert shown[2] == {"screen": "tuned"} | gains
+        assert [word["file"] for word in words if word["is"] == "vehicle"] == [
+            str(folder / "experiment.mcap"), str(folder / "repeat.mcap"),
+        ]  # fmt: skip
+
+    run_page(job)
+
+
+def test_what_was_tuned_is_told_in_plain_numbers():
+    pipe = io.BytesIO()
+    pipe.flush = lambda: None
+
+    class Program:
+        stdin = pipe
+
+    gain = Gain("k_x", "1/s", 2.5, math.nan, 0.0, 9.0, 0, 1.1, 1.2)
+    found = SimpleNamespace(
+        history=np.array([[0, 3.0], [0, 4.0], [1, 1.0]]), gains=(gain,), cost=1.0, cost_before=3.0
+    )
+    PageOfDrives(Program()).tuned(found)
+    put = []
+    read(io.BytesIO(pipe.getvalue()), put.append)
+    assert put[0]["history"] == [3.0, 3.0, 1.0]  # the least so far
+    assert put[0]["gains"][0]["value"] == 2.5
+    assert put[1] is None
