@@ -117,7 +117,7 @@ def test_a_file_on_the_robot_that_cannot_be_read_is_told_and_kept_beside_the_new
     there.write_bytes(held)
     said = []
     setup("r1", wheels, PI, vehicle=SMALL, say=said.append, root=str(pi))
-    assert said[0].startswith(f"vehicle.toml  the vehicle file there is no TOML ({why}")
+    assert said[0].startswith(f"vehicle.toml  the vehicle file there is not TOML ({why}")
     assert there.read_text() == SMALL.text
     assert there.with_name("vehicle.toml.before").read_bytes() == held
     programs(ssh="echo no way >&2; exit 255")
@@ -130,7 +130,7 @@ def test_a_file_that_somebody_changes_meanwhile_is_not_replaced(programs, pi, wh
     (wheels / "vehicle.toml.seen").write_text("# what was looked at\n")
     step = steps.vehicle(steps.Pi(pi, wheels, "ana"))
     assert not step.done()
-    with pytest.raises(SystemExit, match="was changed by somebody else meanwhile, and was left as it is"):
+    with pytest.raises(SystemExit, match="was changed by somebody else meanwhile and stays"):
         step.do()
     assert there.read_text() == SMALL.text
 

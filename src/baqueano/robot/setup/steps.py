@@ -58,18 +58,14 @@ class Pi:
         self.run = run or commanded
         self.kept = self.at("etc/baqueano/setup.json")
         try:
-            self.noted: JsonObject = (
-                json.loads(self.kept.read_text(encoding="utf-8")) if self.kept.exists() else {}
-            )
+            self.noted: JsonObject = json.loads(text_of(self.kept) or "{}")
         except ValueError as error:
-            sys.exit(
-                _(
-                    "{path} is damaged ({error}): the former state of this machine is lost. Type on the vehicle "
-                    "sudo mv {path} {path}.damaged, and then set it up again",
-                    path=self.kept,
-                    error=error,
-                )
-            )
+            said = _(
+                "{path} is damaged ({error}): the former state of this machine is lost. Type on the vehicle sudo mv "
+                "{path} {path}.damaged, and then set it up again",
+                path=self.kept, error=error,
+            )  # fmt: skip
+            sys.exit(said)
 
     def at(self, path: str) -> Path:
         """A path of the machine."""
@@ -102,12 +98,7 @@ class Pi:
 
     def groups(self) -> dict[str, list[str]]:
         """Members of those of GROUPS that this system has."""
-        lines = (
-            self.at("etc/group").read_text(encoding="utf-8").splitlines()
-            if self.at("etc/group").exists()
-            else []
-        )
-        fields = [line.split(":") for line in lines]
+        fields = [line.split(":") for line in text_of(self.at("etc/group")).splitlines()]
         there = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
         return {group: there[group] for group in GROUPS if group in there}
 
@@ -117,7 +108,12 @@ class Pi:
         return self.at("opt/baqueano")
 
 
-def _(words: str, **figures: object) -> str:
+def text_of(path: Path) -> str:
+    """Return the text of a file, "" where there is none."""
+    return path.read_text(encoding="utf-8") if path.exists() else ""
+
+
+def _(words: str, /, **figures: object) -> str:
     """Return words in the language of who typed `robot setup`."""
     return WORDS.get(words, words).format_map(figures)
 
@@ -137,32 +133,21 @@ def commanded(*command: str) -> str:
     """Return the output of a command; SystemExit with its words where it fails."""
     done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if done.returncode:
-        sys.exit(
-            _(
-                "{command} failed ({code}): {words}",
-                command=" ".join(command),
-                code=done.returncode,
-                words=(done.stderr or done.stdout).strip()[-2000:],
-            )
-        )
+        said, line = (done.stderr or done.stdout).strip()[-2000:], " ".join(command)
+        sys.exit(_("{command} failed ({code}): {words}", command=line, code=done.returncode, words=said))
     return done.stdout
 
 
 def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
     """All of them, in order."""
-    template = pi.bundle / "baqueano.service"
-    unit = template.read_text(encoding="utf-8") if template.exists() else ""
+    unit = text_of(pi.bundle / "baqueano.service")
     unit = unit.replace("@user@", pi.user).replace("@groups@", " ".join(pi.groups()))
-    rules = pi.bundle / "60-baqueano.rules"
+    rules = text_of(pi.bundle / "60-baqueano.rules")
     return [
         clock(pi, now_s),
         boot_block(pi),
         written(pi, "etc/modules-load.d/baqueano.conf", "i2c-dev\n"),
-        written(
-            pi,
-            "etc/udev/rules.d/60-baqueano.rules",
-            rules.read_text(encoding="utf-8") if rules.exists() else "",
-        ),
+        written(pi, "etc/udev/rules.d/60-baqueano.rules", rules),
         groups(pi),
         environment(pi),
         linked(pi, "usr/local/bin/baqueano", "/opt/baqueano/bin/baqueano"),

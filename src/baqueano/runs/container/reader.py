@@ -333,7 +333,7 @@ class _Assembly:
         )
 
 
-def _warning(code: str, **figures: object) -> Diagnostic:
+def _warning(code: str, **figures: Any) -> Diagnostic:
     return note(code, Severity.WARNING, **figures)
 
 

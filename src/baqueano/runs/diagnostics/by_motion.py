@@ -29,6 +29,7 @@ from baqueano.runs.diagnostics.signal_map import (
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, Entry
 
     Imu = tuple[Entry, ...]  # a_x, a_y, ω
@@ -130,7 +131,11 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
         return []
     (found,) = signal_map(apart[:, None], rate[:, None], [MappedChannel(*TRACK_M)])
     r, wheels = found.relation, f"[sensors.{motion.wheels_name}]"
-    of = {"wheels": wheels, "by": "[truth]" if motion.run.truth else imu[2].key, "correlation": r.correlation}
+    of: JsonObject = {
+        "wheels": wheels,
+        "by": "[truth]" if motion.run.truth else imu[2].key,
+        "correlation": r.correlation,
+    }
     if found.code == "inverted":
         return [_opposed(motion, note("doubt.turns-against", **of), wheels, imu)]
     if found.code:
@@ -145,7 +150,7 @@ def _opposed(motion: LoggedMotion, why: Diagnostic, wheels: str, imu: "Imu") -> 
     """Gyro or wheels, whichever the sideways acceleration contradicts, or both of them."""
     if motion.run.truth is not None:
         return Doubt("inverted", "error", None, why, note("doubt.swap-wheels", wheels=wheels))
-    of = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
+    of: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
     felt = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
     if felt.is_clear() and felt.slope < 0.0:
         both = note("doubt.and-sideways", cause=why, key=imu[1].key, correlation=felt.correlation)
@@ -194,7 +199,7 @@ def _steering(motion: LoggedMotion) -> list[Doubt]:
         return []
     (found,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])
     steering, other = (names[i] for i in order)
-    of = {"steering": steering, "correlation": found.relation.correlation}
+    of: JsonObject = {"steering": steering, "correlation": found.relation.correlation}
     if found.code == "swapped":
         why = note("doubt.other-steers", **of, other=other)
         return [Doubt("swapped", "error", None, why, note("doubt.swap-commands"))]

@@ -22,7 +22,7 @@ class Doubt(NamedTuple):
     level: str  # "error" contradicts the map, "warning" was dealt with, "info" is good to know
     t_ns: int | None  # where it begins; None: everywhere
     why: Diagnostic
-    line: Diagnostic | None = None  # to write in the map
+    line: Diagnostic | str | None = None  # to write in the map
     usual: bool = False  # every import of such a map has it
 
     @property

@@ -27,6 +27,7 @@ from baqueano.runs.windows import means
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, ColumnSignal
 
 FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
@@ -102,7 +103,7 @@ def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]
     most = float(np.quantile(np.abs(rate), 0.99)) if np.isfinite(rate).all() else 0.0
     rest = rate[still][np.isfinite(rate[still])]
     off, sd = (abs(float(np.median(rest))), _spread(rest)) if len(rest) > 5 else (0.0, 0.0)
-    of = {"key": entry.key, "unit_read": entry.unit}
+    of: JsonObject = {"key": entry.key, "unit_read": entry.unit}
     if off > BIAS_RAD_S or sd > TREMBLE_RAD_S:
         yield Doubt("gyro at rest", "warning", None, note("doubt.gyro-at-rest", **of, off=off, sd=sd), cure)
     elif most > TURNS_RAD_S:
@@ -178,7 +179,7 @@ def _full(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
         return note("doubt.write-largest", line=f"{unit_of_it}scale = {1.0 / most:.6g}", most=f"{most:.6g}")
     percent = most <= FULL[0]
     full = next((full for full in FULL[percent:] if most <= full), most)
-    scale = {"line": f"{unit_of_it}scale = {1.0 / full:.6g}", "full": f"{full:g}"}
+    scale: JsonObject = {"line": f"{unit_of_it}scale = {1.0 / full:.6g}", "full": f"{full:g}"}
     if not percent:
         return note("doubt.write-full", **scale)
     if most < TINY * full:

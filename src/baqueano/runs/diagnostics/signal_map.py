@@ -15,10 +15,11 @@ predictions explain nothing of them: one that is nearly right may correlate less
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.diagnostics import Diagnostic
 from baqueano.runs.maps.units import UNITS, unit
 
 MARGIN, WORTH = 5.0, 0.3  # of log L: a slope of three standard errors; 45 % of the variance
@@ -49,7 +50,7 @@ class MappedChannel(NamedTuple):
 
     low: float = 0.0
     high: float = np.inf
-    ratios: Mapping[float, Any] = MappingProxyType({})
+    ratios: Mapping[float, "Diagnostic | str | None"] = MappingProxyType({})
 
 
 class Hypothesis(NamedTuple):
@@ -60,7 +61,7 @@ class Hypothesis(NamedTuple):
     relation: Relation
     is_clear: bool
     ratio: float = 1.0  # of units; NaN where none is near
-    meaning: Any = None  # of that ratio
+    meaning: "Diagnostic | str | None" = None  # of that ratio
 
 
 def ratios(measures: str, read_as: str) -> dict[float, str]:

@@ -17,6 +17,7 @@ from baqueano.runs.tables.table import LogTable
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, FileSpec
 
 SHORTEST_S, LONGEST_S = 5e-5, 10.0  # median steps of a recording that can be of a vehicle
@@ -110,7 +111,7 @@ def rows_in_order(
     if len(back):
         i = int(back[0])
         lost = np.count_nonzero(t_ns < latest)
-        of = {
+        of: JsonObject = {
             "table": table.label, "back_s": (t_ns[i] - t_ns[i + 1]) / NANOSECONDS, "line": table.lines[i + 1],
             "count": len(back), "lost": lost,
         }  # fmt: skip
