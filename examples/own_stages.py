@@ -21,9 +21,9 @@ class Compressed(Residuals):
         return SHOCK * np.log(x + np.sqrt(x * x + 1.0))
 
 
-def by_scipy(evaluate, theta, low, high, *, held, tolerance, most, damping):
+def by_scipy(evaluate, theta, low, high, *, fixed, tolerance, most, damping):
     """SciPy's L-BFGS-B with the exact gradient, each entry of θ (p,) in units of its own curvature."""
-    moving = np.ones(len(theta), bool) if held is None else ~held
+    moving = np.ones(len(theta), bool) if fixed is None else ~fixed
     start, unit = evaluate(theta), np.ones(len(theta))
     unit[moving] = 1.0 / np.sqrt(np.maximum(np.diagonal(np.asarray(start.hessian))[moving], 1e-12))
 

@@ -60,12 +60,12 @@ def test_each_coefficient_is_found_where_it_is(truth, part):
     found = [coefficients(allan(made(*truth, seed), RATE)) for seed in range(8)]
     value = np.median([c.value[part] for c in found])
     assert value == pytest.approx(truth[part], rel=0.15)
-    assert all(c.seen[part] for c in found)
+    assert all(c.measurable[part] for c in found)
 
 
 def test_what_is_not_there_is_not_seen():
     found = [coefficients(allan(made(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
-    assert sum(c.seen[1:].any() for c in found) <= 2
+    assert sum(c.measurable[1:].any() for c in found) <= 2
 
 
 def test_chi_square_is_that_of_scipy():

@@ -57,7 +57,7 @@ def test_a_minimum_beyond_a_bound_ends_on_it_and_says_so():
     assert found.converged
     assert found.theta[1] == 1.0
     assert found.bound.tolist() == [0, 1]
-    free = minimise(DECAY, np.array([1.0, 1.0]), *FREE, held=np.array([False, True]))
+    free = minimise(DECAY, np.array([1.0, 1.0]), *FREE, fixed=np.array([False, True]))
     np.testing.assert_allclose(found.theta, free.theta, rtol=1e-3)  # the others are at their best there
 
 

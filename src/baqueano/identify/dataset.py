@@ -170,34 +170,36 @@ def sensors_of(
     of those of which not all are."""
     if not runs:
         raise UsageError(fault("runs.none"))
-    known = file.sensors._fields
+    names_of_file = file.sensors._fields
     if use is None:
-        use = [name for name in known if all(name in r.sensors and len(r.sensors[name].z) for r in runs)]
+        use = [
+            name for name in names_of_file if all(name in r.sensors and len(r.sensors[name].z) for r in runs)
+        ]
         if not use:
-            raise _nothing_in_common(known, runs)
+            raise _nothing_in_common(names_of_file, runs)
     sensors, only = file.sensors, _channels(use)
     names = list(dict.fromkeys(one.partition("[")[0] for one in use))
     if TRUTH in names:
         runs, sensors = with_truth(runs, sensors)
     for name in names:
         if name not in sensors._fields:
-            raise UsageError(fault("use.unknown", sensor=name, known=known))
+            raise UsageError(fault("use.unknown", sensor=name, known=names_of_file))
         size = getattr(sensors, name).size
         if name in only and max(only[name]) >= size:
             raise UsageError(fault("use.no-channel", sensor=name, entry=max(only[name]), last=size - 1))
     return FittedBlocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
 
 
-def _nothing_in_common(known: Sequence[str], runs: list[Run]) -> UsageError:
-    """Return the error for runs in which no sensor of the file, all of them `known`, is read in every run."""
+def _nothing_in_common(names: Sequence[str], runs: list[Run]) -> UsageError:
+    """Return the error for runs in which no sensor of the file, all of them `names`, is read in every run."""
     read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
-    name = max(known, key=lambda one: sum(one in has for has in read), default="")
+    name = max(names, key=lambda one: sum(one in has for has in read), default="")
     without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
     if len(without) < len(runs):
         empty = all(name in run.sensors for run in runs)  # what was recorded and never read can be believed
         code = "use.read-in-some" if empty else "use.not-in-all"
         return UsageError(fault(code, runs=without, sensor=name))
-    return UsageError(fault("use.nothing-common", read=sorted(set().union(*read)), known=known))
+    return UsageError(fault("use.nothing-common", read=sorted(set().union(*read)), known=names))
 
 
 def _channels(use: Sequence[str]) -> dict[str, list[int]]:
@@ -214,13 +216,13 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
 
 def unused(runs: Sequence[Run], file: "VehicleFile") -> list[str]:
     """A sentence on each sensor of the runs that takes no part, and how it would."""
-    held: dict[str, Channel] = {}
+    read: dict[str, Channel] = {}
     for run in runs:
-        held |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
+        read |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
     return [
         f"the run has '{name}', the vehicle file {file.name} has not: it is not used. To use it, write into the file: "
         f'[sensors.{name}] and below it kind = "{_kind(name, channel)}"'
-        for name, channel in held.items()
+        for name, channel in read.items()
         if name not in file.sensors._fields and name not in NO_MOTION
     ]
 

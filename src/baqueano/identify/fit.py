@@ -107,10 +107,10 @@ def identify(
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
     problem = residuals.of(parameters, options.backend)
-    task, found = solve(problem, parameters, options, solver=solver, say=say, again=data.is_usable)
-    steps = None if found.stopped else duty_step(parameters.blocks, found.problem, found.solution.theta)
+    task, end = solve(problem, parameters, options, solver=solver, say=say, again=data.is_usable)
+    steps = None if end.stopped else duty_step(parameters.blocks, end.problem, end.solution.theta)
     if steps is None:
-        return conclude(data, parameters, task, found, options)
+        return conclude(data, parameters, task, end, options)
     stepped = vehicle_file.with_values({PATH: 1.0 / steps})
     fit = identify(runs, stepped, free, use=use, options=options, residuals=residuals, solver=solver, say=say)
     return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
@@ -170,7 +170,7 @@ def conclude(
     data: Dataset,
     parameters: Parameters,
     task: Task,
-    found: Search,
+    result: Search,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Fit:
     """Return the fit of a search: parameters that the data do not show stay at their start, and the rest is judged.
@@ -183,7 +183,7 @@ def conclude(
         Second stage.
     task : Task
         The search that `solve` returned.
-    found : Search
+    result : Search
         Its end.
     options : FitOptions
         Those of the fit.
@@ -201,16 +201,16 @@ def conclude(
     >>> str(conclude(data, parameters, *solve(Residuals.of(parameters), parameters)).verdict)
     'USABLE'
     """
-    found, identifiability, info = fix_unidentifiable(task, found, parameters.free)
-    whole = task._replace(low=parameters.low, high=parameters.high, problem=found.problem)
-    found = bounds_of(whole, found)
+    result, identifiability, info = fix_unidentifiable(task, result, parameters.free)
+    whole = task._replace(low=parameters.low, high=parameters.high, problem=result.problem)
+    result = bounds_of(whole, result)
     end = FinishedFit(
-        data.file, parameters.blocks, whole, list(parameters.wanted), list(parameters.frozen), found, identifiability,
+        data.file, parameters.blocks, whole, list(parameters.wanted), list(parameters.frozen), result, identifiability,
         info, data.note, data.findings, options.diagnose,
     )  # fmt: skip
     if options.biases and acts_alone(data.file.vehicle):
         by_zero = covariance_by_zeros(
-            found.problem, found.solution.theta, identifiability.mask, info.bread, data.file
+            result.problem, result.solution.theta, identifiability.mask, info.bread, data.file
         )
         end = end._replace(systematic=by_zero)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)

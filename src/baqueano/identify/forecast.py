@@ -148,11 +148,11 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
         raise UsageError(fault("forecast.refused"))
-    known = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
-    if not known:
+    entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.sd[k])]
+    if not entries:
         raise UsageError(fault("forecast.no-errors"))
-    paths = tuple(fit.names[k] for k in known)
-    cov = fit.cov[np.ix_(known, known)]
+    paths = tuple(fit.names[k] for k in entries)
+    cov = fit.cov[np.ix_(entries, entries)]
     theta = np.array([value(fit.blocks, path) for path in paths])
     kernel = _kernel(fit, paths, theta)
     driven = [_driven(kernel, theta, record.dt_s, record.u) for record in (record_of(r, {}) for r in runs)]
@@ -258,16 +258,16 @@ def _lap(
         start = begin(system, start_of(system))
     except (BaqueanoError, ValueError, AttributeError, TypeError) as why:  # a vehicle of somebody's own
         return None, note("forecast.no-controller", error=str(why))
-    _, (u, eta, asked) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)
+    _, (u, eta, reference) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)
     size_m = 0.5 * float(np.max(np.ptp(np.asarray(route.eta)[:, :2], axis=0)))
-    off = float(np.sqrt(np.mean(np.sum((eta[:, :2] - asked[:, :2]) ** 2, axis=1))))
+    off = float(np.sqrt(np.mean(np.sum((eta[:, :2] - reference[:, :2]) ** 2, axis=1))))
     if not off < FOLLOWED * size_m:
         return None, note("forecast.strays", far=_length(off))
     return (seconds(np.diff(t_ns, prepend=0)), np.asarray(u)), ""
 
 
-def _command_and_pose(heard: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return heard.record.tick.u, heard.truth.eta, heard.record.reference.eta
+def _command_and_pose(outputs: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return outputs.record.tick.u, outputs.truth.eta, outputs.record.reference.eta
 
 
 def _beyond(fit: "Fit", u: np.ndarray) -> tuple[Diagnostic, ...]:

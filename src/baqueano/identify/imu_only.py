@@ -93,65 +93,65 @@ def fit_imu_only(
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
     begin = parameters.first, parameters.low, parameters.high
     task = Task(problem, *begin, floor, None, by_speed=True, say=say, minimise=solver)
-    within, found = _settled(task)
-    found, identifiability, info = fix_unidentifiable(within, found, parameters.free)
-    found = bounds_of(task, found)
-    info = _with_all_errors(found, identifiability, info, (scales, zero))
-    left = found.problem.left(found.solution.theta)
-    found = found._replace(sigma=spread(left, found.problem.has, floor))
+    within, result = _settled(task)
+    result, identifiability, info = fix_unidentifiable(within, result, parameters.free)
+    result = bounds_of(task, result)
+    info = _with_all_errors(result, identifiability, info, (scales, zero))
+    residuals = result.problem.misfits(result.solution.theta)
+    result = result._replace(sigma=spread(residuals, result.problem.has, floor))
     end = FinishedFit(
-        data.file, blocks, task._replace(problem=found.problem), list(parameters.wanted), list(parameters.frozen),
-        found, identifiability, info, data.note, data.findings,
+        data.file, blocks, task._replace(problem=result.problem), list(parameters.wanted), list(parameters.frozen),
+        result, identifiability, info, data.note, data.findings,
     )  # fmt: skip
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
-    return _told(fit, imu, scales)
+    return _with_notes(fit, imu, scales)
 
 
 def _settled(task: Task) -> tuple[Task, Search]:
     """The search that stays where it is: neither the yaw rate that leads nor the delay is another one for it."""
-    within, found = best_search_of_all(task, task.first)
+    within, end = best_search_of_all(task, task.first)
     for _ in range(FOLLOWED):
-        found = _followed(within, found)
-        task, within = (one._replace(problem=found.problem) for one in (task, within))
-        if found.stopped or DELAY not in task.problem.shape.shared:
+        end = _followed(within, end)
+        task, within = (one._replace(problem=end.problem) for one in (task, within))
+        if end.stopped or DELAY not in task.problem.shape.shared:
             break
-        before, count = found.solution.theta, found.evaluations
-        within, found = best_search_of_all(task, before)
-        count += found.evaluations
-        found = found._replace(evaluations=count)
-        if _still(before, found):
+        before, count = end.solution.theta, end.evaluations
+        within, end = best_search_of_all(task, before)
+        count += end.evaluations
+        end = end._replace(evaluations=count)
+        if _still(before, end):
             break
-    return within, found
+    return within, end
 
 
-def _followed(task: Task, found: Search) -> Search:
+def _followed(task: Task, end: Search) -> Search:
     """The search led by what gyro and model know together, until that stays what it is."""
-    problem, count = found.problem, found.evaluations
+    problem, count = end.problem, end.evaluations
     assert isinstance(problem, GyroAidedResiduals)
     for _ in range(FOLLOWED):
-        before = found.solution.theta
+        before = end.solution.theta
         problem = problem.following(before)
-        found = search(task._replace(problem=problem), before, None, found)
-        count += found.evaluations
-        if found.stopped or _still(before, found):
+        end = search(task._replace(problem=problem), before, None, end)
+        count += end.evaluations
+        if end.stopped or _still(before, end):
             break
-    return found._replace(evaluations=count)
+    return end._replace(evaluations=count)
 
 
-def _still(before: np.ndarray, found: Search) -> bool:
+def _still(before: np.ndarray, end: Search) -> bool:
     """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
-    moved = found.solution.theta - before
-    return float(moved @ information(found.problem, found.solution.theta).bread @ moved) < STILL**2
+    moved = end.solution.theta - before
+    return float(moved @ information(end.problem, end.solution.theta).bread @ moved) < STILL**2
 
 
 def _with_all_errors(
-    found: Search, identifiability: Identifiability, info: Information, unknown: tuple[np.ndarray, float]
+    end: Search, identifiability: Identifiability, info: Information, unknown: tuple[np.ndarray, float]
 ) -> Information:
     """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
     problem, theta, identifiable = (
-        found.problem,
-        found.solution.theta,
+        end.problem,
+        end.solution.theta,
         np.flatnonzero(identifiability.mask),
     )
     assert isinstance(problem, GyroAidedResiduals)
@@ -179,9 +179,11 @@ def imu_is_all(
     file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
 ) -> bool:
     """Return whether a car is to be fitted by an IMU and nothing else, whose scales and biases nobody asks for."""
-    known = file.sensors._asdict()
-    names = [name for name in known if all(name in run.sensors for run in runs)] if use is None else list(use)
-    one_imu = len(names) == 1 and has_field(known.get(names[0]), "gyro_scale")
+    sensors = file.sensors._asdict()
+    names = (
+        [name for name in sensors if all(name in run.sensors for run in runs)] if use is None else list(use)
+    )
+    one_imu = len(names) == 1 and has_field(sensors.get(names[0]), "gyro_scale")
     return (
         one_imu
         and acts_alone(file.vehicle)
@@ -191,30 +193,30 @@ def imu_is_all(
 
 def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
     """Return the name of the IMU."""
-    known = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_scale")]
-    if use is None and len(known) == 1:
-        return known[0]
-    if use is not None and len(use) == 1 and use[0] in known:
+    names = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_scale")]
+    if use is None and len(names) == 1:
+        return names[0]
+    if use is not None and len(use) == 1 and use[0] in names:
         return use[0]
     if use is not None:
-        raise UsageError(fault("led.not-an-imu", vehicle=file.name, known=known, use=list(use)))
-    raise UsageError(fault("led.which-imu", vehicle=file.name, known=known))
+        raise UsageError(fault("led.not-an-imu", vehicle=file.name, known=names, use=list(use)))
+    raise UsageError(fault("led.which-imu", vehicle=file.name, known=names))
 
 
 def _wanted(blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
     """Return what is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
-    held = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
+    fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if acts_alone(blocks.model):
         free = requested_paths(free, lambda: [*default_free(blocks), DELAY])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
     wanted = free_parameters(blocks, free, options.fixed, bounds)
-    if not held and lever not in [one.path for one in wanted]:
+    if not fixed and lever not in [one.path for one in wanted]:
         wanted.append(described(blocks, lever, options.bounds))
     return wanted
 
 
-def _told(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
+def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     """The fit, with what no run can show and with what it was driven."""
     sensor = getattr(fit.blocks.sensors, imu)
     gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))

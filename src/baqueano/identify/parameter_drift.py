@@ -104,10 +104,10 @@ class ParameterHistory:
     def vehicle_file(self) -> "VehicleFile":
         """The file with the parameters as they are after the last run."""
         value, sd = self.followed[-1], self.followed_sd[-1]
-        known = np.isfinite(value) & np.isfinite(sd)
-        paths = [name for name, k in zip(self.names, known, strict=True) if k]
-        blocks = substitute(self.last.blocks, paths, [float(x) for x in value[known]])
-        cov = np.where(np.outer(known, known), self.cov, np.nan)
+        measured = np.isfinite(value) & np.isfinite(sd)
+        paths = [name for name, k in zip(self.names, measured, strict=True) if k]
+        blocks = substitute(self.last.blocks, paths, [float(x) for x in value[measured]])
+        cov = np.where(np.outer(measured, measured), self.cov, np.nan)
         return replace(self.last, estimate=value, sd=sd, cov=cov, blocks=blocks, runs=self.runs).vehicle_file
 
     def rows(self) -> list["TableRow"]:
@@ -133,9 +133,9 @@ class ParameterHistory:
         ]
         for i, name in enumerate(self.names):
             cells = [
-                _told(self.single[0, i], self.single_sd[0, i]),
-                _told(self.single[-1, i], self.single_sd[-1, i]),
-                _told(self.followed[-1, i], self.followed_sd[-1, i]),
+                _with_error(self.single[0, i], self.single_sd[0, i]),
+                _with_error(self.single[-1, i], self.single_sd[-1, i]),
+                _with_error(self.followed[-1, i], self.followed_sd[-1, i]),
             ]
             lines.append(f"{short(name):{wide}}  {' '.join(f'{c:>22}' for c in cells)}  {self.units[i]}")
         return "\n".join([*lines, *self._sentences()])
@@ -162,10 +162,10 @@ class Wear:
     def rows(self) -> list["TableRow"]:
         """One flat row per parameter that moved."""
         keys = ("name", "unit", "how", "before", "before_sd", "after", "after_sd", "z")
-        said = [one._asdict() for one in self.followed.moved]
+        out = [one._asdict() for one in self.followed.moved]
         return [
             {key: one[key] for key in keys} | {"from_run": one["between"][0], "to_run": one["between"][1]}
-            for one in said
+            for one in out
         ]
 
     def table(self) -> str:
@@ -245,14 +245,14 @@ def _smoothed(
     for k in range(K):
         before = x, P if k == 0 else P + Q
         x, P = before
-        seen = np.flatnonzero(np.isfinite(single[k]) & np.isfinite(np.diagonal(covs[k])))
-        if len(seen):
-            H = np.eye(p)[seen]
-            S = P[np.ix_(seen, seen)] + covs[k][np.ix_(seen, seen)]
-            gain = np.linalg.solve(S, P[seen]).T
-            x = x + gain @ (single[k, seen] - x[seen])
+        measured = np.flatnonzero(np.isfinite(single[k]) & np.isfinite(np.diagonal(covs[k])))
+        if len(measured):
+            H = np.eye(p)[measured]
+            S = P[np.ix_(measured, measured)] + covs[k][np.ix_(measured, measured)]
+            gain = np.linalg.solve(S, P[measured]).T
+            x = x + gain @ (single[k, measured] - x[measured])
             kept = np.eye(p) - gain @ H
-            P = kept @ P @ kept.T + gain @ covs[k][np.ix_(seen, seen)] @ gain.T  # Joseph
+            P = kept @ P @ kept.T + gain @ covs[k][np.ix_(measured, measured)] @ gain.T  # Joseph
         states.append((before, (x, P)))
     back = [states[-1][1]]
     for k in range(K - 2, -1, -1):
@@ -260,21 +260,21 @@ def _smoothed(
         G = np.linalg.solve(P_ahead, P).T
         x_s, P_s = back[0]
         back.insert(0, (x + G @ (x_s - x_ahead), P + G @ (P_s - P_ahead) @ G.T))
-    known = np.maximum.accumulate(np.isfinite(single), axis=0)
+    begun = np.maximum.accumulate(np.isfinite(single), axis=0)
     ever = np.tile(np.isfinite(single).any(axis=0), (K, 1))
-    return _columns([s[1] for s in states], known), states[-1][1][1], _columns(back, ever)
+    return _columns([s[1] for s in states], begun), states[-1][1][1], _columns(back, ever)
 
 
-def _columns(states: list[tuple[np.ndarray, np.ndarray]], known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _columns(states: list[tuple[np.ndarray, np.ndarray]], names: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     x = np.array([state[0] for state in states])
     sd = np.sqrt(np.maximum(np.array([np.diagonal(state[1]) for state in states]), 0.0))
-    return np.where(known, x, np.nan), np.where(known, sd, np.nan)
+    return np.where(names, x, np.nan), np.where(names, sd, np.nan)
 
 
 def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
     """q of one parameter under (1), of a grid in its typical standard error; 0 where a walk does not help."""
-    seen = np.isfinite(estimate) & np.isfinite(sd)
-    y, s = estimate[seen], sd[seen]
+    measured = np.isfinite(estimate) & np.isfinite(sd)
+    y, s = estimate[measured], sd[measured]
     if len(y) < 2:
         return 0.0
     typical = float(np.median(s))
@@ -306,8 +306,8 @@ def _moved(
         before, after = (np.sum(weight[s] * y[s]) / np.sum(weight[s]) for s in (slice(k), slice(k, None)))
         v_before, v_after = 1.0 / weight[:k].sum(), 1.0 / weight[k:].sum()
         z = (after - before) / np.sqrt(v_before + v_after)
-        left = np.concatenate([y[:k] - before, y[k:] - after])
-        steps.append((z, before, v_before, after, v_after, float(np.sum(weight * left**2)), k))
+        residuals = np.concatenate([y[:k] - before, y[k:] - after])
+        steps.append((z, before, v_before, after, v_after, float(np.sum(weight * residuals**2)), k))
     best = max(steps, key=lambda one: abs(one[0]))
     if not abs(best[0]) > _limit(ALPHA / (tests * len(steps))):
         return None
@@ -335,8 +335,8 @@ def _line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[float
     spread = np.sum(weight * (t - mean) ** 2)
     slope = float(np.sum(weight * (t - mean) * y) / spread)
     level = float(np.sum(weight * y) / weight.sum())
-    left = y - level - slope * (t - mean)
-    return (level - slope * mean, slope, float(1.0 / np.sqrt(spread))), float(np.sum(weight * left**2))
+    residuals = y - level - slope * (t - mean)
+    return (level - slope * mean, slope, float(1.0 / np.sqrt(spread))), float(np.sum(weight * residuals**2))
 
 
 def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
@@ -361,5 +361,5 @@ def _when(run: "Run") -> str:
     return datetime.fromtimestamp(float(run.t_ns[0]) * 1e-9, UTC).strftime("%Y-%m-%d %H:%M")
 
 
-def _told(value: float, sd: float) -> str:
+def _with_error(value: float, sd: float) -> str:
     return _("not seen") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"

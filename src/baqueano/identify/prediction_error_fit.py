@@ -48,16 +48,16 @@ class PredictionErrorFit(NamedTuple):
 def fit_by_simulation(first: FinishedFit) -> Fit:
     """Return the Fit by the first cost. Where colour and size of the residuals are all that speaks against it, the
     second is asked whether a floor that moves explains them."""
-    known, model = verdict_basis(first), first.blocks.model
+    basis, model = verdict_basis(first), first.blocks.model
     moves = (
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
     )
-    if first.found.stopped or not moves or not only_autocorrelated(known):
-        return fit_of(first, known)
+    if first.search.stopped or not moves or not only_autocorrelated(basis):
+        return fit_of(first, basis)
     second = by_innovations(first)
-    if not second.end.found.solution.converged:
-        return fit_of(first, known)
-    fit = fit_of(first._replace(floor=second.choice.explains), known)
+    if not second.end.search.solution.converged:
+        return fit_of(first, basis)
+    fit = fit_of(first._replace(floor=second.choice.explains), basis)
     why = second.choice.why
     if second.choice.cost == "innovations":
         why = note("cost.try-innovations", fix="--cost innovations", cause=why)
@@ -67,7 +67,7 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
 def fit_by_innovations(first: FinishedFit) -> Fit:
     """Return the Fit by the second cost, with the floor's noise among its parameters; that of the first if somebody
     stopped it."""
-    if first.found.stopped:
+    if first.search.stopped:
         return fit_of(first)
     second = by_innovations(first)
     fit, floor = fit_of(second.end), second.likely.noise.floor
@@ -91,20 +91,20 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
 
 def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     """Of the parameters of `fit` and of the floor's standard deviations (p + k, p + k), NaN where one is not known."""
-    p, floor, known = len(fit.names), second.likely.noise.floor, len(second.end.identifiability.mask)
+    p, floor, count = len(fit.names), second.likely.noise.floor, len(second.end.identifiability.mask)
     k, std = len(floor), np.sqrt(floor)
     cov = np.full((p + k, p + k), np.nan)
     inside = np.r_[
         second.end.identifiability.mask,
         floor > 0.0,
-        np.ones(len(second.info.bread) - known - k, bool),
+        np.ones(len(second.info.bread) - count - k, bool),
     ]
     inside = np.flatnonzero(inside & (np.diagonal(second.info.bread) > 0.0))
     all_of = covariance_of(second.info, inside)
     shared = np.array(second.end.in_theta)
-    where = np.r_[shared, np.full(known - len(shared), -1), p + np.arange(k)]
-    scale = np.r_[np.ones(known), 1.0 / np.maximum(2.0 * std, 1e-300)]
-    of = [n for n, i in enumerate(inside) if i < known + k and where[i] >= 0]
+    where = np.r_[shared, np.full(count - len(shared), -1), p + np.arange(k)]
+    scale = np.r_[np.ones(count), 1.0 / np.maximum(2.0 * std, 1e-300)]
+    of = [n for n, i in enumerate(inside) if i < count + k and where[i] >= 0]
     at = where[inside[of]]
     cov[np.ix_(at, at)] = all_of[np.ix_(of, of)] * np.outer(scale[inside[of]], scale[inside[of]])
     cov[:p, :p] = fit.cov
@@ -113,22 +113,22 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
 
 def by_innovations(first: FinishedFit) -> PredictionErrorFit:
     """Return the search by the second cost from where the first ended."""
-    problem, theta, task = first.task.problem, first.found.solution.theta, first.task
+    problem, theta, task = first.task.problem, first.search.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)
-    held = np.zeros(problem.size, bool)
-    held[: len(first.identifiability.mask)] = ~first.identifiability.mask
-    likely = most_likely(prediction, theta, task.low, task.high, held, task.floor, task.say)
+    fixed = np.zeros(problem.size, bool)
+    fixed[: len(first.identifiability.mask)] = ~first.identifiability.mask
+    likely = most_likely(prediction, theta, task.low, task.high, fixed, task.floor, task.say)
     chosen = choose_objective(
         likely, prediction.axes, _compare_objectives(first, prediction, likely), _times(first, likely)
     )
     with_noise, info = _of_parameters(likely, first)
-    found, at, p = likely.solution, likely.solution.at, problem.size
+    optimum, at, p = likely.solution, likely.solution.at, problem.size
     at = Evaluation(at.cost, at.gradient[:p], dense(at.hessian)[:p, :p])
     solution = Solution(
-        likely.theta, at, found.converged, found.decrement, found.evaluations, found.bound[:p]
+        likely.theta, at, optimum.converged, optimum.decrement, optimum.evaluations, optimum.bound[:p]
     )
-    evaluations = first.found.evaluations + likely.evaluations
-    search = first.found._replace(solution=solution, colour=likely.info.colour, evaluations=evaluations)
+    evaluations = first.search.evaluations + likely.evaluations
+    search = first.search._replace(solution=solution, colour=likely.info.colour, evaluations=evaluations)
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
     blocks, doubts = put(first.blocks, FLOOR, std), first.doubts
@@ -144,7 +144,7 @@ def _compare_objectives(
     first: FinishedFit, prediction: Prediction, likely: MaximumLikelihood
 ) -> LeftOutBlocks | None:
     """Both answers on segments that neither has used."""
-    problem, ends = first.task.problem, first.found.solution
+    problem, ends = first.task.problem, first.search.solution
     mask = first.identifiability.mask
     identifiable = np.flatnonzero(mask & (ends.bound[: len(mask)] == 0))
     noise = problem.size + np.flatnonzero(_free(likely))
@@ -162,23 +162,23 @@ def _free(likely: MaximumLikelihood) -> np.ndarray:
 def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
     """The information of the identifiable entries of θ with the noise, and of these entries alone. The starts of pieces
     are eliminated from both, the noise from the second: it too is unknown, and correlated with fading motions."""
-    layout, known, info = first.task.problem.layout, len(first.identifiability.mask), likely.info
+    layout, count, info = first.task.problem.layout, len(first.identifiability.mask), likely.info
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
-    order = np.r_[np.arange(known), noise, np.arange(known, layout.size)]
+    order = np.r_[np.arange(count), noise, np.arange(count, layout.size)]
     A, B = info.bread[np.ix_(order, order)], info.meat[np.ix_(order, order)]
-    starts = [layout.of_starts(k) for k in range(len(layout.runs))] if known < layout.size else []
-    A, B = without(A, B, known + n, [slice(at.start + n, at.stop + n) for at in starts])
+    starts = [layout.of_starts(k) for k in range(len(layout.runs))] if count < layout.size else []
+    A, B = without(A, B, count + n, [slice(at.start + n, at.stop + n) for at in starts])
     both = info._replace(bread=A, meat=B)
-    free = np.r_[np.arange(known), known + np.flatnonzero(_free(likely))]
-    A, B = without(A[np.ix_(free, free)], B[np.ix_(free, free)], known, [slice(known, len(free))])
-    return both, info._replace(bread=A, meat=B, channels=info.channels[:, :known])
+    free = np.r_[np.arange(count), count + np.flatnonzero(_free(likely))]
+    A, B = without(A[np.ix_(free, free)], B[np.ix_(free, free)], count, [slice(count, len(free))])
+    return both, info._replace(bread=A, meat=B, channels=info.channels[:, :count])
 
 
 def _times(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
     """(m,) noise of the sensors without the floor's part in units of the file's, 0 where that tells none."""
-    known = sigma_of_file(first.blocks)
-    found = first.task.problem.sigma * np.exp(likely.noise.sensors)
-    return np.where(known > 0.0, found / np.where(known > 0.0, known, 1.0), 0.0)
+    of_file = sigma_of_file(first.blocks)
+    estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
+    return np.where(of_file > 0.0, estimate / np.where(of_file > 0.0, of_file, 1.0), 0.0)
 
 
 def _sensors(second: PredictionErrorFit) -> Diagnostic:
@@ -186,8 +186,8 @@ def _sensors(second: PredictionErrorFit) -> Diagnostic:
     problem, noise = second.end.task.problem, second.likely.noise
     sigma = problem.sigma * np.exp(noise.sensors)
     ends = np.cumsum(problem.sizes)[:-1]
-    said = zip(problem.names, np.split(sigma, ends), strict=True)
-    return note("noise.without-floor", noise="; ".join(f"{name} {_numbers(one)}" for name, one in said))
+    by_sensor = zip(problem.names, np.split(sigma, ends), strict=True)
+    return note("noise.without-floor", noise="; ".join(f"{name} {_numbers(one)}" for name, one in by_sensor))
 
 
 def _numbers(values: Sequence[float] | np.ndarray) -> str:

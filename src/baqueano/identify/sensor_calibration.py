@@ -52,7 +52,7 @@ class CalibratedNumber(NamedTuple):
     half: float  # of the 95 % interval
     unit: str
     in_file: float | None  # what the vehicle file says
-    said: str  # in words
+    words: str  # in words
 
 
 @dataclass(frozen=True)
@@ -60,19 +60,19 @@ class Calibration:
     """Calibration of the sensors of a run against a truth."""
 
     run: str
-    known: tuple[CalibratedNumber, ...]
-    left: dict[str, float]  # what is left of the windows, by equation: rad, m
+    numbers: tuple[CalibratedNumber, ...]
+    residuals: dict[str, float]  # what is left of the windows, by equation: rad, m
     all_told: str = N_("the truth tells all")  # where nothing speaks against it
 
     def value(self, name: str) -> float:
         """By its name; KeyError if it is not known."""
-        return {one.name: one.value for one in self.known}[name]
+        return {one.name: one.value for one in self.numbers}[name]
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons why the verdict is not USABLE."""
         out = []
-        for one in self.known:
+        for one in self.numbers:
             if one.name.endswith("scale") and not one.half < LOOSE * one.value:
                 code = "calibration.turn-more" if "gyro" in one.name else "calibration.drive-further"
                 percent = 100 * one.half / one.value
@@ -93,19 +93,19 @@ class Calibration:
         return [
             {
                 "name": one.name, "value": one.value, "sd": one.sd, "low": one.value - one.half,
-                "high": one.value + one.half, "unit": one.unit, "in_file": one.in_file, "text": one.said,
+                "high": one.value + one.half, "unit": one.unit, "in_file": one.in_file, "text": one.words,
             }
-            for one in self.known
+            for one in self.numbers
         ]  # fmt: skip
 
     def table(self) -> str:
         """For people."""
-        wide = max(len(one.name) for one in self.known)
+        wide = max(len(one.name) for one in self.numbers)
         lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
-        for one in self.known:
+        for one in self.numbers:
             was = "" if one.in_file is None else f"{number(one.in_file):.4g}"
             values = f"{number(one.value):>10.4f} ± {number(one.half):>8.2g}"
-            lines.append(f"{one.name:{wide}}  {values}  {was:>8}  {one.unit}  {one.said}")
+            lines.append(f"{one.name:{wide}}  {values}  {was:>8}  {one.unit}  {one.words}")
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
@@ -114,18 +114,18 @@ class Calibration:
         origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car: ahead of the axle that does not slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
-        seen = [one for one in self.known if one.name in names and np.isfinite(one.half)]
-        if not seen:
+        usable = [one for one in self.numbers if one.name in names and np.isfinite(one.half)]
+        if not usable:
             raise UsageError(fault("truth.no-mark", run=self.run))
-        found = {names[one.name]: one.value - origin * (one.name == "mark.x_m") for one in seen}
-        return found, {names[one.name]: one.half for one in seen}
+        values = {names[one.name]: one.value - origin * (one.name == "mark.x_m") for one in usable}
+        return values, {names[one.name]: one.half for one in usable}
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
         """The file with the sensors' scales, how well each is known, the gyro's bias, and where they come from."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
-        mine = [one for one in self.known if one.name.startswith("sensors.")]
+        mine = [one for one in self.numbers if one.name.startswith("sensors.")]
         values = {one.name: one.value for one in mine}
         origins = {one.name: Provenance(self.run, today(), one.sd, self.verdict) for one in mine}
         for one in mine:
@@ -138,8 +138,8 @@ def scale_std_path(file: "VehicleFile", path: str) -> str | None:
     """Return the key that says how well the scale at `path` is known, "sensors.imu.gyro_scale_std"; None of what is no
     scale or has no such key."""
     owner, _, field = path.rpartition(".")
-    known = dict(parameters(get(file, owner)))[field]
-    return f"{owner}.{known.std}" if known.std and not known.walk else None
+    field_of_block = dict(parameters(get(file, owner)))[field]
+    return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
 
 
 class TruthSignal(NamedTuple):
@@ -199,21 +199,21 @@ def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     if gyro is None and odometer is None:
         raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=file.name))
     frames = _frames(run)
-    known, left, offset = [], {}, None
+    numbers, residuals, offset = [], {}, None
     if gyro is not None:
         name, signal = gyro
         windows = _windows(run, frames, signal)
         answer = _best(lambda o: _turned(windows, signal, o), windows)
         offset = answer.offset_s
-        known += _clock(answer) + _gyro(answer, name, file)
-        left["heading_rad"] = answer.rms
+        numbers += _clock(answer) + _gyro(answer, name, file)
+        residuals["heading_rad"] = answer.rms
     if odometer is not None:
         name, signal = odometer
         windows = _windows(run, frames, signal)
         answer = _best(lambda o: _moved(windows, signal, o), windows, offset)
-        known += (_clock(answer) if offset is None else []) + _odometer(answer, name, file)
-        left["way_m"] = answer.rms
-    return Calibration(run.name, tuple(known), left)
+        numbers += (_clock(answer) if offset is None else []) + _odometer(answer, name, file)
+        residuals["way_m"] = answer.rms
+    return Calibration(run.name, tuple(numbers), residuals)
 
 
 def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, TruthSignal] | None:
@@ -337,11 +337,11 @@ def _best(
     y, slopes, change = equations(offset_s)
     x, weights = regress(slopes, y)
     J = np.column_stack([slopes, change @ x]) if free else slopes
-    left = y - slopes @ x
+    residuals = y - slopes @ x
     batch = np.repeat(w.batch, len(y) // len(w.batch))
-    cov = batch_covariance(J, left, weights, batch)
+    cov = batch_covariance(J, residuals, weights, batch)
     freedom = max(5, int(w.batch.max()) + 1 - J.shape[1])
-    return WindowRegression(x, offset_s, cov, float(np.sqrt(np.mean(left**2))), freedom)
+    return WindowRegression(x, offset_s, cov, float(np.sqrt(np.mean(residuals**2))), freedom)
 
 
 def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
@@ -349,52 +349,52 @@ def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
     return float(np.mean(np.abs(y - slopes @ x)))
 
 
-def _known(
+def _number(
     answer: WindowRegression,
     name: str,
     of: Callable[[np.ndarray], float],
     unit: str,
     was: float | None,
-    said: str,
+    words: str,
 ) -> CalibratedNumber:
     """A number that is a function of the coefficients and the offset (p + 1,), with its error bar."""
     x = np.array([*answer.x, answer.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
     slope = np.array([(of(x + h) - of(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
     sd = float(np.sqrt(slope @ answer.cov @ slope)) if np.isfinite(answer.cov).all() else np.inf
-    return CalibratedNumber(name, float(of(x)), sd, students(0.975, answer.freedom) * sd, unit, was, said)
+    return CalibratedNumber(name, float(of(x)), sd, students(0.975, answer.freedom) * sd, unit, was, words)
 
 
 def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
-    said = _("to be added to the truth's stamps")
-    return [_known(answer, "clock.truth", lambda x: x[-1], "s", None, said)]
+    words = _("to be added to the truth's stamps")
+    return [_number(answer, "clock.truth", lambda x: x[-1], "s", None, words)]
 
 
 def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     block, path = getattr(file.sensors, name), f"sensors.{name}.gyro"
-    said = _("the truth turns {ratio:.4f} of what the gyro says", ratio=float(answer.x[0]))
+    words = _("the truth turns {ratio:.4f} of what the gyro says", ratio=float(answer.x[0]))
     return [
-        _known(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), said),
-        _known(answer, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
+        _number(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), words),
+        _number(answer, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
     ]
 
 
 def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     """The mark's place is told in the body's axes, x the way in which the wheels roll."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
-    said = _("the truth goes {ratio:.4f} of what the odometer says", ratio=float(np.hypot(*answer.x[:2])))
+    words = _("the truth goes {ratio:.4f} of what the odometer says", ratio=float(np.hypot(*answer.x[:2])))
 
     def turned(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))
 
-    ahead, left = (
+    ahead, sideways = (
         _("the mark ahead of the axle that does not slip"),
         _("the mark to the left of that axle's middle"),
     )
     heading = _("the mark's heading, left of the way the wheels roll")
     return [
-        _known(answer, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, said),
-        _known(answer, "mark.x_m", lambda x: turned(x, x[2], x[3]), "m", None, ahead),
-        _known(answer, "mark.y_m", lambda x: turned(x, x[3], -x[2]), "m", None, left),
-        _known(answer, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading),
+        _number(answer, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, words),
+        _number(answer, "mark.x_m", lambda x: turned(x, x[2], x[3]), "m", None, ahead),
+        _number(answer, "mark.y_m", lambda x: turned(x, x[3], -x[2]), "m", None, sideways),
+        _number(answer, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading),
     ]

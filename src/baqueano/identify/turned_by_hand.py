@@ -62,10 +62,10 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     UsageError where the run has no gyro, does not rest twice, was not turned by whole turns, or where the gyro was
     silent or at the end of its range.
     """
-    found = channel_of(run, file, "gyro_scale", -1)
-    if found is None:
+    channel = channel_of(run, file, "gyro_scale", -1)
+    if channel is None:
         raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=file.name))
-    name, gyro = found
+    name, gyro = channel
     block = getattr(file.sensors, name)
     rests = _rests(gyro)
     if len(rests) < 2:
@@ -75,7 +75,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     whole, used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
     scale, sd, freedom = _regressed(angle[used], whole, _covariance(used, variance))
     half = sd * (QUANTILE_95 if freedom is None else students(0.975, freedom))
-    said = _(
+    sentence = _(
         "{turns:g} turns by hand, between {rests} rests on a mark",
         turns=float(np.abs(np.diff(whole)).sum()),
         rests=len(used),
@@ -86,7 +86,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     return Calibration(
         run.name,
         (
-            CalibratedNumber(f"{path}_scale", scale, sd, half, "1", float(block.gyro_scale), said),
+            CalibratedNumber(f"{path}_scale", scale, sd, half, "1", float(block.gyro_scale), sentence),
             CalibratedNumber(f"{path}_bias", float(means.mean()), bias_sd, QUANTILE_95 * bias_sd, "rad/s",
                   float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
@@ -205,9 +205,11 @@ def _regressed(angle: np.ndarray, whole: np.ndarray, of_bias: np.ndarray) -> tup
     cov = (scale * ANGLE_STD_RAD) ** 2 * np.eye(len(whole)) + of_bias
     weighed = np.linalg.solve(cov, X)
     x = np.linalg.solve(X.T @ weighed, weighed.T @ angle)
-    left = angle - X @ x
+    residuals = angle - X @ x
     sd = float(np.sqrt(np.linalg.inv(X.T @ weighed)[1, 1]))
-    if freedom > 0 and (chi2 := float(left @ np.linalg.solve(cov, left))) > _once_in_a_hundred(freedom):
+    if freedom > 0 and (chi2 := float(residuals @ np.linalg.solve(cov, residuals))) > _once_in_a_hundred(
+        freedom
+    ):
         return float(x[1]), sd * (chi2 / freedom) ** 0.5, freedom
     return float(x[1]), sd, None
 

@@ -71,25 +71,25 @@ class Validation:
 
     figures: tuple[Figure, ...]
     channels: tuple[ChannelFit, ...]
-    found: tuple[Diagnostic, ...]  # what speaks against the model, and why nothing could
+    messages: tuple[Diagnostic, ...]  # what speaks against the model, and why nothing could
     outside: tuple[Diagnostic, ...]  # runs that leave the envelope of the fit
     basis: Diagnostic  # "20 s open loop from standstill, 12 independent pieces of motion"
 
     @property
     def verdict(self) -> Verdict:
         """REFUSED where the model is worse than none, WARN where a channel carries over badly, CANNOT TELL."""
-        return Verdict.of(self.found)
+        return Verdict.of(self.messages)
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons for the verdict, the gravest first; () for USABLE."""
         order = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN)
-        return tuple(sorted(self.found, key=lambda one: order.index(one.severity)))
+        return tuple(sorted(self.messages, key=lambda one: order.index(one.severity)))
 
     @property
     def sentence(self) -> str:
         """The verdict, over which horizon, and why."""
-        code = "unseen-runs.checked" if self.found else "unseen-runs.carries-over"
+        code = "unseen-runs.checked" if self.messages else "unseen-runs.carries-over"
         return verdict_line(self.verdict, [*self.reasons, note(code, basis=self.basis)])
 
     def rows(self) -> list[TableRow]:
@@ -106,7 +106,7 @@ class Validation:
             parts = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
             lines.append(f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {shown_unit(f.unit):6} {parts}")
         return "\n".join(
-            [*lines, *(_("note: {note}", note=text(said)) for said in self.outside), self.sentence]
+            [*lines, *(_("note: {note}", note=text(one)) for one in self.outside), self.sentence]
         )
 
 
@@ -139,15 +139,15 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     file, rest = fit.vehicle_file, [begins_at_rest(run, fit.blocks.sensors) for run in runs]
     for run, still in zip(runs, rest, strict=True):
         channels += identify(run, file, (), use=use, options=replace(options, at_rest=still)).channels
-    figures, found = [], _too_few(fit, runs)
+    figures, messages = [], _too_few(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
             own = [one for one in fit.channels if (one.sensor, one.entry) == (c.sensor, c.entry)]
-            figure, said = _validated(c, own, channel_unit(file, c.sensor, c.entry))
+            figure, of_channel = _validated(c, own, channel_unit(file, c.sensor, c.entry))
             figures.append(figure)
-            found += said
+            messages += of_channel
     outside = tuple(flag for run in runs for flag in fit.envelope.flags(run))
-    return Validation(tuple(figures), tuple(channels), tuple(found), outside, _basis(fit, runs, rest))
+    return Validation(tuple(figures), tuple(channels), tuple(messages), outside, _basis(fit, runs, rest))
 
 
 def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
@@ -196,22 +196,22 @@ def _validated(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Fig
         return figure, []
     here, there = _channel_errors(c, own)
     samples = [np.isfinite(one.measured).sum() for one in own]
-    said = float(np.average([one.explained for one in own], weights=samples))
+    explained = float(np.average([one.explained for one in own], weights=samples))
     square, white = (
         np.average([getattr(one, k) for one in there], weights=samples) for k in _ChannelError._fields[:2]
     )
     noise = float(np.sqrt(square + max(0.0, here.white - white)))
-    figure = figure._replace(on_own_runs=said, noise=noise)
-    if below := _worse_than_none(figure, c, noise**2 if said > 0.0 else here.white):
+    figure = figure._replace(on_own_runs=explained, noise=noise)
+    if below := _worse_than_none(figure, c, noise**2 if explained > 0.0 else here.white):
         return figure, [below]
     return figure, _against(figure, here, np.concatenate([one.g for one in there]))
 
 
 def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic | None:
     """Return a finding on a channel whose explained part is below 0 by more than chance.  (5)"""
-    known = np.isfinite(c.measured - c.predicted)
-    blocks = max(1.0, float(np.ptp(c.t_s[known])) / SHORT_S)
-    total = float(np.var(c.measured[known]))
+    finite = np.isfinite(c.measured - c.predicted)
+    blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_S)
+    total = float(np.var(c.measured[finite]))
     excess = -figure.explained * total
     chance = students(1.0 - 0.5 * CHANCE, np.inf) ** 2 * min(noise2, total) / blocks
     if not excess > chance:
@@ -264,8 +264,8 @@ def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelE
 
 def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
     """Return the residuals of a channel in blocks of `block_s`, clipped at CLIPPED times `spread`."""
-    e, known = c.measured - c.predicted, np.isfinite(c.measured - c.predicted)
-    e, t = np.clip(e[known], -CLIPPED * spread, CLIPPED * spread), c.t_s[known]
+    e, finite = c.measured - c.predicted, np.isfinite(c.measured - c.predicted)
+    e, t = np.clip(e[finite], -CLIPPED * spread, CLIPPED * spread), c.t_s[finite]
     block = ((t - t[0]) // block_s).astype(int) if len(t) else np.zeros(0, int)
     numbers, counts = np.unique(block, return_counts=True)
     counted = [b for b, n in zip(numbers, counts, strict=True) if n >= LEAST]

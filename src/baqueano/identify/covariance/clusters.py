@@ -42,7 +42,7 @@ def regress(slopes: np.ndarray, y: np.ndarray, rounds: int = 10) -> tuple[np.nda
     for _ in range(rounds):
         root = np.sqrt(weights)
         x = np.linalg.lstsq(root[:, None] * slopes, root * y, rcond=None)[0]
-        left = np.abs(y - slopes @ x)
-        sigma = max(1.4826 * float(np.median(left)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
-        weights = np.minimum(1.0, HUBER * sigma / np.maximum(left, 1e-300))
+        residuals = np.abs(y - slopes @ x)
+        sigma = max(1.4826 * float(np.median(residuals)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
+        weights = np.minimum(1.0, HUBER * sigma / np.maximum(residuals, 1e-300))
     return x, weights

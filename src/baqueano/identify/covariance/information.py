@@ -61,8 +61,8 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
             meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
-    found = each(parts, pieces, problem.records, problem.has, rows=sum(map(len, problem.has)))
-    for (_, _, index), (channel, bread, meat) in zip(pieces, found, strict=True):
+    sums = each(parts, pieces, problem.records, problem.has, rows=sum(map(len, problem.has)))
+    for (_, _, index), (channel, bread, meat) in zip(pieces, sums, strict=True):
         channels[:, index] += channel
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
@@ -182,9 +182,9 @@ def own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
     C = A[np.ix_(both, both)] / np.outer(root, root)
     n = len(at)
     values, vectors = np.linalg.eigh(C[n:, n:])
-    seen = values > 1e-12 * max(float(values[-1]), 1e-300) if len(values) else np.zeros(0, bool)
-    gain = C[:n, n:] @ vectors[:, seen]
-    own = C[:n, :n] - (gain / values[seen]) @ gain.T
+    positive = values > 1e-12 * max(float(values[-1]), 1e-300) if len(values) else np.zeros(0, bool)
+    gain = C[:n, n:] @ vectors[:, positive]
+    own = C[:n, :n] - (gain / values[positive]) @ gain.T
     return float(np.linalg.eigvalsh(own)[0])
 
 

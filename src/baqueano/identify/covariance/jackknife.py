@@ -59,10 +59,10 @@ def jackknife(
         g, A_b = _blocks(r, d, edges_of(record, block_s, len(r)))
         g, A_b = g[:, inside] / root[at], A_b[:, inside][:, :, inside] / np.outer(root[at], root[at])
         # a run knows few of the entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, C the part of A⁻¹ between them
-        left = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
-        moves.append(np.linalg.solve(left, g[:, :, None])[:, :, 0] @ inverse[at] / root)
+        remainder = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
+        moves.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[at] / root)
         between, own = inverse[np.ix_(at, shared)], inverse[np.ix_(shared, shared)]
-        if alike and _known_by_one(A_b, left, between, own, most):
+        if alike and _of_one_block_only(A_b, remainder, between, own, most):
             return None
     every = np.concatenate(moves)
     n = len(every)
@@ -108,13 +108,13 @@ def _driven_s(problem: Residuals) -> float:
     return sum(float(np.sum(record.dt_s[record.lead :])) for record in problem.records)
 
 
-def _known_by_one(
-    A_b: np.ndarray, left: np.ndarray, between: np.ndarray, own: np.ndarray, most: float
+def _of_one_block_only(
+    A_b: np.ndarray, remainder: np.ndarray, between: np.ndarray, own: np.ndarray, most: float
 ) -> bool:
     """Return True where a block holds more than `most` of the information on a direction of the shared entries;
     `own` (k, k)
     is their covariance, `between` (q, k) that of the entries of this run with them."""
-    more = between.T @ np.linalg.solve(left, A_b @ between)  # of `own`, without the block
+    more = between.T @ np.linalg.solve(remainder, A_b @ between)  # of `own`, without the block
     room = most / (1.0 - most) * own - 0.5 * (more + more.transpose(0, 2, 1))
     try:
         np.linalg.cholesky(room)

@@ -44,13 +44,13 @@ def of_tolerance(tolerance: float) -> float:
 def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None) -> np.ndarray:
     """(3,) relative standard deviations of the scales of an IMU: of `tolerance` {"accel", "gyro"}, else of the
     measurement that the file tells, else of a data sheet."""
-    given = dict(tolerance or {})
-    if not set(given) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in given.values()):
-        raise UsageError(fault("tolerance.keys", given=given, keys=SHEET))
+    tolerances = dict(tolerance or {})
+    if not set(tolerances) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in tolerances.values()):
+        raise UsageError(fault("tolerance.keys", given=tolerances, keys=SHEET))
     sd = []
     for kind, field, entry in CHANNELS:
-        measured = None if kind in given else _told(file, f"sensors.{imu}.{field}", entry)
-        sd.append(of_tolerance(given.get(kind, SHEET[kind])) if measured is None else measured)
+        measured = None if kind in tolerances else _measured_part(file, f"sensors.{imu}.{field}", entry)
+        sd.append(of_tolerance(tolerances.get(kind, SHEET[kind])) if measured is None else measured)
     return np.array(sd)
 
 
@@ -59,7 +59,7 @@ def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "Vehi
     value. UsageError for what is no scale of an IMU of the file, and for what is no part of 1."""
     from baqueano.vehicle_file import Provenance
 
-    known = [
+    within = [
         f"sensors.{name}.{field}"
         for name, sensor in file.sensors._asdict().items()
         for field in ("gyro_scale", "accel_scale")
@@ -67,8 +67,8 @@ def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "Vehi
     ]
     values, origins = {}, {}
     for path, part in tolerance.items():
-        if path not in known:
-            raise UsageError(fault("tolerance.no-scale", path=path, vehicle=file.name, known=known))
+        if path not in within:
+            raise UsageError(fault("tolerance.no-scale", path=path, vehicle=file.name, known=within))
         if not 0.0 < part < 1.0:
             raise UsageError(fault("tolerance.no-part", path=path, part=part))
         value = np.asarray(get(file, path), float)
@@ -78,7 +78,7 @@ def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "Vehi
     return file.with_values(values, origins) if values else file
 
 
-def _told(file: "VehicleFile", path: str, entry: int) -> float | None:
+def _measured_part(file: "VehicleFile", path: str, entry: int) -> float | None:
     """The relative standard error of a scale that was measured."""
     origin = file.provenance.get(path)
     if origin is None or origin.sd is None:
@@ -91,14 +91,14 @@ def _told(file: "VehicleFile", path: str, entry: int) -> float | None:
 def zero_of(file: "VehicleFile", imu: str) -> float:
     """Return the standard deviation of a gyro's zero [rad/s]: of the measurement that the file tells, else of a data
     sheet."""
-    known = _measured_zero(file, imu)
-    return of_tolerance(ZERO_RAD_S) if known is None else known
+    sd_rad_s = _measured_zero(file, imu)
+    return of_tolerance(ZERO_RAD_S) if sd_rad_s is None else sd_rad_s
 
 
 def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
     origin = file.provenance.get(f"sensors.{imu}.gyro_bias")
-    known = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
-    return known if np.isfinite(known) else None
+    sd_rad_s = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
+    return sd_rad_s if np.isfinite(sd_rad_s) else None
 
 
 def covariance_by_zeros(

@@ -75,7 +75,7 @@ def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: Fitt
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)
-    if not any(_told(run) for run in runs):
+    if not any(_has_voltage(run) for run in runs):
         raise UsageError(fault("battery.no-voltage", channel=CHANNEL))
     out = []
     for record in records:
@@ -90,13 +90,13 @@ def at_voltage(blocks: FittedBlocks, row: np.ndarray, volts: bool) -> FittedBloc
     return put(blocks, "model.drivetrain.battery_v", row[-1]) if volts else blocks
 
 
-def _told(run: Run) -> bool:
+def _has_voltage(run: Run) -> bool:
     return CHANNEL in run.sensors and bool(np.isfinite(run.sensors[CHANNEL].z[:, 0]).any())
 
 
 def _volts(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
     """(N,) at the rows of the record."""
-    if not _told(run):
+    if not _has_voltage(run):
         return np.full(len(record.dt_s), float(drivetrain.battery_v))
     channel = run.sensors[CHANNEL]
     good = np.isfinite(channel.z[:, 0])

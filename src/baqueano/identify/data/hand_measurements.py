@@ -122,8 +122,8 @@ def with_tape(
             while name in sensors:
                 name += "_"
             sensors[name] = block
-            heard = [[measurement] if k == at else [] for k in range(len(out))]
-            out = [_heard(run, name, some, block) for run, some in zip(out, heard, strict=True)]
+            by_run = [[measurement] if k == at else [] for k in range(len(out))]
+            out = [_with_channel(run, name, some, block) for run, some in zip(out, by_run, strict=True)]
     return out, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
 
 
@@ -154,18 +154,18 @@ def drift(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
 
 def read(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
     """Which run, and what was measured of it. UsageError for what cannot be read."""
-    found = LINE.match(line.replace(",", ", "))
-    if found is None:
+    match = LINE.match(line.replace(",", ", "))
+    if match is None:
         raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))
-    at = _run(found["run"], line, runs)
+    at = _run(match["run"], line, runs)
     run = runs[at]
-    t_s = run.duration_s if found["t"] == "end" else float(found["t"].rstrip("s "))
+    t_s = run.duration_s if match["t"] == "end" else float(match["t"].rstrip("s "))
     if not 0.0 < t_s <= run.duration_s:
         raise UsageError(
             fault("tape.after-the-end", line=line, run=run.name, duration_s=run.duration_s, t_s=t_s)
         )
     t_ns = int(run.t_ns[0]) + round(t_s * NANOSECONDS)
-    return at, [_part(part, line, t_ns) for part in found["what"].split(",")]
+    return at, [_part(part, line, t_ns) for part in match["what"].split(",")]
 
 
 def _run(name: str | None, line: str, runs: Sequence[Run]) -> int:
@@ -197,7 +197,7 @@ def _part(part: str, line: str, t_ns: int) -> HandMeasurement:
     return HandMeasurement("tape", t_ns, np.array([x]), sd or LENGTH_STD_M)
 
 
-def _heard(run: Run, kind: str, measurement: list[HandMeasurement], block: Tree) -> Run:
+def _with_channel(run: Run, kind: str, measurement: list[HandMeasurement], block: Tree) -> Run:
     measurement = sorted(measurement, key=lambda one: one.t_ns)
     t_ns = np.array([one.t_ns for one in measurement], dtype=np.int64)
     z = np.array([one.z for one in measurement]) if measurement else np.zeros((0, block.size))

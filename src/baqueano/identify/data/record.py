@@ -76,18 +76,18 @@ def record_of(
     pieces = rows_in(dt_s)
     pieces[gaps] = np.maximum(pieces[gaps], np.ceil(dt_s[gaps] / (LONG_STEP * median_ns * 1e-9)).astype(int))
     ends = np.cumsum(pieces) - 1
-    said = {}
+    readings = {}
     for name, block in sensors.items():
-        said[name] = _measured(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
+        readings[name] = _measured(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
         if only and name in only:
             left_out = np.setdiff1d(np.arange(block.size), only[name])
-            said[name].has[:, left_out] = 0.0
+            readings[name].has[:, left_out] = 0.0
     t_s = seconds(run.t_ns, run.t_ns[0])
     if np.any(pieces > 1):
         dt_s = np.repeat(dt_s / pieces, pieces)
         u = np.repeat(u, pieces, axis=0)
         t_s = np.cumsum(dt_s) - dt_s[0]
-    return FitRecord(run.name, t_s, dt_s, u, said, tuple(notes))
+    return FitRecord(run.name, t_s, dt_s, u, readings, tuple(notes))
 
 
 def rows_in(dt_s: np.ndarray) -> np.ndarray:
@@ -129,14 +129,14 @@ def beginning(record: FitRecord, rows: int) -> FitRecord:
 
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
     """u (N, n), the last finite one where it is not known."""
-    known = np.asarray(np.isfinite(run.applied).all(axis=1))
-    if known.all():
+    finite = np.asarray(np.isfinite(run.applied).all(axis=1))
+    if finite.all():
         return run.applied, []
-    if not known.any():
+    if not finite.any():
         raise UsageError(fault("runs.no-command", run=run.name))
-    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
-    u = np.where(known[last][:, None], run.applied[last], 0.0)
-    return u, [note("data.command-unknown", ticks=int((~known).sum()))]
+    last = np.maximum.accumulate(np.where(finite, np.arange(len(finite)), 0))
+    u = np.where(finite[last][:, None], run.applied[last], 0.0)
+    return u, [note("data.command-unknown", ticks=int((~finite).sum()))]
 
 
 def _measured(

@@ -39,14 +39,14 @@ def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["Vehicl
     for name, sensor in file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue
-        left = {run.name: _left_at_rest(run, name, sensor) for run in runs}
-        stood = [name for name, x in left.items() if len(x)]
-        x = np.concatenate(list(left.values()))
+        residuals = {run.name: _residuals_at_rest(run, name, sensor) for run in runs}
+        stood = [name for name, x in residuals.items() if len(x)]
+        x = np.concatenate(list(residuals.values()))
         if not len(x):
             continue
         bias, sd = float(sensor.gyro_bias + x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))
-        said = note("bias.at-rest", subject=name, bias_rad_s=bias, sd_rad_s=sd, runs=", ".join(stood))
-        return _written(file, name, bias, sd, stood), said
+        message = note("bias.at-rest", subject=name, bias_rad_s=bias, sd_rad_s=sd, runs=", ".join(stood))
+        return _written(file, name, bias, sd, stood), message
     return file, None
 
 
@@ -59,13 +59,13 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
         channel = run.sensors.get(name)
         if channel is None or len(channel.z) <= FIRST:
             continue
-        known = np.isfinite(channel.z)
-        step = np.diff(np.where(known, channel.z, 0.0), axis=0) * (known[1:] & known[:-1])
+        finite = np.isfinite(channel.z)
+        step = np.diff(np.where(finite, channel.z, 0.0), axis=0) * (finite[1:] & finite[:-1])
         white = np.sqrt(0.5 * np.mean(step**2, axis=0))
         if not has_field(sensor, "gyro_bias") and shows_speed(sensor).any():
             first = np.abs(channel.z[:FIRST, shows_speed(sensor)])
             return not np.any(first > FAR * white[shows_speed(sensor)] + TINY)  # not known is not moving
-        before = np.where(known, channel.z, 0.0)[channel.t_ns <= first_ns]
+        before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
         quiet = (
             quiet and len(before) >= FIRST and bool(np.all(np.std(before, axis=0) <= QUIET * white + TINY))
         )
@@ -88,16 +88,16 @@ def standing(run: "Run", t_ns: np.ndarray) -> np.ndarray:
     return ~driven[tick] & (t_ns - last[tick] > REST_S * NANOSECONDS)
 
 
-def _left_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
+def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     """(K,) what the gyro showed beyond its model while the vehicle stood; empty if it did not."""
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)
     at_rest = standing(run, channel.t_ns) & np.isfinite(channel.z[:, -1])
     still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
-    left = channel.z[at_rest, -1] - sensor.h(still)[-1]
-    turned = len(left) and np.std(left) > QUIET * np.sqrt(sensor.cov[-1, -1]) > 0.0
-    return np.zeros(0) if turned or len(left) < LEAST_S * sensor.rate_hz else left
+    residuals = channel.z[at_rest, -1] - sensor.h(still)[-1]
+    turned = len(residuals) and np.std(residuals) > QUIET * np.sqrt(sensor.cov[-1, -1]) > 0.0
+    return np.zeros(0) if turned or len(residuals) < LEAST_S * sensor.rate_hz else residuals
 
 
 def _written(file: "VehicleFile", name: str, bias: float, sd: float, stood: list[str]) -> "VehicleFile":

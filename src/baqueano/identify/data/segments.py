@@ -118,6 +118,6 @@ def _inverse(A: np.ndarray) -> np.ndarray:
     """Of a small information matrix, 0 in directions that nothing shows."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     values, vectors = np.linalg.eigh(A / np.outer(root, root))
-    seen = values > LEAST * np.max(values, initial=1e-300)
-    kept = vectors[:, seen]
-    return (kept / values[seen]) @ kept.T / np.outer(root, root)
+    positive = values > LEAST * np.max(values, initial=1e-300)
+    kept = vectors[:, positive]
+    return (kept / values[positive]) @ kept.T / np.outer(root, root)

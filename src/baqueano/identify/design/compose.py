@@ -108,8 +108,8 @@ class Composer:
     def _greedy(self) -> None:
         total, pose = np.zeros(self.F.shape[1:]), self._start()
         for _ in range(self.places):
-            found = self._first_inside(total, pose, [], -np.inf)
-            k = 0 if found is None else found[0]
+            place = self._first_inside(total, pose, [], -np.inf)
+            k = 0 if place is None else place[0]
             self.chosen.append(k)
             total = total + self.F[k]
             pose = moved(pose, self.path[k, :, -1])
@@ -128,11 +128,11 @@ class Composer:
             pose = moved(pose, self.path[k, :, -1])
         others = [*before, *after]
         paid = float(self.price[others].sum())
-        found = self._first_inside(self.F[others].sum(axis=0), pose, after, best + paid + 1e-6)
-        if found is None:
+        first_inside = self._first_inside(self.F[others].sum(axis=0), pose, after, best + paid + 1e-6)
+        if first_inside is None:
             return best
-        self.chosen[place] = found[0]
-        return found[1] - paid
+        self.chosen[place] = first_inside[0]
+        return first_inside[1] - paid
 
     def _first_inside(
         self, rest: np.ndarray, pose: np.ndarray, after: list[int], least: float
@@ -170,11 +170,11 @@ class Composer:
         fits = self._margin(pose[None], pieces) >= 0.0
         poses = moved(pose, self.path[pieces][:, :, -1])
         for k in after:
-            left = np.flatnonzero(fits)
-            if not len(left):
+            candidates = np.flatnonzero(fits)
+            if not len(candidates):
                 break
-            fits[left] = self._margin(poses[left], np.array([k])) >= 0.0
-            poses[left] = moved(poses[left], self.path[k, :, -1])
+            fits[candidates] = self._margin(poses[candidates], np.array([k])) >= 0.0
+            poses[candidates] = moved(poses[candidates], self.path[k, :, -1])
         return fits
 
     def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:

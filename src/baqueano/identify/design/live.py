@@ -112,8 +112,8 @@ def _flat(shape: Shape, tree: "Tree") -> list["Tree"]:
 
 def _unflat(shape: Shape, numbers: list["Tree"]) -> "Tree":
     """Return the tree of these numbers."""
-    at, found = 0, []
+    at, parts = 0, []
     for leaf in leaves(shape):
         some, at = numbers[at : at + leaf.size], at + leaf.size
-        found.append(np.array(some).reshape(leaf.shape) if leaf.is_array else some[0])
-    return build(shape, iter(found))
+        parts.append(np.array(some).reshape(leaf.shape) if leaf.is_array else some[0])
+    return build(shape, iter(parts))

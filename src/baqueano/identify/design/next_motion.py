@@ -54,15 +54,15 @@ def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
         "steady": np.ones(ticks), "steps": np.where(np.floor(t / STEP_S) % 2 == 0.0, 1.0, 0.0),
         "ramp": np.minimum(1.0, 2.0 * t / SECONDS),
     }  # fmt: skip
-    found = []
+    motions = []
     for kind, channels, back in kinds:
         for how, shape in shapes.items():
             for level in LEVELS if how == "steady" else LEVELS[:1]:
                 out = np.zeros((ticks, len(limit)))
                 out[:, list(channels)] = level * shape[:, None]
                 words = note(f"motion.{kind}-{how}", percent=round(100.0 * level), t_s=SECONDS)
-                found.append(NamedMotion(words, MotionPiece(out, back).u(ticks, limit)))
-    return found
+                motions.append(NamedMotion(words, MotionPiece(out, back).u(ticks, limit)))
+    return motions
 
 
 class MotionAdvisor:

@@ -180,8 +180,8 @@ class PlanSearch:
             self.composer.search()
             self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
         self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL)]
-        found = self._of_each(lambda tick, u: self._path(self.all, tick, u, 2), self.pieces)
-        slow, path = zip(*found, strict=True)
+        paths = self._of_each(lambda tick, u: self._path(self.all, tick, u, 2), self.pieces)
+        slow, path = zip(*paths, strict=True)
         self.composer.again(np.stack(path), np.flatnonzero(slow))
         self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
 
@@ -200,7 +200,7 @@ class PlanSearch:
         composed, reach = self.composer.chosen, self.composer.reach
         near = sorted(composed, key=lambda k: reach[k])
         with ThreadPoolExecutor() as threads:  # of their own: a drive takes those of `each` for itself
-            u = max(threads.map(tried, [composed, near, near[::-1]]), key=lambda found: found[0])[1]
+            u = max(threads.map(tried, [composed, near, near[::-1]]), key=lambda paths: paths[0])[1]
         _, eta = self.judges.drive(self.judges.at(self.room.start), u)
         return u, eta
 
@@ -217,13 +217,13 @@ class PlanSearch:
 
     def _grow(self, pieces: list[MotionPiece]) -> None:
         """Takes the pieces that keep to the limits of speed into the library; of those that do not, a gentler one."""
-        found = self._of_each(self._weighed, pieces)
-        hasty = [k for k, one in enumerate(found) if not one[0]]
+        drives = self._of_each(self._weighed, pieces)
+        hasty = [k for k, one in enumerate(drives) if not one[0]]
         calm = [gentler(pieces[k], self.shape) for k in hasty]
-        found += self._of_each(self._weighed, calm) if calm else []
-        fits = [k for k, one in enumerate(found) if one[0]]
+        drives += self._of_each(self._weighed, calm) if calm else []
+        fits = [k for k, one in enumerate(drives) if one[0]]
         self.pieces += [[*pieces, *calm][k] for k in fits]
-        self.composer.grow(np.array([found[k][2] for k in fits]), np.array([found[k][1] for k in fits]))
+        self.composer.grow(np.array([drives[k][2] for k in fits]), np.array([drives[k][1] for k in fits]))
 
     def _of_each(self, what: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
         """`what` of a tick and the commands (T, n) of each piece, on all cores; pieces take TURNS at the noise."""
@@ -242,9 +242,11 @@ class PlanSearch:
         sample, the last where it comes to rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         rest, eta = cloud.drive(cloud.at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
-        seen = eta[:, stride - 1 : ticks : stride]
-        slow = bool(self.room.slow(seen, cloud.rate_hz / stride))
-        return slow, np.concatenate([seen[:, each - 1 :: each], seen[:, -1:], rest.eta[:, None]], axis=1)
+        sampled = eta[:, stride - 1 : ticks : stride]
+        slow = bool(self.room.slow(sampled, cloud.rate_hz / stride))
+        return slow, np.concatenate(
+            [sampled[:, each - 1 :: each], sampled[:, -1:], rest.eta[:, None]], axis=1
+        )
 
     @property
     def expected(self) -> float:
@@ -269,13 +271,13 @@ def driven(
     for place in range(len(chosen)):
         at = commands, cloud, room, state, tick
         later = list(dict.fromkeys(chosen[place:]))
-        found = _first(later[:1], *at) or _first(later[1:], *at)
-        if found:
-            chosen.insert(place, chosen.pop(chosen.index(found[0], place)))
+        allowed = _first(later[:1], *at) or _first(later[1:], *at)
+        if allowed:
+            chosen.insert(place, chosen.pop(chosen.index(allowed[0], place)))
         else:
             others = composer.instead(chosen, place, state.eta[: composer.path.shape[1]], PRICES, TRIED)
-            found = _first([*others, 0], *at)
-        chosen[place], state = found or (0, cloud.drive(state, commands(0), tick)[0])
+            allowed = _first([*others, 0], *at)
+        chosen[place], state = allowed or (0, cloud.drive(state, commands(0), tick)[0])
         tick += len(commands(0))
     return chosen
 
@@ -291,7 +293,7 @@ def _first(
     """The first of the pieces that is allowed, and the cloud after it."""
     for at in range(0, len(some), TRIED):
         us = [commands(k) for k in some[at : at + TRIED]]
-        found = first_allowed(cloud, room, state, us, tick)
-        if found:
-            return some[at + found[0]], found[1]
+        place = first_allowed(cloud, room, state, us, tick)
+        if place:
+            return some[at + place[0]], place[1]
     return None

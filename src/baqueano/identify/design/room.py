@@ -120,9 +120,9 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
     >>> print(room.height_m, room.radius_m, room.free)
     2.5 0.07 [0.93 1.18]
     """
-    found = re.fullmatch(r"\s*([\d.]+)\s*[x×]\s*([\d.]+)\s*m?\s*", size)
+    match = re.fullmatch(r"\s*([\d.]+)\s*[x×]\s*([\d.]+)\s*m?\s*", size)
     try:
-        sides = [float(side) for side in found.groups()] if found else []
+        sides = [float(side) for side in match.groups()] if match else []
     except ValueError:
         sides = []
     if len(sides) != 2:
@@ -188,12 +188,12 @@ def contained(
     chunk = max(1, round(CHUNK_S * rate))
     out, poses, changed = np.empty_like(u), [], 0
     for begin in range(0, len(u), chunk):
-        asked = u[begin : begin + chunk]
-        options = alternatives(asked)
+        chunk_u = u[begin : begin + chunk]
+        options = alternatives(chunk_u)
         best, state, driven = _first_allowed(cloud, room, state, options, begin)
         out[begin : begin + chunk] = options[best]
         poses.append(driven)
-        changed += not np.array_equal(options[best], asked)
+        changed += not np.array_equal(options[best], chunk_u)
     eta = np.concatenate(poses, axis=1)
     margin = float(room.margin(eta))
     if margin < 0.0:
@@ -203,13 +203,13 @@ def contained(
     return ContainedSignal(out, margin, changed / len(poses), eta)
 
 
-def alternatives(asked: np.ndarray) -> np.ndarray:
+def alternatives(u: np.ndarray) -> np.ndarray:
     """(C, T, n): what may stand for a chunk (T, n), in order; the last is no command."""
-    n = asked.shape[1]
+    n = u.shape[1]
     first = np.where(np.arange(n) == 0, -1.0, 1.0)
     signs = (np.ones(n), -np.ones(n), first, -first)
-    both = [size * sign * asked for size in SIZES for sign in signs]
-    return np.stack([*both, np.zeros_like(asked)])
+    both = [size * sign * u for size in SIZES for sign in signs]
+    return np.stack([*both, np.zeros_like(u)])
 
 
 def first_allowed(
@@ -220,14 +220,14 @@ def first_allowed(
     stride = max(1, round(SAMPLE_S * cloud.rate_hz))
     rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
     drives = cloud.under([state] * len(options), options, tick)
-    seen = [eta[:, ticks % stride :: stride] for _, eta in drives]
-    may = [k for k, eta in enumerate(seen) if room.margin(eta) >= RESERVE_M]
+    paths = [eta[:, ticks % stride :: stride] for _, eta in drives]
+    may = [k for k, eta in enumerate(paths) if room.margin(eta) >= RESERVE_M]
     still = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
     for at in range(0, len(may), AT_ONCE):
         some = may[at : at + AT_ONCE]
         coasts = cloud.under([drives[k][0] for k in some], [still] * len(some), tick + ticks)
         for k, (_, eta) in zip(some, coasts, strict=True):
-            whole = np.concatenate([seen[k], eta[:, ::stride]], axis=1)
+            whole = np.concatenate([paths[k], eta[:, ::stride]], axis=1)
             if room.margin(whole) >= RESERVE_M and room.slow(whole, rate_hz):
                 return k, *drives[k]
     return None
@@ -238,7 +238,7 @@ def _first_allowed(
 ) -> tuple[int, "VehicleState", np.ndarray]:
     """Which of the options (C, T, n) is driven, the cloud after it, and the poses (L, T, 3) during it."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly what is asked is allowed
-        found = first_allowed(cloud, room, state, list(options[begin:end]), tick)
-        if found is not None:
-            return begin + found[0], *found[1:]
+        place = first_allowed(cloud, room, state, list(options[begin:end]), tick)
+        if place is not None:
+            return begin + place[0], *place[1:]
     return len(options) - 1, *cloud.drive(state, options[-1], tick)

@@ -89,11 +89,11 @@ def _drawn(
 
 def _between(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """A draw (p,) of covariance P (p, p), between its bounds.  (4)"""
-    out, held = x, np.zeros(len(x), bool)
-    while (beyond := ~held & ((out < low) | (out > high))).any():
-        held |= beyond
-        back = np.clip(x, low, high)[held] - x[held]
-        out = x + P[:, held] @ np.linalg.pinv(P[np.ix_(held, held)], hermitian=True) @ back
+    out, fixed = x, np.zeros(len(x), bool)
+    while (beyond := ~fixed & ((out < low) | (out > high))).any():
+        fixed |= beyond
+        back = np.clip(x, low, high)[fixed] - x[fixed]
+        out = x + P[:, fixed] @ np.linalg.pinv(P[np.ix_(fixed, fixed)], hermitian=True) @ back
     return out
 
 

@@ -33,28 +33,30 @@ def clean(
     """The runs without what is no measurement, cut where time jumps, and what was found."""
 
     def of(run: Run) -> tuple[list[Run], list[Diagnostic]]:
-        pieces, said = timestamps.checked(run, file.rate_hz)
-        said += physical_units.implausible(run, file, sensors)
+        pieces, messages = timestamps.checked(run, file.rate_hz)
+        messages += physical_units.implausible(run, file, sensors)
         out = []
         for piece in pieces:
             channels, words_of = _samples(piece, sensors)
-            said += words_of
+            messages += words_of
             out.append(channels)
         if len(runs) > 1:
-            said = [replace(one, figures={**one.figures, "of_run": run.name}) for one in said]
-        return out, said
+            messages = [replace(one, figures={**one.figures, "of_run": run.name}) for one in messages]
+        return out, messages
 
-    found = each(of, runs, rows=sum(len(run.t_ns) for run in runs))
-    return [run for cleaned, _ in found for run in cleaned], tuple(one for _, said in found for one in said)
+    results = each(of, runs, rows=sum(len(run.t_ns) for run in runs))
+    return [run for cleaned, _ in results for run in cleaned], tuple(
+        one for _, messages in results for one in messages
+    )
 
 
 def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]:
-    channels, found = dict(run.sensors), []
+    channels, messages = dict(run.sensors), []
     for name, block in sensors.items():
         if name in channels and channels[name].z.shape[1] == block.size:
-            channels[name], said = samples.checked(name, block, channels[name])
-            found += said
-    return replace(run, sensors=channels) if found else run, found
+            channels[name], of_sensor = samples.checked(name, block, channels[name])
+            messages += of_sensor
+    return replace(run, sensors=channels) if messages else run, messages
 
 
 def diagnose(
@@ -64,7 +66,7 @@ def diagnose(
     of θ and the noise `told` (m,) by the file; and by how much each parameter, by path, may be off for it."""
     problem, theta, identifiable = (
         end.task.problem,
-        end.found.solution.theta,
+        end.search.solution.theta,
         end.identifiability.mask,
     )
     s = problem.layout.shared
@@ -72,23 +74,26 @@ def diagnose(
         [identifiable, np.ones(problem.layout.size - len(identifiable), bool)]
     )  # starts of pieces
 
-    found, before = channel_map.checked(problem, theta) if np.isfinite(theta).all() else [], list(end.doubts)
+    messages, before = (
+        channel_map.checked(problem, theta) if np.isfinite(theta).all() else [],
+        list(end.doubts),
+    )
     if not {one.code for one in before} & {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}:
         accused, cleared = physical_units.against_model(end)
-        found += accused
+        messages += accused
         before = [one for one in before if not (cleared and one.code == physical_units.CURVE)]
-    if not (end.found.solution.converged and np.isfinite(theta).all() and identifiable[:s].any()):
+    if not (end.search.solution.converged and np.isfinite(theta).all() and identifiable[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
-        known = {one.code for one in found}
-        found += [one for one in channel_map.checked(problem, end.task.first) if one.code not in known]
-        return before + channel_map.with_mount(end, found), {}
+        codes = {one.code for one in messages}
+        messages += [one for one in channel_map.checked(problem, end.task.first) if one.code not in codes]
+        return before + channel_map.with_mount(end, messages), {}
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
-    estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.found.sigma
-    found += gain_changes.checked(
+    estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
+    messages += gain_changes.checked(
         end.blocks, problem.shape.shared, estimate, sd[:s], file_sigma, sigma, labels
     )
     findings_of_residuals, off = residual_checks.checked(end.blocks, problem, theta, identifiable, sd)
-    return before + channel_map.with_mount(end, found + findings_of_residuals), off
+    return before + channel_map.with_mount(end, messages + findings_of_residuals), off
 
 
 def widened(cov: np.ndarray, names: Sequence[str], off: Mapping[str, float]) -> np.ndarray:

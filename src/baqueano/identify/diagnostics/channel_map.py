@@ -41,13 +41,13 @@ def checked(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Swapped and inverted channels."""
     out = []
     for name, size in zip(problem.names, problem.sizes, strict=True):
-        found = signal_map(*of_sensor(problem, theta, name), [MappedChannel()] * size)
-        for i, one in enumerate(found):
+        hypotheses = signal_map(*of_sensor(problem, theta, name), [MappedChannel()] * size)
+        for i, one in enumerate(hypotheses):
             rho, channel = one.relation.correlation, f"{name}[{i}]"
             if one.code == "inverted":
                 out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
             elif one.code == "swapped" and (j := one.of) < i:
-                both = {"other": channel, "first": found[j].relation.correlation, "second": rho}
+                both = {"other": channel, "first": hypotheses[j].relation.correlation, "second": rho}
                 out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **both))
     return out
 
@@ -77,9 +77,9 @@ def clipped(x: np.ndarray) -> np.ndarray:
     """The columns of x (n, m), drawn to FAR standard deviations about the median, told by the median too."""
     x = x.copy()
     for column in x.T:
-        if len(known := column[np.isfinite(column)]):
-            middle = float(np.median(known))
-            size = FAR * max(MAD * float(np.median(np.abs(known - middle))), 0.1 * float(np.std(known)))
+        if len(finite := column[np.isfinite(column)]):
+            middle = float(np.median(finite))
+            size = FAR * max(MAD * float(np.median(np.abs(finite - middle))), 0.1 * float(np.std(finite)))
             np.clip(column, middle - size, middle + size, out=column)
     return x
 
@@ -103,26 +103,26 @@ WAYS = (
 )  # fmt: skip
 
 
-def with_mount(end: "FinishedFit", found: list[Diagnostic]) -> list[Diagnostic]:
-    """Return `found` about a finished search, led by the mount of an IMU where that is the reason: it then takes the
+def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnostic]:
+    """Return `messages` about a finished search, led by the mount of an IMU where that is the reason: it then takes the
     place of diagnostics about other axes and signs."""
     task, blocks = end.task, end.blocks
-    if type(task.problem) is not Residuals or all(one.severity == Severity.INFO for one in found):
-        return found
+    if type(task.problem) is not Residuals or all(one.severity == Severity.INFO for one in messages):
+        return messages
     for name, block in blocks.sensors._asdict().items():
         if has_field(block, "gyro_scale") and _astray(task, name) and (named := _named(end, name)):
             kind = "axes.swapped" if named[0].order[0] else "axes.inverted"
-            rest = [one for one in found if one.code not in AXES or one.code == kind]
+            rest = [one for one in messages if one.code not in AXES or one.code == kind]
             return [named[1], *rest]
-    return found
+    return messages
 
 
 def _astray(task: Task, name: str) -> bool:
     """Return True if a channel of the IMU does not follow its prediction, or follows that of another more."""
-    found = relations(*of_sensor(task.problem, task.first, name))
-    rho = np.array([[one.correlation for one in row] for row in found])
+    hypotheses = relations(*of_sensor(task.problem, task.first, name))
+    rho = np.array([[one.correlation for one in row] for row in hypotheses])
     own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
-    related = any(one.is_clear() for row in found for one in row)
+    related = any(one.is_clear() for row in hypotheses for one in row)
     return related and bool(np.any((own < NO_RELATION) | (own < any_of)))
 
 
@@ -135,21 +135,21 @@ def _named(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
     n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)
     begun = [
         task.first,
-        np.where(np.isfinite(end.found.solution.theta), end.found.solution.theta, task.first),
+        np.where(np.isfinite(end.search.solution.theta), end.search.solution.theta, task.first),
     ]
     here = min(
-        (_searched(task, blocks, records, theta) for theta in begun), key=lambda one: _left(one, own, n)
+        (_searched(task, blocks, records, theta) for theta in begun), key=lambda one: _log_sigma(one, own, n)
     )
     ways = [
         (way, _searched(task, blocks, [_other_way(r, name, way) for r in records], begun[0])) for way in WAYS
     ]
-    gains = [_left(here, own, n) - _left(found, own, n[list(way.order)]) for way, found in ways]
+    gains = [_log_sigma(here, own, n) - _log_sigma(result, own, n[list(way.order)]) for way, result in ways]
     best = max(gains)
     if not best > WORTH * n.sum():
         return None
-    for gain, (way, found) in zip(gains, ways, strict=True):
-        if gain > ALIKE * best and _as_in_the_file(task, blocks, found):
-            sigma = found.sigma[own][np.argsort(way.order)]  # of the columns as they are in the run
+    for gain, (way, result) in zip(gains, ways, strict=True):
+        if gain > ALIKE * best and _as_in_the_file(task, blocks, result):
+            sigma = result.sigma[own][np.argsort(way.order)]  # of the columns as they are in the run
             less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in zip(here.sigma[own], sigma, strict=True))
             return way, note(way.code, Severity.ERROR, subject=name, less=less)
     return None
@@ -161,18 +161,18 @@ def _searched(task: Task, blocks: FittedBlocks, records: list[FitRecord], theta:
 
 
 def _other_way(record: FitRecord, name: str, way: MountWay) -> FitRecord:
-    order, said = list(way.order), record.sensors[name]
-    z, has = said.z[:, order] * np.array(way.sign), said.has[:, order]
-    return record._replace(sensors={**record.sensors, name: said._replace(z=z, has=has)})
+    order, readings = list(way.order), record.sensors[name]
+    z, has = readings.z[:, order] * np.array(way.sign), readings.has[:, order]
+    return record._replace(sensors={**record.sensors, name: readings._replace(z=z, has=has)})
 
 
-def _left(found: Search, own: slice, n: np.ndarray) -> float:
+def _log_sigma(end: Search, own: slice, n: np.ndarray) -> float:
     """Σ n log σ over the channels of the IMU, of which there are n (3,).  (1)"""
-    left = float(n @ np.log(found.sigma[own]))
-    return left if np.isfinite(left) and np.isfinite(found.solution.at.cost) else np.inf
+    log_sigma = float(n @ np.log(end.sigma[own]))
+    return log_sigma if np.isfinite(log_sigma) and np.isfinite(end.solution.at.cost) else np.inf
 
 
 def _as_in_the_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
     names = task.problem.shape.shared
-    found = gain_changes.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
-    return not any(one.code in AXES for one in found)
+    messages = gain_changes.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
+    return not any(one.code in AXES for one in messages)

@@ -54,11 +54,13 @@ def gains(file: FittedBlocks, names: Sequence[str], estimate: np.ndarray, sd: np
 
 def _noise(file_sigma: np.ndarray, sigma: np.ndarray, labels: Sequence[str]) -> list[Diagnostic]:
     out = []
-    for label, known, found in zip(labels, file_sigma, sigma, strict=True):
-        if known > 0.0 and SILENT < found / known < QUIET:
-            shown: JsonObject = {"sigma": float(found), "times": float(found / known)}
+    for label, of_file, estimate in zip(labels, file_sigma, sigma, strict=True):
+        if of_file > 0.0 and SILENT < estimate / of_file < QUIET:
+            figures: JsonObject = {"sigma": float(estimate), "times": float(estimate / of_file)}
             out.append(
-                note("file.quiet", Severity.WARNING, subject=label, guess=_unit(known / found), **shown)
+                note(
+                    "file.quiet", Severity.WARNING, subject=label, guess=_unit(of_file / estimate), **figures
+                )
             )
     return out
 

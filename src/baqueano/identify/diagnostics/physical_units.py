@@ -53,9 +53,9 @@ FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
     """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
     wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (3), (4)"""
-    known, turned, curves = file.sensors._asdict(), [], []
+    sensors, turned, curves = file.sensors._asdict(), [], []
     for other, channel in run.sensors.items():
-        block: Tree = known.get(other)
+        block: Tree = sensors.get(other)
         wheels = has_field(block, "track_m")
         if not (wheels or has_field(block, "scale")) or channel.z.shape[1] != block.size:
             continue
@@ -67,21 +67,21 @@ def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
         curves.append((_map(imu[:, 1], moved.mean(axis=1) * imu[:, 2], TOO_SLOW), other))
     if any(_near(one) for one, _ in turned):
         return []
-    found = [
-        _found(name, one, abs(one.relation.slope), note("gyro.as-wheels", subject=other))
+    messages = [
+        _wrong_unit(name, one, abs(one.relation.slope), note("gyro.as-wheels", subject=other))
         for one, other in turned
     ]
-    found += [_of_a_curve(name, one, other) for one, other in curves]
-    return [one for one in found if one is not None][:1]
+    messages += [_of_a_curve(name, one, other) for one, other in curves]
+    return [one for one in messages if one is not None][:1]
 
 
 def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
     """Test a_y = v ω_z / r, which cannot say which of them is wrong.  (4)"""
     slope = abs(curve.relation.slope) or np.nan
-    found = _found(name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=other))
-    if found is None:
+    message = _wrong_unit(name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=other))
+    if message is None:
         return None
-    return note(CURVE, Severity.ERROR, subject=f"{name}[1]", gyro=found, times=slope)
+    return note(CURVE, Severity.ERROR, subject=f"{name}[1]", gyro=message, times=slope)
 
 
 def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
@@ -95,27 +95,31 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     z, h = channel_map.measured(problem), channel_map.predicted(problem, by_file)
     wheels = [(k, sensors[name]) for name, k in at.items() if has_field(sensors[name], "track_m")]
     turned = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
-    fitted = [channel_map.predicted(problem, end.found.solution.theta)] if _as_promised(end) else []
-    found, cleared = [], True
+    fitted = [channel_map.predicted(problem, end.search.solution.theta)] if _as_promised(end) else []
+    messages, cleared = [], True
     for name in (name for name in at if has_field(sensors[name], "gyro_scale")):
         i = at[name] + 2
         of = h[:, i], *turned, *(fit[:, i] for fit in fitted)
         model, *others = (_map(z[:, i], omega, TOO_FAST) for omega in of)
         if not any(map(_near, (model, *others))):
             slope, cleared = abs(model.relation.slope), False
-            found.append(_found(name, model, slope, note("gyro.as-commands")))
-    return [one for one in found if one is not None], cleared
+            messages.append(_wrong_unit(name, model, slope, note("gyro.as-commands")))
+    return [one for one in messages if one is not None], cleared
 
 
 def _as_promised(end: "FinishedFit") -> bool:
     """True if a fit left the gains that turn the vehicle, and what they act on, near those of the file. A fit in which
     none of its free gains is identifiable says nothing about them."""
     free = end.free
-    now, kept = end.found.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
+    now, kept = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
     was = [value(end.blocks, one.path) if _turns(one) else 0.0 for one in free]
-    moved = [x / x_0 for x, x_0, seen in zip(now, was, kept, strict=True) if seen and x_0]
-    shown = bool(moved) or not any(was)
-    return end.found.solution.converged and shown and all(1.0 / NEAR < abs(ratio) < NEAR for ratio in moved)
+    moved = [x / x_0 for x, x_0, free_here in zip(now, was, kept, strict=True) if free_here and x_0]
+    identifiable = bool(moved) or not any(was)
+    return (
+        end.search.solution.converged
+        and identifiable
+        and all(1.0 / NEAR < abs(ratio) < NEAR for ratio in moved)
+    )
 
 
 def _turns(one: Free) -> bool:
@@ -134,7 +138,7 @@ def _near(one: Hypothesis) -> bool:
     return one.is_clear and one.ratio == 1.0
 
 
-def _found(name: str, one: Hypothesis, r: float, who: Diagnostic) -> Diagnostic | None:
+def _wrong_unit(name: str, one: Hypothesis, r: float, who: Diagnostic) -> Diagnostic | None:
     if not one.meaning:
         return None
     units = {"given": one.meaning, "read": "rad/s" if one.meaning == "deg/s" else "deg/s"}
@@ -156,35 +160,35 @@ def _windows(one: Log, other: Log) -> tuple[np.ndarray, np.ndarray] | None:
 
 def implausible(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
     """Find commands and readings beyond any small vehicle, or beyond the limits of its file."""
-    found = _commands(run, file)
+    messages = _commands(run, file)
     for name, block in sensors.items():
         if (
             has_field(block, "gyro_scale")
             and name in run.sensors
             and run.sensors[name].z.shape[1] == block.size
         ):
-            found += _imu(run, name, block)
-            found += checked(run, file, name)
-    return found
+            messages += _imu(run, name, block)
+            messages += checked(run, file, name)
+    return messages
 
 
 def _commands(run: Run, file: "VehicleFile") -> list[Diagnostic]:
-    found = []
+    messages = []
     for j, (name, limit) in enumerate(zip(file.command.names, file.command.limit, strict=True)):
         most = float(np.nanmax(np.abs(run.applied[:, j]), initial=0.0))
         if not np.isfinite(limit) or most <= OVER * limit or most == 0.0:
             continue
         if limit == 0.0:
-            found.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=most))
+            messages.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=most))
             continue
         guess = next((what for low, high, what in FULL if low <= most <= high), "V")
         details = {"most": most, "limit": float(limit), "of_file": file.command.unit, "guess": guess}
-        found.append(note("command.unit", Severity.ERROR, subject=name, **details))
-    return found
+        messages.append(note("command.unit", Severity.ERROR, subject=name, **details))
+    return messages
 
 
 def _imu(run: Run, name: str, block: Tree) -> list[Diagnostic]:
-    z, found = run.sensors[name].z, []
+    z, messages = run.sensors[name].z, []
     size = np.abs(z[np.isfinite(z).all(axis=1)])
     if not len(size):
         return []
@@ -192,11 +196,11 @@ def _imu(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     most = np.quantile(size, 0.99, axis=0) if far else np.zeros(3)
     if most[2] > FASTEST_RAD_S:
         rates: JsonObject = {"most_rad_s": float(most[2]), "fastest_rad_s": FASTEST_RAD_S}
-        found.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
+        messages.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
     for i in np.flatnonzero(most[:2] > HARDEST_M_S2):
-        said = {"subject": f"{name}[{i}]", "most_m_s2": float(most[i])}
-        found.append(note("accelerometer.unit", Severity.ERROR, **said))
-    return found + _gravity(run, name, block)
+        figures = {"subject": f"{name}[{i}]", "most_m_s2": float(most[i])}
+        messages.append(note("accelerometer.unit", Severity.ERROR, **figures))
+    return messages + _gravity(run, name, block)
 
 
 def _gravity(run: Run, name: str, block: Tree) -> list[Diagnostic]:
@@ -206,7 +210,7 @@ def _gravity(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     where = rest if rest.sum() >= FEW_AT_REST else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad
     expected = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
-    found = []
+    messages = []
     for i in range(2):
         x = channel.z[where, i]
         x = x[np.isfinite(x)]
@@ -216,5 +220,5 @@ def _gravity(run: Run, name: str, block: Tree) -> list[Diagnostic]:
             whole = abs(abs(off) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY and rest.sum() >= FEW_AT_REST
             code = "gravity.at-rest" if rest.sum() >= FEW_AT_REST else "gravity.all-the-time"
             grave = Severity.ERROR if whole else Severity.WARNING
-            found.append(note(code, grave, subject=f"{name}[{i}]", off_m_s2=off))
-    return found
+            messages.append(note(code, grave, subject=f"{name}[{i}]", off_m_s2=off))
+    return messages

@@ -67,33 +67,35 @@ def checked(
     by path, may be off for them; the problem is weighed with the noise that was found."""
     index = np.flatnonzero(identifiable[: problem.layout.shared])
     if not len(index):
-        return _left(problem, problem.residuals(theta)), {}
+        return _of_residuals(problem, problem.residuals(theta)), {}
     now = fitted_motion(blocks, problem, theta)
-    asked = list if now is None else probes(blocks, problem, now)
-    left = fit_residuals(problem, theta, identifiable)
-    here = _Fitted(left, [problem.shape.shared[i] for i in index], theta[index], sd[index])
-    found, parts = _left(problem, left.residuals), _parts(here, now)
-    answers = [pair for said, D in asked() for pair in zip(said, score_test(left, D), strict=True)]
+    candidates = list if now is None else probes(blocks, problem, now)
+    fit = fit_residuals(problem, theta, identifiable)
+    here = _Fitted(fit, [problem.shape.shared[i] for i in index], theta[index], sd[index])
+    messages, parts = _of_residuals(problem, fit.residuals), _parts(here, now)
+    answers = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     off: dict[str, float] = {}
     for one in (missing := _missing(here, answers)) + parts:
         for path, by in here.widens(one.by):
             off[path] = max(by, off.get(path, 0.0))
-    return [*found, *(one.said for one in (*missing[:TOLD], *parts[:TOLD]))], off
+    return [*messages, *(one.message for one in (*missing[:TOLD], *parts[:TOLD]))], off
 
 
 class _Clear(NamedTuple):
     """One clear answer."""
 
     z: float
-    said: Diagnostic
+    message: Diagnostic
     by: np.ndarray  # (k,) what the parameters may be off by
 
 
 class _Fitted:
     """A fit and what it left."""
 
-    def __init__(self, left: FitResiduals, paths: Sequence[str], theta: np.ndarray, sd: np.ndarray) -> None:
-        self.left, self.paths, self.theta, self.sd = left, paths, theta, sd
+    def __init__(
+        self, residuals: FitResiduals, paths: Sequence[str], theta: np.ndarray, sd: np.ndarray
+    ) -> None:
+        self.residuals, self.paths, self.theta, self.sd = residuals, paths, theta, sd
         self.names = [path.removeprefix("model.") for path in paths]
 
     def clear(self, answer: ProbeResult) -> bool:
@@ -127,40 +129,40 @@ def _missing(fit: _Fitted, answers: Sequence[tuple[LabelledTerm, ProbeResult]]) 
             continue  # it is in the model: what is left has another shape
         if k is not None:
             path = f"sensors.{what.subject}.low_pass_hz" if filtered else DELAY
-            said = note(
+            message = note(
                 "residual.missing-free" if delay or filtered else "residual.missing", Severity.WARNING,
                 f"--free +{path}" if delay or filtered else "", fit.paths[k], term=code, what=what,
                 z=abs(answer.z), errors=abs(answer.shift[k]) / fit.sd[k],
             )  # fmt: skip
-            out.append(_Clear(abs(answer.z), said, np.abs(answer.shift)))
+            out.append(_Clear(abs(answer.z), message, np.abs(answer.shift)))
     return out
 
 
 def _parts(fit: _Fitted, now: FittedMotion | None) -> list[_Clear]:
     worst: list[_Clear] = []
-    parts = list(_masks(fit.left, now))
+    parts = list(_masks(fit.residuals, now))
     for (part, _), answers in zip(
-        parts, score_test_parts(fit.left, [mask for _, mask in parts]), strict=True
+        parts, score_test_parts(fit.residuals, [mask for _, mask in parts]), strict=True
     ):
         for k, answer in enumerate(answers):
             if abs(answer.size) > DIFFERS * abs(fit.theta[k]) and fit.clear(answer):
-                said = note(
+                message = note(
                     "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], off=answer.size, part=part,
                     over_all=fit.theta[k], z=abs(answer.z),
                 )  # fmt: skip
                 half = 0.5 * abs(answer.size) * (np.arange(len(fit.theta)) == k)
-                worst.append(_Clear(abs(answer.z), said, half))
+                worst.append(_Clear(abs(answer.z), message, half))
     return sorted(worst, key=lambda one: -one.z)
 
 
-def _masks(left: FitResiduals, now: FittedMotion | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
-    n = len(left.run)
+def _masks(residuals: FitResiduals, now: FittedMotion | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
+    n = len(residuals.run)
     for part in (0.25, 1 / 3, 0.5, 2 / 3, 0.75):
         yield note("part.first", percent=100.0 * part), np.arange(n) < part * n
-    count = int(left.run.max()) + 1
+    count = int(residuals.run.max()) + 1
     if 2 < count <= RUNS:
         for number in range(count):
-            yield note("part.run", number=number + 1), left.run == number
+            yield note("part.run", number=number + 1), residuals.run == number
     if now is None:
         return
     (x, _, w), (x_dot, _, w_dot) = now.nu.T, now.nu_dot.T
@@ -185,7 +187,7 @@ def _channels(
         yield label, r, [a - b for a, b in zip(z, r, strict=True)]
 
 
-def _left(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
+def _of_residuals(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
     """Residuals that are coloured, and outliers that are none."""
     out = []
     for label, r, h in _channels(problem, residuals):

@@ -43,18 +43,18 @@ class Grain(NamedTuple):
 
 def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
     """The channel with NaN in place of what is no measurement, and what was found."""
-    z, found = channel.z.copy(), []
+    z, messages = channel.z.copy(), []
     lost = int(np.sum(~np.isfinite(z)))
     if lost:
-        found.append(note("data.not-finite", subject=name, lost=lost))
+        messages.append(note("data.not-finite", subject=name, lost=lost))
     if len(z) < ENOUGH or optional.of(block, "cov") is None:
-        return channel, found
+        return channel, messages
     imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
     for i in range(z.shape[1]):
-        bad, said = _channel(f"{name}[{i}]", z[:, i], imu, float(noise[i]))
+        bad, of_channel = _channel(f"{name}[{i}]", z[:, i], imu, float(noise[i]))
         z[bad, i] = np.nan
-        found += said
-    return channel._replace(z=z), _together(name, z.shape[1], found)
+        messages += of_channel
+    return channel._replace(z=z), _together(name, z.shape[1], messages)
 
 
 def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.ndarray, list[Diagnostic]]:
@@ -67,18 +67,18 @@ def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.nda
     here = grain(x[good])
     if here.sigma <= 0.0:
         return none, []
-    end, found = _clipped(label, x, here) if imu else (none, [])
+    end, messages = _clipped(label, x, here) if imu else (none, [])
     x = np.where(end, np.nan, x)
-    zero, said = _zeros(label, x, here, imu)
+    zero, zero_message = _zeros(label, x, here, imu)
     same, more = _repeats(label, x, here, imu)
-    return end | zero | same, found + said + more
+    return end | zero | same, messages + zero_message + more
 
 
-def _together(name: str, m: int, found: list[Diagnostic]) -> list[Diagnostic]:
+def _together(name: str, m: int, messages: list[Diagnostic]) -> list[Diagnostic]:
     """Return the findings, one for all m channels where these agree."""
     out: list[Diagnostic] = []
-    for one in found:
-        same = [o for o in found if (o.code, o.figures) == (one.code, one.figures)]
+    for one in messages:
+        same = [o for o in messages if (o.code, o.figures) == (one.code, one.figures)]
         if m > 1 and len(same) == m:
             out += [replace(one, subject=name)] if one is same[0] else []
         else:
@@ -105,9 +105,9 @@ def _dead(label: str, x: np.ndarray) -> Diagnostic:
     return note("data.dead-channel", Severity.WARNING, subject=label, value=float(x[0]), samples=len(x))
 
 
-def _part(bad: np.ndarray, known: np.ndarray) -> float:
-    """Return the percentage of samples `bad` (M,) of those `known` (M,)."""
-    return 100.0 * float(bad.sum()) / max(1, int(known.sum()))
+def _part(bad: np.ndarray, finite: np.ndarray) -> float:
+    """Return the percentage of samples `bad` (M,) of those `finite` (M,)."""
+    return 100.0 * float(bad.sum()) / max(1, int(finite.sum()))
 
 
 def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
@@ -147,12 +147,12 @@ def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndar
 
 def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[Diagnostic]]:
     """Samples at the end of a range.  (2), (3)"""
-    known, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
-    if known.sum() < ENOUGH or here.sigma < here.step:
+    finite, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
+    if finite.sum() < ENOUGH or here.sigma < here.step:
         return bad, []  # so coarse that levels are piles by themselves
     width = max(2.0 * here.step, 0.2 * here.sigma)
     for sign in (1.0, -1.0):
-        y = np.where(known, sign * x, -np.inf)
+        y = np.where(finite, sign * x, -np.inf)
         most = float(np.max(y))
         at = y == most
         inner = int(np.sum((y < most) & (y >= most - width)))
@@ -163,7 +163,7 @@ def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[D
             count += int(at.sum())
     if not ends:
         return bad, []
-    bad, part = bad & known, _part(bad & known, known)
+    bad, part = bad & finite, _part(bad & finite, finite)
     grave = Severity.WARNING if part > 100.0 * MUCH else Severity.INFO
     ends_at = ", ".join(f"{end:.4g}" for end in ends)
     return bad, [

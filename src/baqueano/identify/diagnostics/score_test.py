@@ -91,21 +91,21 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
     own: list[NuisanceSlopes] = []
     for k, (a, b) in enumerate(pairwise(ends.tolist())):
-        shown = identifiable[layout.of_starts(k)]
-        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), shown, range(q - layout.by_piece))
+        kept = identifiable[layout.of_starts(k)]
+        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), kept, range(q - layout.by_piece))
     for k in range(max(layout.runs) + 1):
         rows = np.flatnonzero(run == k)
-        shown = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
+        kept = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
         at = slice(int(rows[0]), int(rows[-1]) + 1)
-        own += _own(flat, w, at, m, range(s, s + layout.by_run), shown, range(s))
+        own += _own(flat, w, at, m, range(s, s + layout.by_run), kept, range(s))
     d = flat if identifiable[:s].all() and q == s else np.ascontiguousarray(flat[:s][identifiable[:s]].T).T
     weighted = np.empty((len(w), len(d) + 1)).T
     np.multiply(d, w, out=weighted[:-1])
     weighted[-1] = psi
     both = _product(weighted, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
-    left = [r for r, _, _ in pieces]
-    return FitResiduals(left, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted, power)
+    residuals = [r for r, _, _ in pieces]
+    return FitResiduals(residuals, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted, power)
 
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -144,43 +144,43 @@ def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
         D[:, at] -= ties @ d[:, at]
 
 
-def score_test(left: FitResiduals, D: np.ndarray) -> list[ProbeResult]:
-    """Probes D (K, N m), in standard deviations as `left` is: what the model would say more. One that ran away
+def score_test(fit: FitResiduals, D: np.ndarray) -> list[ProbeResult]:
+    """Probes D (K, N m), in standard deviations as `fit` is: what the model would say more. One that ran away
     asks nothing."""
-    sums = _sums(left, D)
+    sums = _sums(fit, D)
     away = ~np.isfinite(sums.whole)
     for part in (sums.whole, sums.total, sums.cross, *sums.own) if away.any() else ():
         part[away] = 0.0
-    return _score_tests(left, sums, lambda k: D[k])
+    return _score_tests(fit, sums, lambda k: D[k])
 
 
-def _sums(left: FitResiduals, D: np.ndarray) -> _Sums:
+def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
     """Of probes (K, N m)."""
-    whole, both = np.zeros(len(D)), np.zeros((len(left.weighted), len(D)))
+    whole, both = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
         for at in in_cache(D.shape[1], both.size):
             some = D.T[at]
-            whole += left.w[at] @ (some * some)
-            both += left.weighted[:, at] @ some
+            whole += fit.w[at] @ (some * some)
+            both += fit.weighted[:, at] @ some
         return _Sums(
-            whole, both[-1], both[:-1].T, [_product(D[:, own.at], own.weighted.T) for own in left.own]
+            whole, both[-1], both[:-1].T, [_product(D[:, own.at], own.weighted.T) for own in fit.own]
         )
 
 
-def score_test_parts(left: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ProbeResult]]:
+def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ProbeResult]]:
     """Test if each of the k entries differs in the rows of each mask (N,): D = 1_part d."""
-    k, n = len(left.d), len(left.run)
-    m, there = len(left.psi) // n, np.array(masks)
-    rows = left.weighted[:-1].T.reshape(n, m, k)
+    k, n = len(fit.d), len(fit.run)
+    m, there = len(fit.psi) // n, np.array(masks)
+    rows = fit.weighted[:-1].T.reshape(n, m, k)
     code = 2 ** np.arange(len(there)) @ there
     alike = (np.cumsum(np.bincount(code) > 0) - 1)[code]
     A = _in_parts(rows, rows, alike, there)  # w is 0 or 1
-    scores = np.einsum("nmk,nm->nk", left.d.T.reshape(n, m, k), left.psi.reshape(n, m))
+    scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.psi.reshape(n, m))
     own = [
         _in_parts(
             rows[one.rows], one.weighted.T.reshape(-1, m, len(one.d)), alike[one.rows], there[:, one.rows]
         )
-        for one in left.own
+        for one in fit.own
     ]
     sums = _Sums(
         np.einsum("pkk->pk", A).ravel(),
@@ -190,10 +190,10 @@ def score_test_parts(left: FitResiduals, masks: Sequence[np.ndarray]) -> list[li
     )
 
     def column(at: np.ndarray) -> np.ndarray:
-        return left.d[at % k] * np.repeat(there[at // k], m, axis=1)
+        return fit.d[at % k] * np.repeat(there[at // k], m, axis=1)
 
-    found = _score_tests(left, sums, column)
-    return [found[i : i + k] for i in range(0, len(found), k)]
+    tests = _score_tests(fit, sums, column)
+    return [tests[i : i + k] for i in range(0, len(tests), k)]
 
 
 def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray) -> np.ndarray:
@@ -212,37 +212,37 @@ def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray
 
 
 def _score_tests(
-    left: FitResiduals, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]
+    fit: FitResiduals, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]
 ) -> list[ProbeResult]:
     """(1)-(3) of the probes' sums; (4) of those `column`s that may be clear."""
-    ties = sums.cross @ left.inverse
+    ties = sums.cross @ fit.inverse
     power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
-    total = sums.total - ties @ left.score
+    total = sums.total - ties @ fit.score
     ties_own = []
-    for own, mine in zip(left.own, sums.own, strict=True):
+    for own, mine in zip(fit.own, sums.own, strict=True):
         ties_own.append(mine @ own.inverse)
         power -= np.einsum("ki,ki->k", mine, ties_own[-1])
-        total = total - ties_own[-1] @ _product(own.d, left.psi[own.at])
+        total = total - ties_own[-1] @ _product(own.d, fit.psi[own.at])
     there = power > UNSEEN * np.maximum(sums.whole, 1e-300)  # else θ imitates it, or nothing shows it
     size = np.where(there, total / np.where(there, power, 1.0), 0.0)
-    clear = np.flatnonzero(there & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * left.power)))
+    clear = np.flatnonzero(there & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * fit.power)))
     shift = -ties * size[:, None]
     out = [ProbeResult(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
     for first in range(0, len(clear), AT_ONCE):
         some = clear[first : first + AT_ONCE]
         D = column(some)
-        _take_out(D, ties[some], left.d)
-        for own, tie in zip(left.own, ties_own, strict=True):
+        _take_out(D, ties[some], fit.d)
+        for own, tie in zip(fit.own, ties_own, strict=True):
             _take_out(D[:, own.at], tie[some], own.d)
-        for k, (z, freedom) in zip(some, _jackknife(left, D), strict=True):
+        for k, (z, freedom) in zip(some, _jackknife(fit, D), strict=True):
             out[k] = out[k]._replace(z=z, freedom=freedom)
     return out
 
 
-def _jackknife(left: FitResiduals, D: np.ndarray) -> list[tuple[float, float]]:
+def _jackknife(fit: FitResiduals, D: np.ndarray) -> list[tuple[float, float]]:
     """z and degrees of freedom of D⊥ (K, N m).  (4)"""
-    first = left.blocks * (len(left.psi) // len(left.run))
-    S, P = np.add.reduceat(D * left.psi, first, axis=1), np.add.reduceat(D * D * left.w, first, axis=1)
+    first = fit.blocks * (len(fit.psi) // len(fit.run))
+    S, P = np.add.reduceat(D * fit.psi, first, axis=1), np.add.reduceat(D * D * fit.w, first, axis=1)
     total, power = S.sum(axis=1, keepdims=True), P.sum(axis=1, keepdims=True)
     h = P / power
     e = (S - total * h) / np.maximum(1.0 - h, 1e-3)

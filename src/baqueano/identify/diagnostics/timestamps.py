@@ -34,14 +34,14 @@ def checked(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
     """The run, mended and in pieces, and what was found."""
     if len(run.t_ns) < FEW:
         return [run], []
-    run, found = _units(run, rate_hz)
+    run, unit = _units(run, rate_hz)
     run, more = _bursts(run)
     stamped = {name: _stamps(name, channel) for name, channel in run.sensors.items()}
-    said = [one for _, said in stamped.values() for one in said]
-    if said:
+    messages = [one for _, messages in stamped.values() for one in messages]
+    if messages:
         run = replace(run, sensors={name: channel for name, (channel, _) in stamped.items()})
     pieces, cuts = _pieces(run)
-    return pieces, found + more + said + cuts
+    return pieces, unit + more + messages + cuts
 
 
 def _units(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
@@ -53,7 +53,7 @@ def _units(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
     guess = {1e3: note("time.milliseconds-as-seconds"), 1e-3: note("time.seconds-as-milliseconds")}.get(
         thousands, note("time.which-unit")
     )
-    found = note(
+    message = note(
         "time.unit", Severity.ERROR, step_s=usual_s, rate_hz=rate_hz, expected_s=1.0 / rate_hz, guess=guess
     )
     first = int(run.t_ns[0])
@@ -68,9 +68,9 @@ def _units(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
     sensors = {name: scaled(channel) for name, channel in run.sensors.items()}
     t_ns = _scaled(run.t_ns, first, off)
     if np.any(np.diff(t_ns) <= 0):
-        return run, [found]
+        return run, [message]
     bare = replace(run, t_ns=t_ns, sensors=sensors, truth=scaled(run.truth), estimate=None, reference=None)
-    return bare, [found]
+    return bare, [message]
 
 
 def _scaled(t_ns: np.ndarray, first: int, off: float) -> np.ndarray:
@@ -98,7 +98,7 @@ def spread(t_ns: np.ndarray) -> np.ndarray:
 
 
 def _bursts(run: Run) -> tuple[Run, list[Diagnostic]]:
-    found = []
+    messages = []
     if _is_burst(run.t_ns):
         t_ns = spread(run.t_ns)
         if np.all(np.diff(t_ns) > 0):
@@ -108,15 +108,15 @@ def _bursts(run: Run) -> tuple[Run, list[Diagnostic]]:
                 for name, c in run.sensors.items()
             }  # fmt: skip
             run = replace(run, t_ns=t_ns, sensors=sensors)
-            found.append(_burst("ticks", moved))
+            messages.append(_burst("ticks", moved))
     channels = dict(run.sensors)
     for name, c in channels.items():
         if len(c.t_ns) > FEW and np.all(np.diff(c.t_ns) >= 0) and _is_burst(c.t_ns):
             t_ns = spread(c.t_ns)
             moved = float(np.quantile(np.abs(t_ns - c.t_ns), 0.95)) / NANOSECONDS
             channels[name] = c._replace(t_ns=t_ns)
-            found.append(_burst(name, moved))
-    return replace(run, sensors=channels) if found else run, found
+            messages.append(_burst(name, moved))
+    return replace(run, sensors=channels) if messages else run, messages
 
 
 def _burst(what: str, moved_s: float) -> Diagnostic:
@@ -141,13 +141,15 @@ def _stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
     back = np.zeros(len(off), bool)
     latest = np.maximum.accumulate(np.where(off, np.iinfo(np.int64).min, c.t_ns))
     back[1:] = (c.t_ns[1:] <= latest[:-1]) & ~off[1:]
-    found = []
+    messages = []
     if off.any():
-        found.append(note("time.stamps-far", _grave(off), subject=name, lost=int(off.sum()), late_s=LATE_S))
+        messages.append(
+            note("time.stamps-far", _grave(off), subject=name, lost=int(off.sum()), late_s=LATE_S)
+        )
     if back.any():
-        found.append(note("time.stamps-back", _grave(back), subject=name, lost=int(back.sum())))
+        messages.append(note("time.stamps-back", _grave(back), subject=name, lost=int(back.sum())))
     keep = ~(off | back)
-    return (Channel(*(column[keep] for column in c)), found) if found else (c, [])
+    return (Channel(*(column[keep] for column in c)), messages) if messages else (c, [])
 
 
 def _grave(lost: np.ndarray) -> Severity:
@@ -165,10 +167,10 @@ def _pieces(run: Run) -> tuple[list[Run], list[Diagnostic]]:
     for a, b in pairwise(edges):
         if (run.t_ns[b - 1] - run.t_ns[a]) / NANOSECONDS >= PIECE_S:
             pieces.append(_piece(run, a, b))
-    seen = {"jumps": len(cuts), "most_s": float(steps_s.max()), "least_s": PIECE_S}
+    figures = {"jumps": len(cuts), "most_s": float(steps_s.max()), "least_s": PIECE_S}
     if not pieces:
-        return [run], [note("time.jump-throughout", Severity.ERROR, **seen)]
-    return pieces, [note("time.jump", Severity.INFO, pieces=len(pieces), **seen)]
+        return [run], [note("time.jump-throughout", Severity.ERROR, **figures)]
+    return pieces, [note("time.jump", Severity.INFO, pieces=len(pieces), **figures)]
 
 
 def _piece(run: Run, a: int, b: int) -> Run:

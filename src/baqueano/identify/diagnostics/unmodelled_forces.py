@@ -81,8 +81,8 @@ def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
     """sign x e^(−s/0.2 s) (N, c), s since each column last changed its sign."""
     out = np.zeros_like(x)
     for c, sign in enumerate(np.sign(x).T):
-        known = np.flatnonzero(sign != 0.0)
-        turned = known[1:][sign[known[1:]] != sign[known[:-1]]] if len(known) else known
+        moving = np.flatnonzero(sign != 0.0)
+        turned = moving[1:][sign[moving[1:]] != sign[moving[:-1]]] if len(moving) else moving
         if len(turned):
             edges = np.append(turned, len(t))
             since = t[turned[0] :] - np.repeat(t[turned], np.diff(edges))

@@ -112,13 +112,13 @@ def probes(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Calla
 
 def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Probes:
     """(2)"""
-    said: list[LabelledTerm] = []
+    labels: list[LabelledTerm] = []
     columns = []
     for record, motion, weight in zip(problem.records, now.motions, problem.weights, strict=True):
-        found = _readings(blocks, problem, record, motion)
-        said = [(code, what) for code, what, _ in found]
-        columns.append(np.stack([(D * weight).ravel() for _, _, D in found]))
-    return said, np.concatenate(columns, axis=1)
+        readings = _readings(blocks, problem, record, motion)
+        labels = [(code, what) for code, what, _ in readings]
+        columns.append(np.stack([(D * weight).ravel() for _, _, D in readings]))
+    return labels, np.concatenate(columns, axis=1)
 
 
 def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], Probes]:
@@ -141,14 +141,14 @@ def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> C
     else:
         pieces = each(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
         whole = partial(np.concatenate, pieces)
-    asked = [force for axis in AXES for force in forces(axis, len(most))]
-    some = [k for k, force in enumerate(asked) if force.channel is None or most[force.channel] > 0.0]
+    candidates = [force for axis in AXES for force in forces(axis, len(most))]
+    some = [k for k, force in enumerate(candidates) if force.channel is None or most[force.channel] > 0.0]
 
-    def found() -> Probes:
-        D = whole().reshape(-1, len(asked)).T  # (K, N m)
-        return [_words(asked[k]) for k in some], D if len(some) == len(asked) else D[some]
+    def probes() -> Probes:
+        D = whole().reshape(-1, len(candidates)).T  # (K, N m)
+        return [_words(candidates[k]) for k in some], D if len(some) == len(candidates) else D[some]
 
-    return found
+    return probes
 
 
 def _words(force: Force) -> LabelledTerm:
@@ -175,8 +175,8 @@ def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
         there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
         vehicle, motion = there.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
-        felt, signals = shown_by(there.sensors, state.signals, motion, row[0])
-        return MotionState(vehicle, signals), Motions(np.concatenate(felt), motion.nu, motion.nu_dot)
+        readings, signals = shown_by(there.sensors, state.signals, motion, row[0])
+        return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)
 
     return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
 
@@ -203,8 +203,8 @@ def _pushed(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         vehicle, motion = there.model.step(vehicle, u, dt_s, np.zeros(3))
         tick = motion.tick and tuple(there._replace(nu_dot=there.nu_dot + push) for there in motion.tick)
         motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
-        felt, signals = shown_by(there.sensors, state.signals, motion, dt_s)
-        return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(felt)
+        readings, signals = shown_by(there.sensors, state.signals, motion, dt_s)
+        return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(readings)
 
     rows = np.zeros(1 + n + m + every + shape.volts)
     return scan(step, start, rows, np.zeros(len(AXES) * count), backend=backend)
@@ -216,23 +216,23 @@ def _readings(
     """(2)"""
     h = still.h
     h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
-    found, at = [("delay", note("term.delay"), h_dot)], 0
+    terms, at = [("delay", note("term.delay"), h_dot)], 0
     for name, block, size in zip(problem.names, blocks.sensors, problem.sizes, strict=True):
         span = slice(at, at + size)
         at += size
         if len(problem.names) > 1:
             own = np.zeros_like(h)
             own[:, span] = h_dot[:, span]
-            found.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), own))
+            terms.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), own))
         if has_field(block, "lever_arm_m"):
-            found += _mount(name, h, still, span)
+            terms += _mount(name, h, still, span)
         if not getattr(block, "has_low_pass", True) and DELAY in problem.shape.shared:
             smooth = np.zeros_like(h)
             smooth[:, span] = LOW_PASS_S * h_dot[:, span]
             bend = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2
             smooth[1:-1, span] += LOW_PASS_S**2 * bend
-            found.append((f"low-pass of {name}", note("term.low-pass", subject=name), smooth))
-    return found
+            terms.append((f"low-pass of {name}", note("term.low-pass", subject=name), smooth))
+    return terms
 
 
 def _mount(name: str, h: np.ndarray, still: Motions, span: slice) -> list[tuple[str, Diagnostic, np.ndarray]]:

@@ -49,21 +49,21 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     signal, count = task.problem.signal(), 0
     # where the first leaves doubts, the second begins again from other ends
     for first in (_roughly, best_search):
-        found, scanned = _scanned(task, begin, i, max(SCAN_S, tick_s), first)
-        found, looked = _closer(task, found, i, max(SCAN_S, tick_s), tick_s)
-        within, found, walked = _walked(task, found, i, tick_s)
+        end, scanned = _scanned(task, begin, i, max(SCAN_S, tick_s), first)
+        end, looked = _closer(task, end, i, max(SCAN_S, tick_s), tick_s)
+        within, end, walked = _walked(task, end, i, tick_s)
         count += scanned + looked + walked
-        if found.stopped or found.sound(signal):
+        if end.stopped or end.sound(signal):
             break
-    return within, found._replace(evaluations=count)
+    return within, end._replace(evaluations=count)
 
 
-def bounds_of(task: Task, found: Search) -> Search:
-    """`found` with those at their bounds in the eyes of `task`, not of a tick."""
-    theta, near = found.solution.theta, 1e-3 * (task.high - task.low)
+def bounds_of(task: Task, end: Search) -> Search:
+    """`end` with those at their bounds in the eyes of `task`, not of a tick."""
+    theta, near = end.solution.theta, 1e-3 * (task.high - task.low)
     near = np.where(np.isfinite(near), np.minimum(near, 1e-6), 0.0)
     bound = np.where(theta <= task.low + near, -1, np.where(theta >= task.high - near, 1, 0))
-    return found._replace(solution=found.solution._replace(bound=bound))
+    return end._replace(solution=end.solution._replace(bound=bound))
 
 
 def _scanned(
@@ -85,18 +85,18 @@ def _scanned(
             best = last if _least(last) < _least(best) else best
     if best is middle.solution:
         return middle, total
-    found = _held_at(task, middle._replace(solution=best), i, float(best.theta[i]))
-    return found, total + found.evaluations
+    end = _fixed_at(task, middle._replace(solution=best), i, float(best.theta[i]))
+    return end, total + end.evaluations
 
 
-def _closer(task: Task, found: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
-    """`found` with θ at the best of a finer grid, a step of the first one to both sides.  (2)"""
-    total, best = 0, found
+def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
+    """`end` with θ at the best of a finer grid, a step of the first one to both sides.  (2)"""
+    total, best = 0, end
     while 2.0 * step_s > MOST * tick_s and not best.stopped:
         step_s, middle = 0.5 * step_s, best
         for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
             if task.low[i] <= delay_s <= task.high[i]:
-                other = _held_at(task, middle, i, delay_s)
+                other = _fixed_at(task, middle, i, delay_s)
                 total += other.evaluations
                 best = _better(task, best, other)
     at, fine_s = best.solution.theta[i], FINE * tick_s
@@ -137,22 +137,22 @@ def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float, least: flo
     return _fitted(task, _put(theta, i, delay_s), np.arange(len(theta)) == i, least)
 
 
-def _least(found: Solution) -> float:
+def _least(end: Solution) -> float:
     """The cost where the search would end, by the parabola through where it is."""
-    return found.at.cost - 0.5 * found.decrement
+    return end.at.cost - 0.5 * end.decrement
 
 
-def _fitted(task: Task, theta: np.ndarray, held: np.ndarray | None, least: float = ROUGH) -> Solution:
+def _fitted(task: Task, theta: np.ndarray, fixed: np.ndarray | None, least: float = ROUGH) -> Solution:
     return task.minimise(
         task.problem.evaluate, theta, task.low, task.high,
-        held=held, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
+        fixed=fixed, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
     )  # fmt: skip
 
 
-def _held_at(task: Task, near: Search, i: int, delay_s: float) -> Search:
+def _fixed_at(task: Task, near: Search, i: int, delay_s: float) -> Search:
     """The search from where `near` ended, with this delay."""
-    held = np.arange(len(task.first)) == i
-    return search(task, _put(near.solution.theta, i, delay_s), held, near, rough=True)
+    fixed = np.arange(len(task.first)) == i
+    return search(task, _put(near.solution.theta, i, delay_s), fixed, near, rough=True)
 
 
 def _better(task: Task, one: Search, other: Search) -> Search:
@@ -160,27 +160,27 @@ def _better(task: Task, one: Search, other: Search) -> Search:
     return other if other.badness(counts) < one.badness(counts) else one
 
 
-def _walked(task: Task, found: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
+def _walked(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
     """Tick by tick to the one that holds the least cost; at a kink, of the side with the larger error.  (4)"""
-    k, total, been = int(found.solution.theta[i] / tick_s), 0, {}
+    k, total, been = int(nearest.solution.theta[i] / tick_s), 0, {}
     while True:
         inside = _inside(task, i, k, tick_s)
-        found = search(inside, np.clip(found.solution.theta, inside.low, inside.high), None, found)
-        total += found.evaluations
-        been[k] = inside, found
-        side = int(found.solution.bound[i])
+        nearest = search(inside, np.clip(nearest.solution.theta, inside.low, inside.high), None, nearest)
+        total += nearest.evaluations
+        been[k] = inside, nearest
+        side = int(nearest.solution.bound[i])
         ahead = (k + side + 0.5) * tick_s
-        if found.stopped or side == 0 or not task.low[i] < ahead < task.high[i] or len(been) > STEPS:
-            return inside, found, total
+        if nearest.stopped or side == 0 or not task.low[i] < ahead < task.high[i] or len(been) > STEPS:
+            return inside, nearest, total
         if k + side in been:
             ends = been[k], been[k + side]
             return *max(ends, key=lambda end: _width(end[1], i)), total
         k += side
 
 
-def _width(found: Search, i: int) -> float:
+def _width(end: Search, i: int) -> float:
     """The variance of entry i, all others known; of a model that ran away none is larger."""
-    info = information(found.problem, found.solution.theta)
+    info = information(end.problem, end.solution.theta)
     bread = float(info.bread[i, i])
     return float(info.meat[i, i]) / bread**2 if bread > 0.0 else np.inf
 
@@ -216,8 +216,8 @@ def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> in
         return None  # no duties
 
     def rounded(steps: int, rows: np.ndarray) -> np.ndarray:
-        left, right = quantised(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)
-        u = np.stack([0.5 * (left + right), rows[:, 2], 0.5 * (right - left)], axis=1)
+        duty_left, right = quantised(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)
+        u = np.stack([0.5 * (duty_left + right), rows[:, 2], 0.5 * (right - duty_left)], axis=1)
         return np.concatenate([rows[:, :1], u, rows[:, 1 + n :]], axis=1)
 
     before = problem.cost(theta, lambda rows: rows)

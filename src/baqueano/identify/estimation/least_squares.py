@@ -45,13 +45,13 @@ class Solution(NamedTuple):
 class Minimiser(Protocol):
     """A solver of one's own: the θ (p,) of least cost between `low` and `high` (p,), from `theta` (p,).
 
-    `held` (p,) bool marks entries that do not move. It may stop where less than `tolerance` (4) is left to gain, or
+    `fixed` (p,) bool marks entries that do not move. It may stop where less than `tolerance` (4) is left to gain, or
     after `most` evaluations; `damping` says how near the start is: 1e-2 far, 1e-6 near. `solution_at` makes the answer.
     """
 
     def __call__(
         self, evaluate: Callable[[np.ndarray], Evaluation], theta: np.ndarray, low: np.ndarray, high: np.ndarray, *,
-        held: np.ndarray | None, tolerance: float, most: int, damping: float,
+        fixed: np.ndarray | None, tolerance: float, most: int, damping: float,
     ) -> Solution: ...  # fmt: skip
 
 
@@ -101,34 +101,34 @@ def minimise(
     low: np.ndarray,
     high: np.ndarray,
     *,
-    held: np.ndarray | None = None,
+    fixed: np.ndarray | None = None,
     tolerance: float = 1e-8,
     most: int = MOST,
     damping: float = DAMPING,
     at: Evaluation | None = None,
 ) -> Solution:
-    """The θ (p,) of least cost between `low` and `high` (p,); `held` (p,) marks entries that do not move;
+    """The θ (p,) of least cost between `low` and `high` (p,); `fixed` (p,) marks entries that do not move;
     `at` is the evaluation at the start, where it is known already."""
     theta = _clipped(theta, low, high)
-    may_move = np.ones(len(theta), bool) if held is None else ~held
+    may_move = np.ones(len(theta), bool) if fixed is None else ~fixed
     here = evaluate(theta) if at is None else at
     done, grow, idle = 1 if at is None else 0, 2.0, 0
     if not _finite(here):
         return Solution(theta, here, False, np.inf, done, _bound(theta, low, high))
-    scale, asked = np.zeros(len(theta)), False
+    scale, kinks_tested = np.zeros(len(theta)), False
     while True:
         scale = np.maximum(scale, here.hessian.diagonal())
         movable = may_move & (scale > 0.0) & ~_leaving(theta, here.gradient, low, high)
-        left = _decrement(here, scale, movable)
-        if (idle >= 3 or damping > STUCK) and left >= STALLED and done < most and not asked:
+        decrement = _decrement(here, scale, movable)
+        if (idle >= 3 or damping > STUCK) and decrement >= STALLED and done < most and not kinks_tested:
             at_kinks, tried = _at_kinks(evaluate, here, theta, scale, movable)
-            may_move, done, asked = may_move & ~at_kinks, done + tried, True
+            may_move, done, kinks_tested = may_move & ~at_kinks, done + tried, True
             if at_kinks.any():
                 damping, grow, idle = DAMPING, 2.0, 0
                 continue
-        if left < tolerance or idle >= 3 or done >= most:
-            converged = left < tolerance or (idle >= 3 and left < STALLED)
-            return Solution(theta, here, converged, left, done, _bound(theta, low, high))
+        if decrement < tolerance or idle >= 3 or done >= most:
+            converged = decrement < tolerance or (idle >= 3 and decrement < STALLED)
+            return Solution(theta, here, converged, decrement, done, _bound(theta, low, high))
         over = 1.0 + OVER / (1.0 + 1e3 * damping)
         s = _bounded_step(here, scale, damping, over, movable, theta, low, high)
         trial = _clipped(theta + s, low, high)
@@ -140,7 +140,7 @@ def minimise(
             damping *= max(SHRINK, 1.0 - (2.0 * gained / expected - 1.0) ** 3)
             grow = 2.0
             idle = idle + 1 if gained < 1e-12 * here.cost else 0
-            theta, here, asked = trial, there, False
+            theta, here, kinks_tested = trial, there, False
         else:
             damping, grow = damping * grow, 2.0 * grow
             idle += gained == 0.0
@@ -156,13 +156,13 @@ def _at_kinks(
     movable: np.ndarray,
 ) -> tuple[np.ndarray, int]:
     """Which entries (p,) have no slope to go down, though they have one, and how many evaluations it took.  (5)"""
-    found, slope = np.zeros(len(theta), bool), here.gradient / np.sqrt(np.maximum(scale, 1e-300))
+    at_kink, slope = np.zeros(len(theta), bool), here.gradient / np.sqrt(np.maximum(scale, 1e-300))
     steep = np.flatnonzero(movable & (np.abs(slope) > STEEP))
     for i in steep:
         there = theta.copy()
         there[i] -= NEAR * np.sign(slope[i]) / np.sqrt(scale[i])
-        found[i] = evaluate(there).cost > here.cost
-    return found, len(steep)
+        at_kink[i] = evaluate(there).cost > here.cost
+    return at_kink, len(steep)
 
 
 def _finite(at: Evaluation) -> bool:

@@ -170,11 +170,11 @@ def most_likely(
     theta: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    held: np.ndarray,
+    fixed: np.ndarray,
     least: np.ndarray | None = None,
     say: Callable[[str], object] | None = None,
 ) -> MaximumLikelihood:
-    """The most likely x from the simulation's `theta` (p,), between its bounds and with what it `held` (p,).
+    """The most likely x from the simulation's `theta` (p,), between its bounds and with what it `fixed` (p,).
 
     No sensor's noise is taken for less than `least` (m,), what its converter and its numbers allow.
     First over a still floor, then over one that moves. `say` is told how far it is; True from it ends a search.
@@ -185,18 +185,18 @@ def most_likely(
     high = np.concatenate([high, np.full(k, np.inf), np.full(m, WIDEST)])
     floor = np.zeros(len(x), bool)
     floor[len(theta) : len(theta) + k] = True
-    held = np.concatenate([held, np.zeros(k + m, bool)])
-    before = _searched(prediction, x, low, high, held | floor, DAMPING, say)
-    found = _searched(prediction, before.theta, low, high, held, 1e-6, say)
-    ratio = 2.0 * (before.at.cost - found.at.cost) / TAU
-    theta, noise = prediction.parts(found.theta)
-    info = prediction.information(found.theta)
-    inside = floor & (found.theta > 0.0)
+    fixed = np.concatenate([fixed, np.zeros(k + m, bool)])
+    before = _searched(prediction, x, low, high, fixed | floor, DAMPING, say)
+    solution = _searched(prediction, before.theta, low, high, fixed, 1e-6, say)
+    ratio = 2.0 * (before.at.cost - solution.at.cost) / TAU
+    theta, noise = prediction.parts(solution.theta)
+    info = prediction.information(solution.theta)
+    inside = floor & (solution.theta > 0.0)
     sd = np.full(len(x), np.nan)
-    kept = np.flatnonzero((inside | (~held & ~floor)) & (np.diagonal(info.bread) > 0.0))
+    kept = np.flatnonzero((inside | (~fixed & ~floor)) & (np.diagonal(info.bread) > 0.0))
     sd[kept] = np.sqrt(np.diagonal(covariance_of(info, kept)))
     return MaximumLikelihood(
-        found, theta, noise, sd[floor], info, ratio, before.evaluations + found.evaluations
+        solution, theta, noise, sd[floor], info, ratio, before.evaluations + solution.evaluations
     )
 
 
@@ -205,8 +205,8 @@ def tail(ratio: float, degrees: int) -> float:
     half = max(ratio, 0.0) / 2.0
     if degrees == 2:
         return exp(-half)
-    said = erfc(sqrt(half))
-    return said if degrees == 1 else said + 2.0 * sqrt(half / pi) * exp(-half)
+    probability = erfc(sqrt(half))
+    return probability if degrees == 1 else probability + 2.0 * sqrt(half / pi) * exp(-half)
 
 
 def _searched(
@@ -214,26 +214,28 @@ def _searched(
     x: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    held: np.ndarray,
+    fixed: np.ndarray,
     damping: float,
     say: Callable[[str], object] | None,
 ) -> Solution:
     """The least of J from `x`; `say` is told how far it is, and True from it ends the search."""
     count, at = 0, None
     while True:
-        found = minimise(
+        solution = minimise(
             prediction.evaluate, x, low, high,
-            held=held, tolerance=TOLERANCE, most=PATIENCE, damping=damping, at=at,
+            fixed=fixed, tolerance=TOLERANCE, most=PATIENCE, damping=damping, at=at,
         )  # fmt: skip
-        count += found.evaluations
+        count += solution.evaluations
         stopped = (
             say is not None
-            and say(_("innovations: {count} evaluations, cost {cost:.6g}", count=count, cost=found.at.cost))
+            and say(
+                _("innovations: {count} evaluations, cost {cost:.6g}", count=count, cost=solution.at.cost)
+            )
             is True
         )
-        if found.converged or stopped or count >= MOST or not np.isfinite(found.at.cost):
-            return found._replace(evaluations=count)
-        x, at, damping = found.theta, found.at, 1e-6
+        if solution.converged or stopped or count >= MOST or not np.isfinite(solution.at.cost):
+            return solution._replace(evaluations=count)
+        x, at, damping = solution.theta, solution.at, 1e-6
 
 
 def _normal(one: Slopes) -> Evaluation:

@@ -39,10 +39,10 @@ class Task(NamedTuple):
     low: np.ndarray  # (p,)
     high: np.ndarray  # (p,)
     floor: np.ndarray  # (m,) least σ
-    given: np.ndarray | None  # (m,) σ, where it is known
+    fixed_sigma: np.ndarray | None  # (m,) σ, where it is known
     by_speed: bool = False  # whether the noise may grow with speed: noise_level.py
     say: Callable[[str], object] | None = None  # told how far it is; True from it ends the search
-    believed: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
+    prior_sigma: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
     again: bool = True  # whether a search that leaves doubts is begun again: not of data that are refused
     minimise: Minimiser = minimise  # finds the least cost of one σ
 
@@ -65,8 +65,8 @@ class Search(NamedTuple):
 
     def badness(self, counts: np.ndarray) -> float:
         """Return the logarithm of the residual spread over all samples, by which searches are compared."""
-        left = float(counts @ np.log(self.sigma))
-        return left if np.isfinite(left) and np.isfinite(self.solution.at.cost) else np.inf
+        log_sigma = float(counts @ np.log(self.sigma))
+        return log_sigma if np.isfinite(log_sigma) and np.isfinite(self.solution.at.cost) else np.inf
 
 
 def best_search(task: Task, begin: np.ndarray) -> Search:
@@ -96,29 +96,31 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
 def search(
     task: Task,
     theta: np.ndarray,
-    held: np.ndarray | None = None,
+    fixed: np.ndarray | None = None,
     before: Search | None = None,
     rough: bool = False,
 ) -> Search:
-    """One search from `theta` (p,), with what is `held` (p,) and the σ of the one before, if any.  (1)
+    """One search from `theta` (p,), with what is `fixed` (p,) and the σ of the one before, if any.  (1)
 
     `rough`: only until σ moves little.
     """
-    problem, known = task.problem, task.given is not None
+    problem, sigma_fixed = task.problem, task.fixed_sigma is not None
     damping = 1e-2 if before is None else 1e-6
     if before is not None:
         sigma, profile = before.sigma, before.profile
     else:
-        sigma, profile = sigma_at(task, problem, theta) if task.given is None else (task.given, None)
-    count, turn, near, stopped = 0, 1, known, False
+        sigma, profile = (
+            sigma_at(task, problem, theta) if task.fixed_sigma is None else (task.fixed_sigma, None)
+        )
+    count, turn, near, stopped = 0, 1, sigma_fixed, False
     while True:
         problem = problem.weighed(sigma, profile)
         near = near or turn == ROUNDS
-        found = task.minimise(
-            problem.evaluate, theta, task.low, task.high, held=held, damping=damping,
+        solution = task.minimise(
+            problem.evaluate, theta, task.low, task.high, fixed=fixed, damping=damping,
             tolerance=FINE if near else ROUGH, most=MOST if near else PATIENCE,
         )  # fmt: skip
-        theta, count, damping = found.theta, count + found.evaluations, 1e-6
+        theta, count, damping = solution.theta, count + solution.evaluations, 1e-6
         if task.say is not None:
             stopped = (
                 task.say(
@@ -126,35 +128,35 @@ def search(
                         "round {turn}: {count} evaluations, cost {cost:.6g}",
                         turn=turn,
                         count=count,
-                        cost=found.at.cost,
+                        cost=solution.at.cost,
                     )
                 )
                 is True
             )
-        if known or turn == ROUNDS or not np.isfinite(found.at.cost):
+        if sigma_fixed or turn == ROUNDS or not np.isfinite(solution.at.cost):
             break
         now, profile = sigma_at(task, problem, theta)
         moved = float(np.max(np.abs(np.log(now / sigma))))
         if (near and moved < SETTLED) or (rough and moved < NEAR):
             break
         if stopped:
-            found = found._replace(converged=False)
+            solution = solution._replace(converged=False)
             break
         sigma, near, turn = now, moved < NEAR, turn + 1
-    colour = autocorrelation(problem.residuals(found.theta), problem.has)
-    return Search(problem, found, problem.sigma, colour, count, profile, stopped)
+    colour = autocorrelation(problem.residuals(solution.theta), problem.has)
+    return Search(problem, solution, problem.sigma, colour, count, profile, stopped)
 
 
 def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
     """σ (m,) of the residuals at θ, and its profile (N, m) per piece; of the measurements where the model runs
     away."""
-    left, profile = problem.left(theta), None
-    if not all(np.isfinite(r).all() for r in left):
+    residuals, profile = problem.misfits(theta), None
+    if not all(np.isfinite(r).all() for r in residuals):
         sigma = spread(problem.z, problem.has, task.floor)
     elif task.by_speed:
-        sigma, profile = problem.spread_and_profile(left, theta, task.floor)
+        sigma, profile = problem.spread_and_profile(residuals, theta, task.floor)
     else:
-        sigma = spread(left, telling(left, problem.has, problem.z), task.floor)
-    if task.believed is not None:
-        sigma = np.where(task.believed > 0.0, task.believed, sigma)
+        sigma = spread(residuals, telling(residuals, problem.has, problem.z), task.floor)
+    if task.prior_sigma is not None:
+        sigma = np.where(task.prior_sigma > 0.0, task.prior_sigma, sigma)
     return sigma, profile

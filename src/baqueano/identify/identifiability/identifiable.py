@@ -54,13 +54,13 @@ def identifiability_of(
     energy: np.ndarray,
     theta: np.ndarray,
     shared: Sequence[Free],
-    held: np.ndarray,
+    fixed: np.ndarray,
     span: np.ndarray | None = None,
 ) -> Identifiability:
-    """Which entries of θ (p,) the data show, of which those `shared` are parameters of the vehicle, first; `held` (p,)
+    """Which entries of θ (p,) the data show, of which those `shared` are parameters of the vehicle, first; `fixed` (p,)
     bool are out of the question already, `span` (p,) is how far apart their bounds are."""
     by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
-    identifiable, collinear, near = ~held & (np.diagonal(info.bread) > 0.0), {}, {}
+    identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
     signal = _signal_scale(info.channels, energy)
     while identifiable.any():
         direction = _unseen_direction(info.bread, identifiable)
@@ -68,8 +68,8 @@ def identifiability_of(
             break
         part = np.abs(direction) / np.max(np.abs(direction))
         inside = np.flatnonzero(part >= LOADING).tolist()
-        touched, known = np.flatnonzero(part >= TOUCHED), np.diagonal(info.bread)
-        rank = [(by_hand[i], round(part[i], 1), -known[i] if i >= len(shared) else 0.0) for i in touched]
+        touched, diagonal = np.flatnonzero(part >= TOUCHED), np.diagonal(info.bread)
+        rank = [(by_hand[i], round(part[i], 1), -diagonal[i] if i >= len(shared) else 0.0) for i in touched]
         out = int(touched[max(range(len(touched)), key=rank.__getitem__)])
         collinear[out] = tuple(i for i in inside if i != out)
         identifiable[out] = False
@@ -126,31 +126,31 @@ def _signal_scale(channels: np.ndarray, energy: np.ndarray) -> np.ndarray:
 
 
 def fix_unidentifiable(
-    task: Task, found: Search, free: Sequence[Free]
+    task: Task, end: Search, free: Sequence[Free]
 ) -> tuple[Search, Identifiability, Information]:
     """The same search with all that the data do not show held where it was; `free` are the first entries of θ."""
-    problem = found.problem
+    problem = end.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
     count = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
-    held, ties = np.zeros(count, bool), {}
+    fixed, ties = np.zeros(count, bool), {}
     while True:
-        problem, theta = found.problem, found.solution.theta
+        problem, theta = end.problem, end.solution.theta
         info = information(problem, theta)
         if not whole:
             A, B = without_starts(info.bread, info.meat, problem.layout)
             info = info._replace(bread=A, meat=B, channels=info.channels[:, :count])
-        if task.believed is not None:  # a tape has no signal to compare with
-            info = info._replace(channels=info.channels * (task.believed == 0.0)[:, None])
+        if task.prior_sigma is not None:  # a tape has no signal to compare with
+            info = info._replace(channels=info.channels * (task.prior_sigma == 0.0)[:, None])
         span = (task.high - task.low)[:count]
         span[[k for k, one in enumerate(free) if one.path == DELAY]] = np.inf
-        identifiability = identifiability_of(info, energy(problem, theta), theta[:count], free, held, span)
+        identifiability = identifiability_of(info, energy(problem, theta), theta[:count], free, fixed, span)
         ties |= identifiability.collinear
-        if np.array_equal(~identifiability.mask, held):
-            return found, identifiability._replace(collinear=ties), info
-        held = ~identifiability.mask
-        still = np.concatenate([held, np.zeros(problem.size - count, bool)])
-        again = search(task, np.where(still, task.first, theta), still, found)
-        found = again._replace(evaluations=found.evaluations + again.evaluations)
+        if np.array_equal(~identifiability.mask, fixed):
+            return end, identifiability._replace(collinear=ties), info
+        fixed = ~identifiability.mask
+        still = np.concatenate([fixed, np.zeros(problem.size - count, bool)])
+        again = search(task, np.where(still, task.first, theta), still, end)
+        end = again._replace(evaluations=end.evaluations + again.evaluations)
 
 
 def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
@@ -187,10 +187,10 @@ class FinishedFit(NamedTuple):
     task: Task
     wanted: list[Free]  # (p,) all parameters that were asked for
     frozen: list[int]  # those whose command never moved; they are not in θ
-    found: Search
+    search: Search
     identifiability: Identifiability
     info: Information
-    said: Diagnostic | None = None  # what was done before the search
+    note: Diagnostic | None = None  # what was done before the search
     doubts: tuple[Diagnostic, ...] = ()  # about the data
     ask: bool = True  # what is not in the model
     floor: bool = False  # whether one that moves explains what a simulation leaves

@@ -51,12 +51,12 @@ class Series(NamedTuple):
 
 def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
     """Return sensor, entry and slope of the inertial number that shows ν̇_x best; None where none does."""
-    shown = [
+    readings = [
         (name, i, float(slope[AHEAD_DOT]))
         for name in sorted(inertial)
         for i, slope in enumerate(slopes(getattr(ekf.sensors, name)))
     ]
-    best = max(shown, key=lambda one: abs(one[2]), default=None)
+    best = max(readings, key=lambda one: abs(one[2]), default=None)
     return best if best and best[2] != 0.0 else None
 
 
@@ -66,15 +66,15 @@ def felt_part(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
     if len(sums) < FEWEST or not np.sum(sums[:, 1]) > 0.0:
         return 1.0
     pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
-    both, shown = np.moveaxis(sums[pick].sum(axis=1), 1, 0)
-    part = np.where(shown > 0.0, both / np.where(shown > 0.0, shown, 1.0), 1.0)
+    both, by_wheels = np.moveaxis(sums[pick].sum(axis=1), 1, 0)
+    part = np.where(by_wheels > 0.0, both / np.where(by_wheels > 0.0, by_wheels, 1.0), 1.0)
     return float(np.clip(np.quantile(part, HIGH), LEAST, 1.0))
 
 
-def sums_of(speed: Series, felt: Series, rate: Series) -> np.ndarray:
+def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
     """Return Σ w A B and Σ w (B² − 6 q/τ²) of blocks (K, 2), over all τ; `rate` is that of the heading.  (1), (2)"""
-    begin, end = (cut(each.t_s[k] for each in (speed, felt, rate)) for cut, k in ((max, 0), (min, -1)))
-    way, psi = felt.integral(), rate.integral()
+    begin, end = (cut(each.t_s[k] for each in (speed, ahead, rate)) for cut, k in ((max, 0), (min, -1)))
+    way, psi = ahead.integral(), rate.integral()
     floor = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
     floor += [one.integral() for one in floor]
     white = (MAD * float(np.median(np.abs(np.diff(speed.x, 2))))) ** 2 / 6.0
@@ -94,25 +94,25 @@ def sums_of(speed: Series, felt: Series, rate: Series) -> np.ndarray:
 
 def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple[Series, Series, Series]]:
     """Residuals of the wheels' speed and of the accelerometer ahead, and the yaw rate by the gyro, of each run."""
-    felt, shown = accelerometer_ahead(ekf, inertial), readings_of(ekf.sensors, layout(ekf).names)
-    wheels = next((one for one in shown if AHEAD in one.of and one.name not in inertial), None)
-    gyro = next((one for one in shown if one.is_gyro), None)
-    if felt is None or wheels is None or gyro is None:
+    ahead, readings = accelerometer_ahead(ekf, inertial), readings_of(ekf.sensors, layout(ekf).names)
+    wheels = next((one for one in readings if AHEAD in one.of and one.name not in inertial), None)
+    gyro = next((one for one in readings if one.is_gyro), None)
+    if ahead is None or wheels is None or gyro is None:
         return
     for run in fit.runs:
         by = {(c.sensor, c.entry): c for c in fit.channels if c.run == run}
-        if not {felt[:2], *((one.name, k) for one in (wheels, gyro) for k in one.rows)} <= by.keys():
+        if not {ahead[:2], *((one.name, k) for one in (wheels, gyro) for k in one.rows)} <= by.keys():
             continue
-        of, its = by[felt[:2]], [by[gyro.name, k] for k in gyro.rows]
+        of, its = by[ahead[:2]], [by[gyro.name, k] for k in gyro.rows]
         z = np.stack([c.measured for c in its], axis=1) - gyro.at_rest
         r = np.stack(
             [by[wheels.name, k].measured - by[wheels.name, k].predicted for k in wheels.rows], axis=1
         )
         each = (
             (by[wheels.name, wheels.rows[0]].t_s, r @ wheels.inverse[AHEAD]),
-            (of.t_s, (of.measured - of.predicted) / felt[2]),
+            (of.t_s, (of.measured - of.predicted) / ahead[2]),
             (its[0].t_s, z @ gyro.inverse[TURNING]),
         )
-        known = [Series(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in each]
-        if min(len(one.t_s) for one in known) >= 2 * SAMPLES:
-            yield known[0], known[1], known[2]
+        series = [Series(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in each]
+        if min(len(one.t_s) for one in series) >= 2 * SAMPLES:
+            yield series[0], series[1], series[2]

@@ -165,5 +165,5 @@ def _by_belief(off: Sequence[NormalisedSquare]) -> JsonObject:
     return {"too_sure": sure, "too_careful": careful}
 
 
-def _figures(found: Sequence[NormalisedSquare]) -> str:
-    return ", ".join(f"{one.name}: {one.mean:.2f} ({one.low:.2f} … {one.high:.2f})" for one in found)
+def _figures(noise: Sequence[NormalisedSquare]) -> str:
+    return ", ".join(f"{one.name}: {one.mean:.2f} ({one.low:.2f} … {one.high:.2f})" for one in noise)

@@ -46,7 +46,7 @@ class Coefficients(NamedTuple):
     sd: np.ndarray  # (3,)
 
     @property
-    def seen(self) -> np.ndarray:
+    def measurable(self) -> np.ndarray:
         """(3,) bool."""
         return self.value > 2.0 * self.sd
 

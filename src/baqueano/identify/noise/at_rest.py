@@ -79,13 +79,16 @@ class AtRest:
                 "rate_hz": c.rate_hz,
             }
             row |= {"mean": c.mean, "mean_sd": c.mean_sd, "sd": c.sd, "step": c.step}
-            for name, value, sd, seen in zip(
+            for name, value, sd, measurable in zip(
                 ("white_noise", "bias_instability", "bias_walk"),
                 *c.coefficients,
-                c.coefficients.seen,
+                c.coefficients.measurable,
                 strict=True,
             ):
-                row |= {name: float(value) if seen else None, f"{name}_sd": float(sd) if seen else None}
+                row |= {
+                    name: float(value) if measurable else None,
+                    f"{name}_sd": float(sd) if measurable else None,
+                }
             row["allan_1s"] = c.allan_1s
             out.append(row | {"temperature_slope": c.slope, "temperature_slope_sd": c.slope_sd})
         return out
@@ -99,8 +102,10 @@ class AtRest:
             head + f" {_('per °C'):>20}",
         ]
         for c in self.channels:
-            pairs = zip(c.coefficients.value, c.coefficients.seen, strict=True)
-            parts = " ".join(f"{number(value):>10.3g}" if seen else f"{'-':>10}" for value, seen in pairs)
+            pairs = zip(c.coefficients.value, c.coefficients.measurable, strict=True)
+            parts = " ".join(
+                f"{number(value):>10.3g}" if measurable else f"{'-':>10}" for value, measurable in pairs
+            )
             warm = "" if c.slope is None else f"{number(c.slope):.2g} ± {number(c.slope_sd):.1g}"
             lines.append(
                 f"{c.sensor}[{c.entry}]".ljust(16)
@@ -116,9 +121,9 @@ class AtRest:
 
         values: JsonObject = {}
         for name, block in file.sensors._asdict().items():
-            said = {c.entry: c for c in self.channels if c.sensor == name}
-            if has_field(block, "gyro_noise_std") and set(said) == {0, 1, 2}:
-                values |= _of_imu(f"sensors.{name}", said)
+            own = {c.entry: c for c in self.channels if c.sensor == name}
+            if has_field(block, "gyro_noise_std") and set(own) == {0, 1, 2}:
+                values |= _of_imu(f"sensors.{name}", own)
         if not values:
             raise UsageError(fault("at-rest.no-imu", run=self.run, vehicle=file.name))
         return file.with_values(
@@ -202,8 +207,8 @@ def _over_temperature(
         return None, None
     away = T_mean - T_mean.mean()
     slope = float(away @ y_mean / (away @ away))
-    left = y_mean - y_mean.mean() - slope * away
-    return slope, float(np.sqrt(left @ left / (BLOCKS - 2) / (away @ away)))
+    residuals = y_mean - y_mean.mean() - slope * away
+    return slope, float(np.sqrt(residuals @ residuals / (BLOCKS - 2) / (away @ away)))
 
 
 def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[Diagnostic]:
@@ -224,14 +229,16 @@ def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[Dia
     return out
 
 
-def _of_imu(path: str, said: dict[int, ChannelAtRest]) -> "JsonObject":
+def _of_imu(path: str, own: dict[int, ChannelAtRest]) -> "JsonObject":
     """Values of an IMU from its three channels: noise of one sample, and the walk where it is seen."""
-    walk = [float(said[k].coefficients.value[2]) if said[k].coefficients.seen[2] else 0.0 for k in range(3)]
+    walk = [
+        float(own[k].coefficients.value[2]) if own[k].coefficients.measurable[2] else 0.0 for k in range(3)
+    ]
     return {
-        f"{path}.accel_noise_std": [said[0].sd, said[1].sd],
-        f"{path}.gyro_noise_std": said[2].sd,
-        f"{path}.accel_bias": [said[0].mean, said[1].mean],
-        f"{path}.gyro_bias": said[2].mean,
+        f"{path}.accel_noise_std": [own[0].sd, own[1].sd],
+        f"{path}.gyro_noise_std": own[2].sd,
+        f"{path}.accel_bias": [own[0].mean, own[1].mean],
+        f"{path}.gyro_bias": own[2].mean,
         f"{path}.accel_bias_walk": max(walk[:2]),
         f"{path}.gyro_bias_walk": walk[2],
     }

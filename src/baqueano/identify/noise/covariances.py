@@ -112,9 +112,9 @@ class Noise(Result):
                 still = None if rest is None else float(np.sqrt(rest[i, i]))
                 sd, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
                 out.append({"name": f"{name}[{i}]", "sd": sd, "sd_at_rest": still, "unit": unit})
-        known = dict(parameters(AugmentedEkf))
+        fields_of_filter = dict(parameters(AugmentedEkf))
         for name, values in self.fields.items():
-            units = known[name].unit.partition(" (")[0].split(", ")
+            units = fields_of_filter[name].unit.partition(" (")[0].split(", ")
             for i, value in enumerate(np.atleast_1d(values)):
                 label = f"{name}[{i}]" if np.ndim(values) else name
                 row = {"name": label, "sd": float(value), "sd_at_rest": None}
@@ -233,18 +233,18 @@ def measure_noise(
         return Noise(
             moving, still, none, fit.file.rate_hz, "innovations", tuple(notes), units, fields, speed, checked
         )
-    known = [
+    with_truth = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]
-    if source == "truth" and not known:
+    if source == "truth" and not with_truth:
         raise UsageError(fault("noise.no-truth"))
     rate = fit.file.rate_hz
-    if known and source != "innovations":
-        errors, size = process_errors(fit, known, backend)
+    if with_truth and source != "innovations":
+        errors, size = process_errors(fit, with_truth, backend)
         R = valid(np.cov(errors.T), (FLOOR * size) ** 2, "R", notes)
         return Noise(moving, still, R, rate, "truth", tuple(notes), units)
-    said = {name: q for name, q in moving.items() if name in fit.file.sensors._fields}
-    R, size = most_likely(fit, runs, said, backend)
+    of_file = {name: q for name, q in moving.items() if name in fit.file.sensors._fields}
+    R, size = most_likely(fit, runs, of_file, backend)
     R = valid(R, (FLOOR * size) ** 2, "R", notes)
     return Noise(moving, still, R, rate, "innovations", tuple(notes), units)
 
@@ -281,17 +281,17 @@ def _measurement(
         if name in KINDS:
             continue  # a tape's error is what its reader says
         columns = _took_part(fit, name)
-        r, q, floor = _left_over(fit, runs, name, columns)
+        r, q, floor = _residuals(fit, runs, name, columns)
         both = r if len(r) >= FEWEST else np.concatenate([r, q])
         if len(both) >= FEWEST and len(columns) == block.size:
             moving[name] = valid(_cov(both), floor, f"Q of {name}", notes)
             still[name] = valid(_cov(q), floor, f"Q of {name} at rest", notes) if len(q) >= FEWEST else None
         elif name in fit.sigma or not np.all(np.diagonal(block.cov) > 0.0):
-            known = np.zeros(block.size)
-            known[columns] = np.maximum(np.diagonal(_cov(both)), floor) if len(both) >= FEWEST else 0.0
-            found = not_fitted(name, block, known, runs, notes)
-            if found is not None:
-                moving[name], still[name] = found, None
+            variances = np.zeros(block.size)
+            variances[columns] = np.maximum(np.diagonal(_cov(both)), floor) if len(both) >= FEWEST else 0.0
+            q_of_file = not_fitted(name, block, variances, runs, notes)
+            if q_of_file is not None:
+                moving[name], still[name] = q_of_file, None
     return moving, still
 
 
@@ -300,14 +300,14 @@ def _took_part(fit: "Fit", name: str) -> list[int]:
     return sorted({c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()})
 
 
-def _left_over(
+def _residuals(
     fit: "Fit", runs: Sequence[Run], name: str, columns: list[int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows (K, m) of the residuals of the channels `columns`, in motion and at rest, and their least variances."""
     if not columns:
         return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
     drifting = bool(np.any([c.colour > COLOUR for c in fit.channels if c.sensor == name]))
-    sigma, left, rest, size = fit.sigma[name][columns], [], [], np.zeros(len(columns))
+    sigma, in_motion, rest, size = fit.sigma[name][columns], [], [], np.zeros(len(columns))
     for run_name, run in zip(fit.runs, runs, strict=True):
         own = {c.entry: c for c in fit.channels if c.sensor == name and c.run == run_name}
         channels = [own[i] for i in columns]
@@ -316,10 +316,10 @@ def _left_over(
         whole = np.isfinite(r).all(axis=1)
         still = _standing(run, channels[0].t_s, h, sigma)
         r = np.clip(r, -CLIP * sigma, CLIP * sigma)
-        left.append(_white(r, whole & ~still, drifting))
+        in_motion.append(_white(r, whole & ~still, drifting))
         rest.append(_white(r, whole & still, drifting))
         size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
-    return np.concatenate(left), np.concatenate(rest), (FLOOR * size) ** 2
+    return np.concatenate(in_motion), np.concatenate(rest), (FLOOR * size) ** 2
 
 
 def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:

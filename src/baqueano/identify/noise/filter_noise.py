@@ -78,7 +78,7 @@ def filter_noise(
     own = replace(fit.file.estimator(), speed_from=speed_from)
     its = layout(own)
     inertial = {one.sensor for one in its.biases}
-    sensors, calibrated, known = own.sensors, fit.vehicle_file.sensors, {}
+    sensors, calibrated, rounding = own.sensors, fit.vehicle_file.sensors, {}
     readings = {
         name: sum(len(run.sensors[name].z) for run in runs if name in run.sensors) for name in its.names
     }
@@ -87,12 +87,12 @@ def filter_noise(
         Q = q.get(name, sensor.cov) if readings[name] >= FEWEST else sensor.cov
         variance = np.array(np.diagonal(Q), dtype=float)
         for i in _corrects(its, name) if name in inertial else ():
-            known[name, i] = _range(fit, name, i, rest.get(name), variance[i])
-            variance[i] = known[name, i][1]
+            rounding[name, i] = _range(fit, name, i, rest.get(name), variance[i])
+            variance[i] = rounding[name, i][1]
         sensors = sensors._replace(**{name: replace(sensor, measurement_noise_cov=np.diag(variance))})
     ekf = replace(own, vehicle=fit.blocks.model, sensors=sensors)
-    known |= _rounded(its, inertial, runs)
-    free = _free(ekf, inertial, known, readings)
+    rounding |= _rounded(its, inertial, runs)
+    free = _free(ekf, inertial, rounding, readings)
     kernel = scan(_likelihood(ekf, free), ekf.init(), example_of(ekf), np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
 
@@ -106,8 +106,8 @@ def filter_noise(
     for value, one in zip(x, free, strict=True):
         ekf = put(ekf, one.path, float(np.exp(one.power * value)))
     if is_dynamic(ekf.vehicle):
-        seen = np.any(its.moving[:, FORWARD[0]])
-        ekf = (_with_felt_misfit if seen else _with_unseen_misfit)(ekf, fit, inertial)
+        speed_is_measured = np.any(its.moving[:, FORWARD[0]])
+        ekf = (_with_felt_misfit if speed_is_measured else _with_unseen_misfit)(ekf, fit, inertial)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_rad(fit))))
 
 
@@ -167,10 +167,10 @@ def _corrects(its: Layout, name: str) -> list[int]:
 def _free(
     ekf: AugmentedEkf,
     inertial: set[str],
-    known: Mapping[tuple[str, int], tuple[float, float]],
+    rounding: Mapping[tuple[str, int], tuple[float, float]],
     readings: Mapping[str, int],
 ) -> list[FreeNoise]:
-    """The numbers that some measurement shows; `known` holds the least and the greatest variance of some, `readings`
+    """The numbers that some measurement shows; `rounding` holds the least and the greatest variance of some, `readings`
     how many of each sensor there are."""
     its = layout(ekf)
     of = np.array([readings[name] for name, _ in _numbers(its)])
@@ -183,7 +183,7 @@ def _free(
     for name, rows in zip(its.names, its.at, strict=True):
         for i in rows if readings[name] >= FEWEST else ():
             sd = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
-            low, high = np.sqrt(known.get((name, i), (0.0, 0.0)))
+            low, high = np.sqrt(rounding.get((name, i), (0.0, 0.0)))
             if name not in inertial:
                 low, high = max(low, sd * np.exp(-WIDE)), sd * np.exp(WIDE)
             if low < high:

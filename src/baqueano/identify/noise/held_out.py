@@ -114,21 +114,21 @@ def compare_noise(
         raise UsageError(fault("noise.fitted-to", run=again[0]))
     if fit.file.kind("estimator") is not Ekf:
         raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
-    ekf = filter_of(fit, _believed(fit, next(iter(noises.values()))))
+    ekf = filter_of(fit, _of_file(fit, next(iter(noises.values()))))
     kernel = scan(_innovations(ekf), ekf.init(), example_of(ekf), np.zeros(_size(ekf)), backend=backend)
     most = TICKS.get(kernel.backend, 500) // len(runs)
     ticks = [ticks_of(run, ekf, most) for run in runs]
     per_block = max(1, round(BLOCK_S * fit.file.rate_hz))
     tried = []
     for name, noise in noises.items():
-        q = _believed(fit, noise)
+        q = _of_file(fit, noise)
         theta = np.concatenate([noise.process.ravel(), *(q[sensor].ravel() for sensor in ekf.use)])
         tried.append(_tried(name, [np.asarray(kernel.run(one, theta)[1]) for one in ticks], per_block))
     tried.sort(key=lambda one: -one.likelihood)
     return NoiseComparison(tuple(tried), tuple(run.name for run in runs))
 
 
-def _believed(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:
+def _of_file(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:
     """Q of the sensors that the file has."""
     return {name: q for name, q in noise.in_motion.items() if name in fit.file.sensors._fields}
 
@@ -138,11 +138,11 @@ def _size(ekf: Ekf) -> int:
     return 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)
 
 
-def _tried(name: str, said: list[np.ndarray], per_block: int) -> NoiseTrial:
+def _tried(name: str, label: list[np.ndarray], per_block: int) -> NoiseTrial:
     """From (square, log |S|, count) per tick (N, 3) of each run."""
-    square, log_det, count = np.concatenate(said).T
+    square, log_det, count = np.concatenate(label).T
     blocks = []
-    for one in said:
+    for one in label:
         rows = len(one) // per_block * per_block
         blocks.append(one[:rows, [0, 2]].reshape(-1, per_block, 2).sum(axis=1))
     measured = max(1.0, float(count.sum()))

@@ -137,8 +137,8 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
 
 def example_of(ekf: Tree) -> Tick:
     """A tick of the right shapes for a trace: every sensor of the filter, silent."""
-    said = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
-    return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(said))(**said))
+    slots = {name: Slot(0.0, np.zeros(sensor.size)) for name, sensor in ekf.sensors._asdict().items()}
+    return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(slots))(**slots))
 
 
 def ticks_of(run: Run, ekf: Tree, most: int) -> Any:
@@ -155,7 +155,7 @@ def ticks_of(run: Run, ekf: Tree, most: int) -> Any:
             age[at[inside]] = age_s(channel.t_ns[inside], t_ns[at[inside]])
         slots[name] = (has, z, age)
     u = np.where(np.isfinite(run.applied[:most]), run.applied[:most], 0.0)
-    rows: Any = {name: Slot(*said) for name, said in slots.items()}
+    rows: Any = {name: Slot(*slot) for name, slot in slots.items()}
     columns: Tree = (t_ns, u, sensor_slots(tuple(rows))(**rows))
     return split(Tick(*columns), ekf.rate_hz)[0]
 

@@ -117,10 +117,10 @@ def _ticked(
     lasts = np.exp(-dt_s / fade_s)
     slip = lasts * state.slip + np.sqrt(variance * (1.0 - lasts**2)) * drawn.slip
     after = np.concatenate([eta, nu, d, x[SCALES:BIASES], bias])
-    seen = now._replace(tick=(state.motion, motions[PARTS // 2 - 1], motions[-1]))
-    sensors, slots = _read(ekf, state, bias, slip, seen, drawn, dt_s)
-    shown = np.concatenate([eta, nu + scaled(x[SCALES:BIASES], nu)])
-    return SimulatedState(after, slip, now, drivetrain, sensors), (shown, slots)
+    truth = now._replace(tick=(state.motion, motions[PARTS // 2 - 1], motions[-1]))
+    sensors, slots = _read(ekf, state, bias, slip, truth, drawn, dt_s)
+    state_read = np.concatenate([eta, nu + scaled(x[SCALES:BIASES], nu)])
+    return SimulatedState(after, slip, now, drivetrain, sensors), (state_read, slots)
 
 
 def _part(
@@ -149,20 +149,20 @@ def _motion(ekf: AugmentedEkf, x: np.ndarray, eta: np.ndarray, nu: np.ndarray, e
 
 
 def _read(
-    ekf: AugmentedEkf, state: SimulatedState, bias: np.ndarray, slip: Value, seen: Motion, drawn: DrawnTick,
+    ekf: AugmentedEkf, state: SimulatedState, bias: np.ndarray, slip: Value, now: Motion, drawn: DrawnTick,
     dt_s: float,
 ) -> tuple[tuple[Tree, ...], Tree]:  # fmt: skip
     """The states of the sensors, and what they say with their biases, on wheels that slip."""
     names, ahead = ekf.sensors._fields, np.array([1.0 + slip, 1.0, 1.0])
-    rolling = [one._replace(nu=ahead * one.nu) for one in (seen, *(seen.tick or ()))]
+    rolling = [one._replace(nu=ahead * one.nu) for one in (now, *(now.tick or ()))]
     states, slots = [], []
     for k, (name, sensor) in enumerate(zip(names, ekf.sensors, strict=True)):
         own = [(j, one.path) for j, one in enumerate(layout(ekf).biases) if one.sensor == name]
         Q = np.linalg.cholesky(sensor.cov + TINY * np.eye(sensor.size))
         for j, path in own:
             sensor = put(sensor, path, get(sensor, path) + bias[j])
-        shown = seen if own else rolling[0]._replace(tick=tuple(rolling[1:]))
-        after, slot = sensor.step(state.sensors[k], shown, dt_s, np.zeros(sensor.noise_size))
+        motions = now if own else rolling[0]._replace(tick=tuple(rolling[1:]))
+        after, slot = sensor.step(state.sensors[k], motions, dt_s, np.zeros(sensor.noise_size))
         z = np.where(slot.has > 0.0, slot.z + Q @ drawn.reading[k], 0.0)
         states.append(after)
         slots.append(Slot(slot.has, z))

@@ -55,18 +55,18 @@ def speed_channels(
     if not numbers:
         return None
     witnesses = [(run, *_witness(run, alone)) for run in unseen]
-    seen = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
-    if not seen:
+    with_speed = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
+    if not with_speed:
         code = "speed.by-the-file" if own else "speed.by-the-model"
         return SpeedChannels(own, note(code, fix="--held-out RUN", channels=own), decided=False)
-    without, tried = _errors(alone, seen, backend), {}
+    without, tried = _errors(alone, with_speed, backend), {}
     if not np.isfinite(without).all():
         return None  # the model itself runs away
     for names in dict.fromkeys([*((one,) for one in numbers), numbers]):
-        tried[names] = ratio_of_blocks(_errors(filters(names), seen, backend), without)
+        tried[names] = ratio_of_blocks(_errors(filters(names), with_speed, backend), without)
     best = min(tried, key=lambda names: tried[names][0])
     ratio, low, high = tried[best]
-    by, runs = ", ".join(sorted({by for *_, by in seen})), ", ".join(run.name for run, *_ in seen)
+    by, runs = ", ".join(sorted({by for *_, by in with_speed})), ", ".join(run.name for run, *_ in with_speed)
     if not np.isfinite(high):
         pieces = {"pieces": len(without), "least": FEWEST, "block_s": BLOCK_S}
         return SpeedChannels((), note("speed.too-short", runs=runs, **pieces))
@@ -103,18 +103,18 @@ def _witness(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
         return speed, "the truth"
     used = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
-        shown = [one for one in readings_of(ekf.sensors, (name,)) if AHEAD in one.of]
+        readings = [one for one in readings_of(ekf.sensors, (name,)) if AHEAD in one.of]
         channel = run.sensors.get(name)
-        if name in used or channel is None or not shown or len(channel.t_ns) < 2:
+        if name in used or channel is None or not readings or len(channel.t_ns) < 2:
             continue
-        z = channel.z[:, list(shown[0].rows)]
-        known = np.isfinite(z).all(axis=1)
-        speed = (z[known] - shown[0].at_rest) @ shown[0].inverse[AHEAD]
-        return np.interp(run.t_s, seconds(channel.t_ns[known], run.t_ns[0]), speed, np.nan, np.nan), name
+        z = channel.z[:, list(readings[0].rows)]
+        finite = np.isfinite(z).all(axis=1)
+        speed = (z[finite] - readings[0].at_rest) @ readings[0].inverse[AHEAD]
+        return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), speed, np.nan, np.nan), name
     return None, ""
 
 
-def _errors(ekf: AugmentedEkf, seen: Sequence[tuple[Run, np.ndarray, str]], backend: str) -> np.ndarray:
+def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], backend: str) -> np.ndarray:
     """Sums of squares (B,) of the errors of the speed over blocks of all runs."""
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
@@ -122,14 +122,14 @@ def _errors(ekf: AugmentedEkf, seen: Sequence[tuple[Run, np.ndarray, str]], back
         return belief, estimate.nu[AHEAD]
 
     out = []
-    for run, speed, _ in seen:
+    for run, speed, _ in runs:
         start = float(speed[0]) if np.isfinite(speed[0]) else 0.0
         ticks = ticks_of(run, ekf, len(run.t_ns))
         kernel = scan(step, ekf.init(nu=np.array([start, 0.0, 0.0])), example_of(ekf), backend=backend)
         nu_x = np.asarray(kernel.run(ticks)[1])[np.searchsorted(ticks.t_ns, run.t_ns)]
-        known = np.isfinite(speed)
+        finite = np.isfinite(speed)
         square = np.where(np.isfinite(nu_x), (nu_x - speed) ** 2, np.inf)  # a filter that runs away
         block = (run.t_s // BLOCK_S).astype(int)
-        sums, count = (np.bincount(block[known], x[known]) for x in (square, np.ones(len(square))))
+        sums, count = (np.bincount(block[finite], x[finite]) for x in (square, np.ones(len(square))))
         out.append(sums[count > 0])
     return np.concatenate(out)

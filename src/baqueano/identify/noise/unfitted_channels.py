@@ -25,14 +25,14 @@ def not_fitted(
 ) -> np.ndarray | None:
     """Q (m, m) of a sensor; `took_part` (m,) are the variances of the residuals of its channels, 0 for those that took
     no part. None where the runs have no such sensor.  (1)"""
-    known = np.diagonal(block.cov)
-    if np.all(known > 0.0):
+    of_file = np.diagonal(block.cov)
+    if np.all(of_file > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))
         return block.cov
     channels = [run.sensors.get(name) for run in runs]
     if any(one is None or one.z.shape[1] != block.size for one in channels):
         return None
-    variance = np.where(known > 0.0, known, took_part)
+    variance = np.where(of_file > 0.0, of_file, took_part)
     for i in np.flatnonzero(variance <= 0.0):
         variance[i] = next((v for v in _candidates(name, int(i), runs) if v > 0.0), 1.0)
         sigma = float(np.sqrt(variance[i]))

@@ -91,8 +91,8 @@ def default_free(blocks: FittedBlocks) -> list[str]:
 
 def always_free(blocks: FittedBlocks) -> list[str]:
     """Return the paths, without entries, that a default fit frees for any value in the file."""
-    known = all_parameters(blocks.model, "model")
-    return [path for path, p in known if p.role in FREED and path != FLOOR]
+    paths = all_parameters(blocks.model, "model")
+    return [path for path, p in paths if p.role in FREED and path != FLOOR]
 
 
 def acts_alone(model: Tree) -> bool:
@@ -102,25 +102,25 @@ def acts_alone(model: Tree) -> bool:
 
 def entries(blocks: FittedBlocks, path: str) -> list[str]:
     """The numbers below `path`, each with its entry."""
-    found = _found(blocks, path)
-    if found.ndim == 0:
+    values = _value_at(blocks, path)
+    if values.ndim == 0:
         return [path]
-    return [f"{path}[{','.join(map(str, index))}]" for index in np.ndindex(found.shape)]
+    return [f"{path}[{','.join(map(str, index))}]" for index in np.ndindex(values.shape)]
 
 
 def value(blocks: FittedBlocks, path: str) -> float:
     """The number at `path`."""
-    return float(_found(blocks, path))
+    return float(_value_at(blocks, path))
 
 
 def described(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
     """Unit and bounds of the number at `path`; `bounds` win over those of the field."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
-    known = dict(parameters(get(blocks, owner))) if owner else {}
-    if name not in known:
+    fields = dict(parameters(get(blocks, owner))) if owner else {}
+    if name not in fields:
         raise UsageError(fault("parameter.none", path=field))
-    p = known[name]
+    p = fields[name]
     low, high = bounds.get(path, bounds.get(field, (p.low, p.high)))
     if not low < high:
         raise UsageError(fault("parameter.bounds", path=path, low=low, high=high))
@@ -240,10 +240,10 @@ def _room_for_limit(blocks: FittedBlocks, free: list[Free], u: np.ndarray) -> tu
     most = np.max(size, axis=0)
     most = np.array([most.max()]) if drivetrain.limit.shape == (1,) else most
     most = most * (1.0 - 1e-9)  # the largest command itself is cut off, so that it tells
-    said = entries(blocks, LIMIT)
+    paths = entries(blocks, LIMIT)
     begin = np.where(drivetrain.limit < most, drivetrain.limit, FIRST_LIMIT * most)
-    limit = np.where([path in {one.path for one in free} for path in said], begin, drivetrain.limit)
-    highest = dict(zip(said, most.tolist(), strict=True))
+    limit = np.where([path in {one.path for one in free} for path in paths], begin, drivetrain.limit)
+    highest = dict(zip(paths, most.tolist(), strict=True))
     free = [one._replace(high=min(one.high, highest.get(one.path, np.inf))) for one in free]
     return _with_drivetrain(blocks, limit=limit), free
 
@@ -269,26 +269,26 @@ def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
     return [k for k, one in enumerate(free) if one.column in np.flatnonzero(still)]
 
 
-def _found(blocks: FittedBlocks, path: str) -> np.ndarray:
+def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
     try:
-        found = np.asarray(get(blocks, path), dtype=float)
+        values = np.asarray(get(blocks, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         field, bracket, entry = path.partition("[")
-        known = _fields(blocks)
-        near = _near(field, bracket + entry, known)
+        names = _fields(blocks)
+        near = _near(field, bracket + entry, names)
         raise UsageError(
             fault(
-                "parameter.unknown", path=path, kind=type(blocks.model).__name__, near=near, example=known[0]
+                "parameter.unknown", path=path, kind=type(blocks.model).__name__, near=near, example=names[0]
             )
         ) from error
-    return found
+    return values
 
 
-def _near(field: str, entry: str, known: list[str]) -> Diagnostic:
+def _near(field: str, entry: str, names: list[str]) -> Diagnostic:
     """Return the path that was meant, with the `entry` that stood behind it, and those that are known."""
-    near = nearest(field, known)
-    near = near if "meant" in near.figures else nearest(f"model.{field}", known)
-    if "meant" not in near.figures or field in known:
+    near = nearest(field, names)
+    near = near if "meant" in near.figures else nearest(f"model.{field}", names)
+    if "meant" not in near.figures or field in names:
         return near
     return note("name.near", meant=f"{near.figures['meant']}{entry}", known=near.figures["known"])
 
@@ -299,9 +299,9 @@ def _fields(blocks: FittedBlocks) -> list[str]:
     return [path for owner, block in owners.items() for path, _ in all_parameters(block, owner)]
 
 
-def _unit(said: str, first: int) -> str:
+def _unit(text: str, first: int) -> str:
     """The unit of one entry: "N, N, N m per unit of u" is one unit per row."""
-    parts = said.split(", ")
+    parts = text.split(", ")
     unit = parts[min(first, len(parts) - 1)]
     tail = parts[-1].partition(" per ")[2]
     return unit if not tail or " per " in unit else f"{unit} per {tail}"

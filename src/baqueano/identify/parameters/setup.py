@@ -167,9 +167,9 @@ def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
     ends = np.cumsum(record.dt_s)
     if not np.any(record.u[0]) or ends[-1] < 2.0 * late_s:
         return record
-    known = (ends > late_s * (1.0 + 1e-9))[:, None]
+    settled = (ends > late_s * (1.0 + 1e-9))[:, None]
     sensors = {
-        name: Measurements(z, has * known, sample_fraction)
+        name: Measurements(z, has * settled, sample_fraction)
         for name, (z, has, sample_fraction) in record.sensors.items()
     }
     return record._replace(sensors=sensors)
@@ -189,8 +189,8 @@ def shape_of(
     paths, names = tuple(one.path for one in shared), blocks.sensors._fields
     own = [p for path in options.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
-        known = BIASES[:1] if acts_alone(blocks.model) else BIASES
-        fields = [f for f in known if has_field(sensor, f)] if options.biases else []
+        zero_names = BIASES[:1] if acts_alone(blocks.model) else BIASES
+        fields = [f for f in zero_names if has_field(sensor, f)] if options.biases else []
         biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
         own += [p for p in biases if p not in paths and p not in own]
     pieces = options.segment_s is not None
@@ -214,27 +214,27 @@ def first_theta(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return θ (p,) at the start, and its bounds (p,), (p,)."""
     layout = layout_of(shape, records)
-    said: dict[str, float] = {}
+    by_path: dict[str, float] = {}
     for path, numbers in options.start.items():
         paths = entries(blocks, path)
         for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
-            said[p] = float(x)
-    lost = [p for p in said if p not in shape.shared and p not in shape.own]
+            by_path[p] = float(x)
+    lost = [p for p in by_path if p not in shape.shared and p not in shape.own]
     if lost:
         raise UsageError(fault("start.not-free", path=lost[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, one in enumerate(free):
-        theta[k], low[k], high[k] = said.get(one.path, value(blocks, one.path)), one.low, one.high
+        theta[k], low[k], high[k] = by_path.get(one.path, value(blocks, one.path)), one.low, one.high
     for run in range(max(layout.runs) + 1):
         for k, path in enumerate(shape.by_run, layout.shared + run * layout.by_run):
             if path in shape.own:
                 one = described(blocks, path, options.bounds)
-                theta[k], low[k], high[k] = said.get(path, value(blocks, path)), one.low, one.high
+                theta[k], low[k], high[k] = by_path.get(path, value(blocks, path)), one.low, one.high
             else:
                 low[k], high[k] = -CLOCK_S, CLOCK_S
     for k, record in enumerate(records):
-        seen = _first_pose(record, blocks)
-        theta[layout.of_starts(k)] = [seen[i - 3] if i >= 3 else 0.0 for i in shape.start]
+        pose = _first_pose(record, blocks)
+        theta[layout.of_starts(k)] = [pose[i - 3] if i >= 3 else 0.0 for i in shape.start]
     return np.clip(theta, low, high), low, high
 
 
@@ -242,11 +242,11 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
     """(3,) of the first pose that was measured, 0 without one; without a heading, the course of the first half of the
     way."""
     for name, sensor in blocks.sensors._asdict().items():
-        said = record.sensors[name]
-        if tells_pose(sensor) and said.has.any():
-            first = np.array(said.z[np.argmax(said.has[:, 0] > 0.0)])
-            if not said.has[:, 2].any():
-                way = said.z[said.has[:, 0] > 0.0, :2] - first[:2]
+        readings = record.sensors[name]
+        if tells_pose(sensor) and readings.has.any():
+            first = np.array(readings.z[np.argmax(readings.has[:, 0] > 0.0)])
+            if not readings.has[:, 2].any():
+                way = readings.z[readings.has[:, 0] > 0.0, :2] - first[:2]
                 far = np.hypot(*way.T)
                 first[2] = np.arctan2(*way[np.argmax(far >= 0.5 * far.max())][::-1])
             return first
@@ -272,11 +272,11 @@ def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray
 
     def start(theta: np.ndarray) -> Any:
         there = substitute(blocks, paths, theta)
-        given = np.zeros(len(STARTS))
+        at_start = np.zeros(len(STARTS))
         for k, i in enumerate(shape.start):
-            given = given + theta[shape.size - len(shape.start) + k] * np.eye(len(STARTS))[i]
-        nu = given[:3] if any(i < 3 for i in shape.start) else None
-        eta = given[3:] if any(i >= 3 for i in shape.start) else None
+            at_start = at_start + theta[shape.size - len(shape.start) + k] * np.eye(len(STARTS))[i]
+        nu = at_start[:3] if any(i < 3 for i in shape.start) else None
+        eta = at_start[3:] if any(i >= 3 for i in shape.start) else None
         return there.model.init(eta, nu)
 
     return start

@@ -68,32 +68,32 @@ class GyroAidedResiduals(Residuals):
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece |ν_x| (N,) of the model that is led."""
-        return [np.abs(said[:, 0]) for said in self._said(theta)]
+        return [np.abs(outputs[:, 0]) for outputs in self._outputs(theta)]
 
     def following(self, theta: np.ndarray) -> "GyroAidedResiduals":
         """Return the residuals led by the mean of the true yaw rate, given the gyro and the model at θ."""
         leads = []
-        for omega, said, record in zip(self._gyro, self._said(theta), self.records, strict=True):
-            slow = slow_part(omega - said[:, 1])
+        for omega, outputs, record in zip(self._gyro, self._outputs(theta), self.records, strict=True):
+            slow = slow_part(omega - outputs[:, 1])
             turn = np.gradient(slow, np.cumsum(record.dt_s))
-            leads.append(np.column_stack([said[:, 1] + slow, said[:, 2] + turn]))
+            leads.append(np.column_stack([outputs[:, 1] + slow, outputs[:, 2] + turn]))
         return self.with_columns([-2, -1], leads)
 
-    def _said(self, theta: np.ndarray) -> list[np.ndarray]:
+    def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece (N, 3): ν_x of the model that is led, and the gyro and its slope by the commands."""
         if self._speeds is None:
-            self._speeds = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_said)
+            self._speeds = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_outputs)
         return [
             np.asarray(self._speeds.run(rows, theta[index])[1])
             for rows, index in zip(self._rows, self._index, strict=True)
         ]
 
     def spread_and_profile(
-        self, left: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
+        self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, by which channels are weighed."""
+        """σ (m,) and its profile (N, m) per piece, of residuals `misfits` at θ, by which channels are weighed."""
         dt_s = [record.dt_s for record in self.records]
-        return profile_of_slow(left, self.has, self.speeds(theta), dt_s, floor)
+        return profile_of_slow(misfits, self.has, self.speeds(theta), dt_s, floor)
 
     def slope(self, theta: np.ndarray, c: int, scale: float, shift: float) -> np.ndarray:
         """The gradient (p,) at θ if channel c had been measured smaller, by `scale`, and larger by `shift`."""
@@ -150,18 +150,18 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         imu = there.sensors[0]
         at = with_speed(there.model, state.free.nu, state.led.nu[0])
         free, motion = there.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
-        led, felt = move(there, state.led, row)
-        of_led, accel = shown(imu, state.signals[0], felt, row[0])
+        led, readings = move(there, state.led, row)
+        of_led, accel = shown(imu, state.signals[0], readings, row[0])
         of_free, gyro = shown(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
-        said = h + row[7 + n] * (state.before - h) if sample_fraction else h
+        delayed = h + row[7 + n] * (state.before - h) if sample_fraction else h
         moving = GyroAidedState(led, free, (of_led, of_free), h if sample_fraction else state.before)
-        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - said)
+        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - delayed)
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
-def _traced_said(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """ν_x of the simulation that is led, and what the gyro says and its slope in that of the commands, (3,), from
     the same rows and θ."""
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
@@ -175,10 +175,10 @@ def _traced_said(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         imu, led, free = there.sensors[0], *state
         at = with_speed(there.model, free.nu, led.nu[0])
         free, motion = there.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
-        led, felt = move(there, led, row)
+        led, readings = move(there, led, row)
         says = imu.h(motion)[2]
         slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - says
-        return (led, free), np.array([felt.nu[0], says, slope])
+        return (led, free), np.array([readings.nu[0], says, slope])
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
@@ -199,8 +199,8 @@ def _mover(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tu
         state, motion = model.step(state, u, dt_s, np.zeros(3))
         efforts, rates = (effort.start, effort.mean, effort.end), (r_before, 0.5 * (r_before + r), r)
         tick = tuple(turned(model, *there, r_dot) for there in zip(motion.tick, efforts, rates, strict=True))
-        felt = turned(model, motion, effort.last, r, r_dot)
-        return state._replace(nu=felt.nu, nu_dot=felt.nu_dot), felt._replace(tick=tick)
+        readings = turned(model, motion, effort.last, r, r_dot)
+        return state._replace(nu=readings.nu, nu_dot=readings.nu_dot), readings._replace(tick=tick)
 
     return move
 
@@ -247,7 +247,7 @@ def slow_part(e: np.ndarray) -> np.ndarray:
 def _ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
     """ρ and τ of a periodogram without its mean; None where white noise says it as well.  (4)"""
     white = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
-    best, found = white - GAIN, None
+    best, best_pair = white - GAIN, None
     for lasts in LASTS:
         relative = 1.0 + RATIOS[:, None] * _shape(float(lasts), n)[None, 1:]
         costs = np.sum(np.log(relative), axis=1)
@@ -255,8 +255,8 @@ def _ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
         costs = costs + len(periodogram) * np.log(np.maximum(noise, 1e-300))
         k = int(np.argmin(costs))
         if costs[k] < best:
-            best, found = float(costs[k]), (float(RATIOS[k]), float(lasts))
-    return found
+            best, best_pair = float(costs[k]), (float(RATIOS[k]), float(lasts))
+    return best_pair
 
 
 def _shape(lasts: float, n: int) -> np.ndarray:

@@ -101,13 +101,13 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         ahead, P = _predicted(there.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)})
         gaps, slopes, lines = _innovated(there.sensors, ahead, state, z, row[1 + n + 2 * m :], row[0], shape)
         y, H = weight * np.concatenate(gaps), weight[:, None] * np.concatenate(slopes)
-        seen = np.where(weight > 0.0, 1.0, 0.0)
-        found = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
-        signals, before = _remembered(lines, slopes, found.move, shape.sample_fraction)
-        eta, nu = _moved(ahead, found.move)
+        present = np.where(weight > 0.0, 1.0, 0.0)
+        corrected = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
+        signals, before = _remembered(lines, slopes, corrected.move, shape.sample_fraction)
+        eta, nu = _moved(ahead, corrected.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
-        return FilterState(vehicle, found.cov, signals, before), np.concatenate(
-            [found.e, seen * np.log(found.s)]
+        return FilterState(vehicle, corrected.cov, signals, before), np.concatenate(
+            [corrected.e, present * np.log(corrected.s)]
         )
 
     example = [*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))]
@@ -151,12 +151,12 @@ def _innovated(
     """Sensor by sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h, behind its low-pass."""
     gaps, slopes, lines, at, turn = [], [], [], 0, 0
     for k, sensor in enumerate(sensors):
-        signal, seen = shown(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
+        signal, shown_h = shown(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
         h = signal.smooth if len(signal.smooth) else sensor.h(ahead.motion(ahead.mean))
         if shape.sample_fraction[k]:
-            seen = seen + sample_fraction[turn] * difference(sensor, state.before[k], seen)
+            shown_h = shown_h + sample_fraction[turn] * difference(sensor, state.before[k], shown_h)
             turn += 1
-        gaps.append(difference(sensor, z[at : at + sensor.size], seen))
+        gaps.append(difference(sensor, z[at : at + sensor.size], shown_h))
         slope = jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean)
         slopes.append(_passed(sensor, dt_s) * slope)
         lines.append((signal, h))

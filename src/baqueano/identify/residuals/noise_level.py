@@ -90,22 +90,25 @@ def _steps(block: Tree) -> np.ndarray:
 
 
 def profile_by_speed(
-    left: Sequence[np.ndarray], has: Sequence[np.ndarray], speeds: Sequence[np.ndarray], floor: np.ndarray
+    residuals: Sequence[np.ndarray],
+    has: Sequence[np.ndarray],
+    speeds: Sequence[np.ndarray],
+    floor: np.ndarray,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """σ (m,), and its profile (N, m) per piece, of residuals (N, m) at speeds (N,)."""
     v = np.concatenate(speeds)
     typical = max(float(np.sqrt(np.mean(v**2))), 1e-9)
-    profile = [np.ones_like(r) for r in left]
+    profile = [np.ones_like(r) for r in residuals]
     sigma = np.zeros(len(floor))
     for c in range(len(floor)):
         there = [w[:, c] > 0.0 for w in has]
-        r = np.concatenate([x[t, c] for x, t in zip(left, there, strict=True)])
+        r = np.concatenate([x[t, c] for x, t in zip(residuals, there, strict=True)])
         at = np.concatenate([x[t] for x, t in zip(speeds, there, strict=True)])
         kappa = _growth_by_speed(r, at, typical, floor[c]) / typical if len(r) >= ENOUGH else 0.0
         mean = np.sqrt(1.0 + kappa**2 * np.mean(at**2)) if len(at) else 1.0
         for k, x in enumerate(speeds):
             profile[k][:, c] = np.sqrt(1.0 + (kappa * x) ** 2) / mean
-        scaled = [(x[:, c] / p[:, c])[:, None] for x, p in zip(left, profile, strict=True)]
+        scaled = [(x[:, c] / p[:, c])[:, None] for x, p in zip(residuals, profile, strict=True)]
         sigma[c] = spread(scaled, [w[:, c : c + 1] for w in has], floor[c : c + 1])[0]
     return sigma, profile
 
@@ -123,19 +126,19 @@ def _growth_by_speed(r: np.ndarray, v: np.ndarray, typical: float, floor: float)
 
 
 def profile_of_slow(
-    left: Sequence[np.ndarray],
+    residuals: Sequence[np.ndarray],
     has: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],
     dt_s: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """σ (m,), and its profile (N, m) of mean square 1 per piece, of residuals (N, m) at speeds (N,).  (3)"""
-    sigma, profile = profile_by_speed(left, has, speeds, floor)
+    sigma, profile = profile_by_speed(residuals, has, speeds, floor)
     out, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     for c in range(len(sigma)):
         single = [(sigma[c] * p[:, c]) ** 2 for p in profile]
         far = [FAR_OF_SLOW * np.sqrt(one) for one in single]
-        left_c = [np.clip(r[:, c], -x, x) for r, x in zip(left, far, strict=True)]
+        left_c = [np.clip(r[:, c], -x, x) for r, x in zip(residuals, far, strict=True)]
         sums, squares = _blocks(left_c, [w[:, c] for w in has], speeds, dt_s)
         if len(sums) < FEWEST:
             continue
@@ -152,14 +155,14 @@ def profile_of_slow(
 
 
 def _blocks(
-    left: Sequence[np.ndarray],
+    residuals: Sequence[np.ndarray],
     has: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],
     dt_s: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
     """y (B,) of (1) and the mean of v² (B,), over the blocks of all pieces."""
     sums, squares = [], []
-    for r, w, v, dt in zip(left, has, speeds, dt_s, strict=True):
+    for r, w, v, dt in zip(residuals, has, speeds, dt_s, strict=True):
         block = (np.cumsum(dt) / BLOCK_S).astype(int)
         n, rows = np.bincount(block, w), np.bincount(block)
         full = n >= max(2.0, FULL * float(np.median(rows)))

@@ -110,7 +110,7 @@ class Residuals:
         self.sigma = np.ones(m)
         self.weights = self._has  # per piece (N, m), 1/σ of each measurement, 0 where there is none
         self._profile: Sequence[np.ndarray] | None = None
-        self._known: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
+        self._answers: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and what was asked for there
 
     @classmethod
@@ -132,8 +132,8 @@ class Residuals:
         """(m,) standard deviation of the measurements of each channel, over all runs."""
         out = np.zeros(len(self.sigma))
         for c in range(len(out)):
-            said = [z[has[:, c] > 0.0, c] for z, has in zip(self.z, self._has, strict=True)]
-            out[c] = np.std(np.concatenate(said)) if any(map(len, said)) else 0.0
+            columns = [z[has[:, c] > 0.0, c] for z, has in zip(self.z, self._has, strict=True)]
+            out[c] = np.std(np.concatenate(columns)) if any(map(len, columns)) else 0.0
         return out
 
     def weighed(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
@@ -153,7 +153,7 @@ class Residuals:
         """Return a copy whose rows hold `values` (N, k) per piece in the columns `at`."""
         out = copy(self)
         out._rows = self._each(lambda rows, index, x: _filled(rows, at, x), values)
-        out._known, out._slopes = OrderedDict(), (None, [])
+        out._answers, out._slopes = OrderedDict(), (None, [])
         return out
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
@@ -219,7 +219,7 @@ class Residuals:
 
         return self._once("residuals", theta, lambda: self._each(of))
 
-    def left(self, theta: np.ndarray) -> list[np.ndarray]:
+    def misfits(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece z − h (N, m) in the sensors' units; 0 where there is no measurement."""
         out = zip(self.residuals(theta), self.weights, strict=True)
         return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in out]
@@ -234,11 +234,11 @@ class Residuals:
         ]
 
     def spread_and_profile(
-        self, left: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
+        self, misfits: Sequence[np.ndarray], theta: np.ndarray, floor: np.ndarray
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """σ (m,) and its profile (N, m) per piece, of residuals `left` at θ, where the noise grows with speed."""
-        has = telling(left, self.has, self.z)
-        return profile_by_speed(left, has, self.speeds(theta), floor)
+        """σ (m,) and its profile (N, m) per piece, of residuals `misfits` at θ, where the noise grows with speed."""
+        has = telling(misfits, self.has, self.z)
+        return profile_by_speed(misfits, has, self.speeds(theta), floor)
 
     def sensitivities(
         self, theta: np.ndarray, last: bool = False
@@ -265,7 +265,7 @@ class Residuals:
 
         def work() -> list[np.ndarray]:
             if plain and all(has.all() for has in self._has):
-                return [z - left for z, left in zip(self.z, self.left(theta), strict=True)]
+                return [z - misfit for z, misfit in zip(self.z, self.misfits(theta), strict=True)]
             return self._each(of, self.z)
 
         return self._once("predictions", theta, work)
@@ -273,11 +273,11 @@ class Residuals:
     def _once(self, what: str, theta: np.ndarray, work: Callable[[], object]) -> Any:
         """`work()`, kept for whoever asks for the same again."""
         key = what, theta.tobytes()
-        if key not in self._known:
-            self._known[key] = work()
-            if len(self._known) > AT_HAND:
-                self._known.popitem(last=False)
-        return self._known[key]
+        if key not in self._answers:
+            self._answers[key] = work()
+            if len(self._answers) > AT_HAND:
+                self._answers.popitem(last=False)
+        return self._answers[key]
 
 
 def _filled(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
@@ -290,9 +290,9 @@ def _filled(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray
 
 def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
     """(N, q): dt, u, z of all sensors, W of all sensors, early of those that need it."""
-    said = [record.sensors[name] for name in names]
-    columns = [record.dt_s[:, None], record.u, *(s.z for s in said), *(s.has for s in said)]
-    for s, needed in zip(said, shape.sample_fraction, strict=True):
+    readings = [record.sensors[name] for name in names]
+    columns = [record.dt_s[:, None], record.u, *(s.z for s in readings), *(s.has for s in readings)]
+    for s, needed in zip(readings, shape.sample_fraction, strict=True):
         if needed:
             columns.append(
                 np.zeros((len(record.dt_s), 1)) if s.sample_fraction is None else s.sample_fraction[:, None]
@@ -343,11 +343,11 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable
             row[1 + n + 2 * m :],
         )
         vehicle, motion = there.model.step(state.vehicle, u, dt_s, np.zeros(3))
-        felt, signals = shown_by(there.sensors, state.signals, motion, dt_s)
+        readings, signals = shown_by(there.sensors, state.signals, motion, dt_s)
         steps_s = with_newest(state.steps_s, dt_s)
         out, before, lines, at, turn = [], [], [], 0, 0
         for k, sensor in enumerate(there.sensors):
-            h = felt[k]
+            h = readings[k]
             if free_clock[k]:
                 offset_s = theta[len(paths) + shape.clocks.index(names[k])]
                 minus = partial(difference, sensor)
@@ -355,8 +355,8 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable
             elif shape.sample_fraction[k]:
                 h = h + sample_fraction[turn] * difference(sensor, state.before[k], h)
             turn += shape.sample_fraction[k]
-            before.append(felt[k] if len(state.before[k]) else state.before[k])
-            lines.append(with_newest(state.lines[k], felt[k]))
+            before.append(readings[k] if len(state.before[k]) else state.before[k])
+            lines.append(with_newest(state.lines[k], readings[k]))
             span = slice(at, at + sizes[k])
             out.append(weight[span] * residual(sensor, z[span], h))
             at += sizes[k]

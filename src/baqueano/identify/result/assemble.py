@@ -49,27 +49,27 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     return VerdictBasis(cov, off, evidence, np.where(far, evidence.bound, 0), never)
 
 
-def only_autocorrelated(known: VerdictBasis) -> bool:
+def only_autocorrelated(basis: VerdictBasis) -> bool:
     """Return whether colour and size of the residuals are all that speaks against a fit."""
-    doubted = known.evidence._replace(bound=known.held_back)
+    doubted = basis.evidence._replace(bound=basis.held_back)
     return verdict_of(doubted)[0] == Verdict.WARN and verdict_of(_explained(doubted))[0] == Verdict.USABLE
 
 
 def _explained(evidence: Evidence) -> Evidence:
     """The evidence without the colour and the size of residuals, which a floor explains."""
-    found = tuple(one for one in evidence.found if one.code != "residual.coloured")
-    return evidence._replace(found=found, believed=None, colour=np.zeros(len(evidence.colour)))
+    messages = tuple(one for one in evidence.messages if one.code != "residual.coloured")
+    return evidence._replace(found=messages, believed=None, colour=np.zeros(len(evidence.colour)))
 
 
-def fit_of(end: FinishedFit, known: VerdictBasis | None = None) -> Fit:
-    """Return the Fit of a finished search, of which all may be `known` already."""
-    known = verdict_basis(end) if known is None else known
-    problem, solution = end.task.problem, end.found.solution
-    evidence = _explained(known.evidence) if end.floor else known.evidence
-    verdict, reasons = verdict_of(evidence._replace(bound=known.held_back))
+def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
+    """Return the Fit of a finished search, of which all may be `basis` already."""
+    basis = verdict_basis(end) if basis is None else basis
+    problem, solution = end.task.problem, end.search.solution
+    evidence = _explained(basis.evidence) if end.floor else basis.evidence
+    verdict, reasons = verdict_of(evidence._replace(bound=basis.held_back))
     s = len(problem.shape.shared)
-    shared_cov = widened(_spread_out(end, known.cov[:s, :s]), evidence.names, known.off)
-    own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(known.cov)))
+    shared_cov = widened(_spread_out(end, basis.cov[:s, :s]), evidence.names, basis.off)
+    own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(basis.cov)))
     fit = Fit(
         names=evidence.names,
         units=tuple(one.unit for one in end.wanted),
@@ -83,16 +83,16 @@ def fit_of(end: FinishedFit, known: VerdictBasis | None = None) -> Fit:
         own=own,
         own_sd=own_sd,
         unobservable=evidence.unobservable,
-        never=known.never,
+        never=basis.never,
         verdict=verdict,
         reasons=reasons,
-        notes=(*_notes(end), *noted(evidence._replace(bound=evidence.bound - known.held_back))),
+        notes=(*_notes(end), *noted(evidence._replace(bound=evidence.bound - basis.held_back))),
         channels=evidence.channels,
-        sigma=_by_sensor(problem, end.found.sigma),
+        sigma=_by_sensor(problem, end.search.sigma),
         coloured=end.info.coloured,
         converged=solution.converged,
         cost=solution.at.cost,
-        evaluations=end.found.evaluations,
+        evaluations=end.search.evaluations,
         runs=_runs(problem),
         backend=problem.scan.backend,
         file=end.file,
@@ -104,17 +104,17 @@ def fit_of(end: FinishedFit, known: VerdictBasis | None = None) -> Fit:
 
 def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
     """All diagnostics of the fit, and by how much they say that parameters are off."""
-    if not end.ask or end.found.stopped or _stopped(end, "asking what is not in the model"):
+    if not end.ask or end.search.stopped or _stopped(end, "asking what is not in the model"):
         return end.doubts, {}
-    found, off = diagnose(end, sd, sigma_of_file(end.blocks))
-    return tuple(found), off
+    messages, off = diagnose(end, sd, sigma_of_file(end.blocks))
+    return tuple(messages), off
 
 
 def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     """Return by how many of its errors each shared entry of θ (s,) would move if no bound held it; inf where nobody
     asked."""
-    s, solution = end.task.problem.layout.shared, end.found.solution
-    if not end.ask or end.found.stopped:
+    s, solution = end.task.problem.layout.shared, end.search.solution
+    if not end.ask or end.search.stopped:
         return np.full(s, np.inf)
     identifiable, out = np.flatnonzero(end.identifiability.mask), np.zeros(s)
     g = solution.at.gradient[identifiable]
@@ -126,7 +126,7 @@ def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
 
 def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Diagnostic, ...]) -> Evidence:
     """Return the evidence for the verdict."""
-    solution, s = end.found.solution, len(end.task.problem.shape.shared)
+    solution, s = end.search.solution, len(end.task.problem.shape.shared)
     identifiable = end.identifiability.mask[:s]
     return Evidence(
         tuple(one.path for one in end.wanted),
@@ -135,10 +135,10 @@ def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Di
         _placed(end, end.identifiability.weak[:s], False).astype(bool),
         len(end.frozen),
         unseen,
-        _channels(end.task.problem, solution.theta, end.found.sigma, end.info.colour),
+        _channels(end.task.problem, solution.theta, end.search.sigma, end.info.colour),
         solution.converged,
         end.info.colour,
-        None if end.task.given is not None else sigma_of_file(end.blocks),
+        None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks),
         doubts,
         _weakly(end),
         _moving(end),
@@ -158,7 +158,7 @@ def _covariance(end: FinishedFit) -> np.ndarray:
     if len(identifiable):
         cov = covariance_of(end.info, identifiable)
         if not end.filtered:  # the innovations of a filter are white
-            problem, theta = end.task.problem, end.found.solution.theta
+            problem, theta = end.task.problem, end.search.solution.theta
             k = int(np.sum(identifiable < problem.layout.shared))
             for by_piece in (False, True):
                 blocks = jackknife(
@@ -228,24 +228,24 @@ def _channels(
             there = has[:, c] > 0.0
             measured = np.where(there, z[:, c], np.nan)
             part = explained(z[there, c], h[there, c], sigma[c])
-            said = ChannelFit(
+            channel = ChannelFit(
                 record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(colour[c])
             )
-            out.append(said)
+            out.append(channel)
         return out
 
     names = list(_runs(problem))
     every = each(of, range(len(names)), names, rows=sum(map(len, problem.z)))
-    return tuple(one for said in every for one in said)
+    return tuple(one for channel in every for one in channel)
 
 
 def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
     """1 − var(z − h) / var(z), residuals beyond 4 σ clipped; NaN without measurements."""
     if len(z) < 2:
         return float("nan")
-    left = np.clip(z - h, -4.0 * sigma, 4.0 * sigma)
-    total = float(np.var(h + left))
-    return 1.0 - float(np.mean(left**2)) / total if total > 0.0 else 0.0
+    residuals = np.clip(z - h, -4.0 * sigma, 4.0 * sigma)
+    total = float(np.var(h + residuals))
+    return 1.0 - float(np.mean(residuals**2)) / total if total > 0.0 else 0.0
 
 
 def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
@@ -258,8 +258,8 @@ def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic,
     n, drivetrain = len(end.file.command.names), end.blocks.model.drivetrain
     for j, some in columns.items():
         cannot = bool(end.file.command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
-        said = missing_command(some, end.file.command.names[j], cannot)
-        (never if cannot else unseen).append(said)
+        message = missing_command(some, end.file.command.names[j], cannot)
+        (never if cannot else unseen).append(message)
     for i, one in enumerate(end.free):
         if not end.identifiability.mask[i]:
             ties, near = end.like(end.identifiability.collinear, i), end.like(end.identifiability.near, i)
@@ -275,7 +275,7 @@ def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:
 
 def _moving(end: FinishedFit) -> str:
     """The parameter that a search that did not converge would still move furthest, in its errors; "" if none."""
-    solution, s = end.found.solution, len(end.task.problem.shape.shared)
+    solution, s = end.search.solution, len(end.task.problem.shape.shared)
     may = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
     A, g = end.info.bread[np.ix_(may, may)], solution.at.gradient[may]
     if solution.converged or not len(may) or not (np.isfinite(A).all() and np.isfinite(g).all()):
@@ -288,15 +288,15 @@ def _moving(end: FinishedFit) -> str:
 def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     problem = end.task.problem
     records = {record.run: record for record in problem.records}.values()
-    said = [*([end.said] if end.said else []), *_sums(end), *_horizon(problem, end.found.solution.theta)]
+    messages = [*([end.note] if end.note else []), *_sums(end), *_horizon(problem, end.search.solution.theta)]
     for r in records:
         of_run = {"of_run": r.name} if len(records) > 1 else {}
-        said += [replace(one, figures={**one.figures, **of_run}) for one in r.notes]
+        messages += [replace(one, figures={**one.figures, **of_run}) for one in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     colours = list(zip(labels, end.info.colour, strict=True))
-    said += [note("residual.not-white", subject=label) for label, c in colours if c > COLOUR]
-    said += [note("residual.alternates", subject=label) for label, c in colours if c < -COLOUR]
-    return tuple(said)
+    messages += [note("residual.not-white", subject=label) for label, c in colours if c > COLOUR]
+    messages += [note("residual.alternates", subject=label) for label, c in colours if c < -COLOUR]
+    return tuple(messages)
 
 
 def _sums(end: FinishedFit) -> list[Diagnostic]:
@@ -315,8 +315,8 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     at, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
     spans, ways = [], []
     for record, h, has in zip(problem.records, problem.predictions(theta), problem.has, strict=True):
-        seen = np.flatnonzero(has[:, at] > 0.0)
-        h, span = h[seen[seen >= record.lead], at : at + 2], record.dt_s[record.lead :].sum()
+        measured = np.flatnonzero(has[:, at] > 0.0)
+        h, span = h[measured[measured >= record.lead], at : at + 2], record.dt_s[record.lead :].sum()
         spans.append(span)
         ways.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
     code = "truth.horizon-of-pieces" if len(spans) > max(problem.layout.runs) + 1 else "truth.horizon"
@@ -327,8 +327,8 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 def _mount(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return a note that names the file for a fitted place of the mark: the map, not the vehicle file."""
     own = zip(problem.shape.shared, theta, strict=False)
-    found = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
-    return [note("truth.mount", subject=TRUTH, keys=found)] if found else []
+    values = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
+    return [note("truth.mount", subject=TRUTH, keys=values)] if values else []
 
 
 def sigma_of_file(blocks: FittedBlocks) -> np.ndarray:
@@ -347,7 +347,7 @@ def _by_sensor(problem: Residuals, sigma: np.ndarray) -> dict[str, np.ndarray]:
 
 def _fitted(end: FinishedFit) -> FittedBlocks:
     """The blocks with the estimates; biases are the mean over the runs."""
-    problem, theta = end.task.problem, end.found.solution.theta
+    problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
     own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.own)]
     return substitute(end.blocks, (*shape.shared, *shape.own), [float(x) for x in (*theta[:s], *own)])

@@ -185,24 +185,26 @@ class Fit(Result):
         """One flat row per parameter; None where it is not known."""
         out = []
         for k, name in enumerate(self.names):
-            known = bool(np.isfinite(self.estimate[k]))
+            identified = bool(np.isfinite(self.estimate[k]))
             out.append(
                 {
                     "name": name,
-                    "estimate": float(self.estimate[k]) if known else None,
-                    "sd": float(self.sd[k]) if known and np.isfinite(self.sd[k]) else None,
+                    "estimate": float(self.estimate[k]) if identified else None,
+                    "sd": float(self.sd[k]) if identified and np.isfinite(self.sd[k]) else None,
                     "unit": self.units[k],
                     "start": float(self.start[k]),
-                    "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if known else None,
-                    "observable": "no" if not known else "weak" if self.weak[k] else "yes",
+                    "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if identified else None,
+                    "observable": "no" if not identified else "weak" if self.weak[k] else "yes",
                 }
             )
         return out
 
     def __repr__(self) -> str:
-        known, every = int(np.isfinite(self.estimate).sum()), self.rows()
+        identified, every = int(np.isfinite(self.estimate).sum()), self.rows()
         runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
-        head = text(note("front.fit", vehicle=self.file.name, runs=runs, known=known, parameters=len(every)))
+        head = text(
+            note("front.fit", vehicle=self.file.name, runs=runs, known=identified, parameters=len(every))
+        )
         wide = max(len(short(row["name"])) for row in every)
         rows = []
         for row in (one for one in every if one["estimate"] is not None):
@@ -219,15 +221,15 @@ class Fit(Result):
         lines = [f"{_('parameter'):{wide}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
         for row in self.rows():
             if row["estimate"] is None:
-                held = _("held at {start:.4g}", start=row["start"])
-                lines.append(f"{short(row['name']):{wide}}  {_('not seen'):>12}   {'':>10}  {held}")
+                start_text = _("held at {start:.4g}", start=row["start"])
+                lines.append(f"{short(row['name']):{wide}}  {_('not seen'):>12}   {'':>10}  {start_text}")
                 continue
-            said = marks(row)
+            remarks = marks(row)
             sd = f"{number(row['sd']):.2g}" if row["sd"] is not None else "?"
             value = rounded(row["estimate"], row["sd"])
             lines.append(
                 f"{short(row['name']):{wide}}  {number(value):>12.5g} ± {sd:>10}  {shown_unit(row['unit'])}"
-                + (f"  ({said})" if said else "")
+                + (f"  ({remarks})" if remarks else "")
             )
         lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self, reported)]
         return "\n".join(lines)
@@ -247,21 +249,21 @@ class Fit(Result):
 
     def _asked_run_by_run(self) -> list[str]:
         """Return lines on the numbers of each run that the user requested; biases and starts are left out."""
-        said = [row for row in self.run_by_run() if requested(row["name"])]
+        rows = [row for row in self.run_by_run() if requested(row["name"])]
         if len(self.runs) > LISTED:
-            return self._asked_together(said)
+            return self._asked_together(rows)
         out = []
-        for row in said:
+        for row in rows:
             sd = _("not seen") if row["sd"] is None else f"± {number(row['sd']):.2g}"
             unit = _(" s, to be added to its stamps") if row["name"].startswith("clock.") else ""
             out.append(_("{name} of {run}: {estimate:.5g} {sd}{unit}", **row | {"sd": sd, "unit": unit}))
         return [*out, ""] if out else []
 
-    def _asked_together(self, said: list["TableRow"]) -> list[str]:
+    def _asked_together(self, rows: list["TableRow"]) -> list[str]:
         """One line a number, of all runs."""
         out = []
-        for name in dict.fromkeys(row["name"] for row in said):
-            x = [row["estimate"] for row in said if row["name"] == name]
+        for name in dict.fromkeys(row["name"] for row in rows):
+            x = [row["estimate"] for row in rows if row["name"] == name]
             unit = _(" s, to be added to its stamps") if name.startswith("clock.") else ""
             out.append(
                 _(
@@ -339,28 +341,30 @@ def marks(row: dict[str, Any]) -> str:
     value, sd = row["estimate"], row["sd"]
     if value is None:
         return _("not seen")
-    said = [_(BOUNDS[row["bound"]])] if row["bound"] else []
-    said += [_("weakly seen")] if row["observable"] == "weak" else []
+    texts_ = [_(BOUNDS[row["bound"]])] if row["bound"] else []
+    texts_ += [_("weakly seen")] if row["observable"] == "weak" else []
     if sd is None:
-        said.append(_("its error is not known"))
+        texts_.append(_("its error is not known"))
     elif abs(value) < QUANTILE_95 * sd:
-        said.append(_("may be 0"))
+        texts_.append(_("may be 0"))
     elif abs(value) < 2.0 * QUANTILE_95 * sd:
-        said.append(_("roughly, ± {percent:.0f} %", percent=100.0 * QUANTILE_95 * sd / abs(value)))
-    return ", ".join(said)
+        texts_.append(_("roughly, ± {percent:.0f} %", percent=100.0 * QUANTILE_95 * sd / abs(value)))
+    return ", ".join(texts_)
 
 
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     """Return the verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
-    found = (fit.reasons, fit.unobservable, fit.never + fit.notes)
-    reasons, unseen, notes = (grouped(by_weight(one)) for one in found)
+    lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
+    reasons, unseen, notes = (grouped(by_weight(one)) for one in lists)
     if len(reasons) == 1:
         lines = [f"{_(fit.verdict)}: {reasons[0]}"]
     else:
         lines = [f"{_(fit.verdict)}: {text(MEANS.get(fit.verdict))}"]
         lines += [f"- {one}" for one in reasons[:REASONS]]
     lines += [f"- {one}" for one in (*unseen[:UNSEEN], *notes[:NOTES])]
-    more = sum(max(0, len(said) - n) for said, n in ((reasons, REASONS), (unseen, UNSEEN), (notes, NOTES)))
+    more = sum(
+        max(0, len(lines_of) - n) for lines_of, n in ((reasons, REASONS), (unseen, UNSEEN), (notes, NOTES))
+    )
     if not more:
         return lines
     return [*lines, text(note("verdict.more-in-report" if reported else "verdict.more", more=more))]

@@ -82,12 +82,12 @@ def _open_loop(both: "LeftOutBlocks") -> Diagnostic:
 
 def _floor(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
     """The process noise with its error, axis by axis."""
-    said = []
+    messages = []
     for axis, v, sd in zip(axes, likely.noise.floor, likely.floor_sd, strict=True):
         if v > 0.0:
             error = f" ± {number(sd / (2.0 * np.sqrt(v))):.1g}" if np.isfinite(sd) else ""
-            said.append(f"{number(float(np.sqrt(v))):.2g}{error} {UNITS[axis]}")
-    return ", ".join(said)
+            messages.append(f"{number(float(np.sqrt(v))):.2g}{error} {UNITS[axis]}")
+    return ", ".join(messages)
 
 
 def _chance(p: float) -> str:

@@ -72,14 +72,16 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
         values[field] = np.asarray(number, float).tolist() if np.ndim(number) else float(number)
         provenance[field] = {"run": run, "date": on, "sd": sd, "verdict": fit.verdict}
     for field in dict.fromkeys(one.std_path.partition("[")[0] for one in priors if one.contradicted):
-        known = np.array(get(fit.file, field), dtype=float)
+        entries_ = np.array(get(fit.file, field), dtype=float)
         for one in (one for one in priors if one.contradicted and one.std_path.startswith(field)):
-            known[_index(one.std_path)] = one.sd
-        values[field] = known.tolist()
+            entries_[_index(one.std_path)] = one.sd
+        values[field] = entries_.tolist()
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
-    known = [k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT)]
-    cov = ParameterCov(tuple(fit.names[k] for k in known), fit.cov[np.ix_(known, known)], run, on)
+    entries_ = [
+        k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT)
+    ]
+    cov = ParameterCov(tuple(fit.names[k] for k in entries_), fit.cov[np.ix_(entries_, entries_)], run, on)
     return fit.file.with_values(values, provenance, cov, fit.envelope)
 
 
@@ -112,21 +114,21 @@ def _index(path: str) -> tuple[int, ...]:
 
 def _fields(fit: "Fit", kept: Sequence[str]) -> "JsonObject":
     """Path of a field → standard errors in its shape, NaN for entries that were not told, and for those `kept`."""
-    said = dict(zip(fit.names, fit.sd, strict=True))
+    sd_of = dict(zip(fit.names, fit.sd, strict=True))
     estimated = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
     for name, sd in zip(fit.own_names, np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True):
         if name.startswith("sensors.") and np.isfinite(sd) and name not in kept:
-            said[name] = sd
+            sd_of[name] = sd
             estimated.add(name)
     out: dict[str, Tree] = {}
     for path in (path for path in estimated if not path.startswith(MOUNT)):
         field, bracket, _ = path.partition("[")
         if not bracket:
-            out[field] = float(said[path])
+            out[field] = float(sd_of[path])
             continue
         if field not in out:
             out[field] = np.full(np.shape(get(fit.blocks, field)), np.nan)
-        out[field][_index(path)] = said[path]
+        out[field][_index(path)] = sd_of[path]
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in out.items()}
 
 

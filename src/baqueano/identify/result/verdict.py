@@ -56,8 +56,8 @@ class Evidence(NamedTuple):
     channels: Any  # ChannelFit, run by run, the channels in one order
     converged: bool
     colour: np.ndarray  # (m,)
-    believed: np.ndarray | None  # (m,) noise in the file, 0: not told; None: σ was given
-    found: tuple[Diagnostic, ...] = ()  # by the detectors
+    prior_sigma: np.ndarray | None  # (m,) noise in the file, 0: not told; None: σ was given
+    messages: tuple[Diagnostic, ...] = ()  # by the detectors
     weakly: tuple[Diagnostic, ...] = ()  # why those that are weak are
     moving: str = ""  # where the search did not converge, the parameter that would go on furthest
     one_mean: np.ndarray | None = (
@@ -86,7 +86,7 @@ def noted(e: Evidence) -> list[Diagnostic]:
 
 def _of(e: Evidence, severity: Severity) -> list[Diagnostic]:
     """Return what the detectors found of this severity."""
-    return [one for one in e.found if one.severity == severity]
+    return [one for one in e.messages if one.severity == severity]
 
 
 def _at_bound(e: Evidence, k: int, how: str, severity: Severity) -> Diagnostic:
@@ -103,7 +103,9 @@ def _refused(e: Evidence) -> list[Diagnostic]:
     explained = [c.explained for c in e.channels if np.isfinite(c.explained)]
     over_all = {label: whole(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
     best = max([0.0, *explained, *(one.explained for one in over_all.values())])
-    far = {label: np.sqrt(one.left / max(one.moved, 1e-300)) for label, one in over_all.items() if one.unlike}
+    far = {
+        label: np.sqrt(one.squares / max(one.moved, 1e-300)) for label, one in over_all.items() if one.unlike
+    }
     if not best > EXPLAINS:
         out.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(best, 0.0)))
     if far and best > EXPLAINS:
@@ -117,15 +119,15 @@ def _refused(e: Evidence) -> list[Diagnostic]:
 
 def _unseen(e: Evidence) -> list[Diagnostic]:
     """Return why too few of the parameters are identified."""
-    asked, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
-    unseen = asked - int(np.sum(np.isfinite(e.estimate)))
-    if asked and unseen == asked:
-        return [note("fit.nothing-seen", ERROR, asked=asked)]
-    if unseen > UNSEEN * asked:
-        return [note("fit.most-unseen", ERROR, unseen=unseen, asked=asked)]
-    if unseen + weak > UNSEEN * asked:
+    free, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
+    unseen = free - int(np.sum(np.isfinite(e.estimate)))
+    if free and unseen == free:
+        return [note("fit.nothing-seen", ERROR, asked=free)]
+    if unseen > UNSEEN * free:
+        return [note("fit.most-unseen", ERROR, unseen=unseen, asked=free)]
+    if unseen + weak > UNSEEN * free:
         code = "fit.most-unseen-or-weak" if unseen else "fit.most-weak"
-        return [note(code, ERROR, asked=asked, unseen=unseen, weak=weak)]
+        return [note(code, ERROR, asked=free, unseen=unseen, weak=weak)]
     return []
 
 
@@ -139,7 +141,7 @@ def _doubts(e: Evidence) -> list[Diagnostic]:
     out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
     if e.unobservable:
         out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
-    subjects = {one.subject for one in e.found if one.code == "residual.coloured"}
+    subjects = {one.subject for one in e.messages if one.code == "residual.coloured"}
     for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False):
         if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in subjects:
             out.append(note("residual.lacking", WARNING, subject=label))
@@ -149,10 +151,10 @@ def _doubts(e: Evidence) -> list[Diagnostic]:
 def _loud(e: Evidence) -> list[Diagnostic]:
     """Return residuals far above the noise of the file, and outliers."""
     out, labels = [], _labels(e)
-    believed = np.zeros(len(labels)) if e.believed is None else e.believed
-    for label, c, known in zip(labels, e.channels, believed, strict=False):
-        if known > 0.0 and c.sigma > ABOVE_NOISE * known:
-            times = float(c.sigma / known)
+    prior = np.zeros(len(labels)) if e.prior_sigma is None else e.prior_sigma
+    for label, c, prior_sigma in zip(labels, e.channels, prior, strict=False):
+        if prior_sigma > 0.0 and c.sigma > ABOVE_NOISE * prior_sigma:
+            times = float(c.sigma / prior_sigma)
             out.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
     for label, (n, above, below) in zip(labels, _beyond(e), strict=True):
         far = (above + below) / max(n, 1)
@@ -190,8 +192,12 @@ def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
     m = len(e.colour)
     counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
-        left = (c.measured - c.predicted) / c.sigma
-        counts[k % m] += [np.sum(np.isfinite(left)), np.sum(left > OUTLIER), np.sum(left < -OUTLIER)]
+        residuals = (c.measured - c.predicted) / c.sigma
+        counts[k % m] += [
+            np.sum(np.isfinite(residuals)),
+            np.sum(residuals > OUTLIER),
+            np.sum(residuals < -OUTLIER),
+        ]
     return [(int(n), int(above), int(below)) for n, above, below in counts]
 
 
@@ -208,19 +214,19 @@ class ChannelOfRun(NamedTuple):
     """One channel in one run, in units of its own noise."""
 
     run: str
-    left: float  # sum of the squared residuals, outliers clipped
+    squares: float  # sum of the squared residuals, outliers clipped
     moved: float  # of what was measured about its mean
     samples: int
 
     @property
     def unlike(self) -> bool:
         """Return True where it is further from the model than from its own mean."""
-        return self.left > FAR * self.moved
+        return self.squares > FAR * self.moved
 
     @property
     def explained(self) -> float:
         """The part of what it moved that the model explains."""
-        return 1.0 - self.left / self.moved if self.moved > 0.0 else 0.0
+        return 1.0 - self.squares / self.moved if self.moved > 0.0 else 0.0
 
 
 def by_channel(
@@ -234,23 +240,25 @@ def by_channel(
         fewest = 1 if shared else 2
         same = [c for c in channels if f"{c.sensor}[{c.entry}]" == label]
         same = [c for c in same if np.isfinite(c.measured).sum() >= fewest]
-        known = [np.isfinite(c.measured) for c in same]
-        z = [c.measured[there] for c, there in zip(same, known, strict=True)]
+        finite = [np.isfinite(c.measured) for c in same]
+        z = [c.measured[there] for c, there in zip(same, finite, strict=True)]
         mean = float(np.mean(np.concatenate(z))) if shared and z else None
-        for c, there, measured in zip(same, known, z, strict=True):
+        for c, there, measured in zip(same, finite, z, strict=True):
             most = CLIPPED * max(c.sigma, float(np.std(measured)))
-            left = np.clip(measured - c.predicted[there], -most, most)
-            moved = c.predicted[there] + left
+            residuals = np.clip(measured - c.predicted[there], -most, most)
+            moved = c.predicted[there] + residuals
             moved = moved - (np.mean(moved) if mean is None else mean)
-            left2, moved2 = (float(x @ x) / c.sigma**2 for x in (left, moved))
+            left2, moved2 = (float(x @ x) / c.sigma**2 for x in (residuals, moved))
             out.setdefault(label, []).append(ChannelOfRun(c.run, left2, moved2, len(measured)))
     return out
 
 
 def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     """The sums over all runs of a channel."""
-    left, moved, samples = (sum(getattr(one, name) for one in runs) for name in ("left", "moved", "samples"))
-    return ChannelOfRun("", left, moved, samples)
+    squares, moved, samples = (
+        sum(getattr(one, name) for one in runs) for name in ("left", "moved", "samples")
+    )
+    return ChannelOfRun("", squares, moved, samples)
 
 
 def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
@@ -261,26 +269,26 @@ def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagno
         rest = [one for one in runs if not one.unlike]
         if not rest:
             continue
-        errs = whole(rest).left / max(whole(rest).samples, 1)
+        errs = whole(rest).squares / max(whole(rest).samples, 1)
         small = [one.moved <= errs * one.samples for one in runs]
-        found = [
+        outliers = [
             one.run
             for one, quiet in zip(runs, small, strict=True)
             if one.unlike and (quiet if hardly else not quiet and _beyond_chance(one, rest, len(runs)))
         ]
-        if found:
+        if outliers:
             code, grave = (
                 ("runs.hardly-moved", Severity.INFO) if hardly else ("runs.unlike-others", Severity.WARNING)
             )
-            named = ", ".join(found[:NAMED]) + ", …" * (len(found) > NAMED)
-            out.append(note(code, grave, subject=label, count=len(found), of=len(runs), runs=named))
+            named = ", ".join(outliers[:NAMED]) + ", …" * (len(outliers) > NAMED)
+            out.append(note(code, grave, subject=label, count=len(outliers), of=len(runs), runs=named))
     return out
 
 
 def _beyond_chance(one: ChannelOfRun, rest: list[ChannelOfRun], count: int) -> bool:
     """Return True where the residual of a run is larger than the largest of `count` runs is by chance. Two runs do not
     show their scatter: then True.  (1)"""
-    g = np.log([max(r.left / r.samples, 1e-300) for r in (one, *rest)])
+    g = np.log([max(r.squares / r.samples, 1e-300) for r in (one, *rest)])
     if len(rest) < 2:
         return True
     far = (

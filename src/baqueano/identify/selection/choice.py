@@ -154,9 +154,9 @@ class Choice:
         wide = max((len(one.term.name) for one in self.judged), default=0)
         lines = [f"{_('term'):{wide}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
         for one in self.judged:
-            held = f"{number(one.without):.4g} → {number(one.with_):.4g}"
+            errors = f"{number(one.without):.4g} → {number(one.with_):.4g}"
             ahead = f"{number(one.one_step_without):.4g} → {number(one.one_step_with):.4g}"
             label = f"{_(one.channel.name)} [{one.channel.unit}]"
-            lines.append(f"{one.term.name:{wide}}  {_(one.verdict):9}  {held:>19}  {ahead:>19}  {label}")
+            lines.append(f"{one.term.name:{wide}}  {_(one.verdict):9}  {errors:>19}  {ahead:>19}  {label}")
         lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, _(NO_EVIDENCE), ""]
         return "\n".join(lines) + "\n" + self.fit.table(reported)

@@ -81,7 +81,7 @@ class Fold(NamedTuple):
     """Data of one fold: those of the fit, and those held out."""
 
     train: Residuals
-    held: Residuals
+    test: Residuals
 
 
 class HeldOut:
@@ -94,13 +94,13 @@ class HeldOut:
         """Of the runs of `records`, `rest` begin at rest, and the last `unseen` are held out; 0: parts of all are.
         Bounds of θ, `low` and `high`, are the caller's to set."""
         self.low, self.high = np.zeros(0), np.zeros(0)
-        seen = len(rest) - unseen
-        self.unseen, self.whole_runs = unseen, bool(unseen) or seen >= FOLDS
-        judging = [record for record in records if not unseen or record.run >= seen]
-        self.block_s, numbers, self.count = _blocks(judging, (unseen or seen) >= RUNS)
+        fitted_runs = len(rest) - unseen
+        self.unseen, self.whole_runs = unseen, bool(unseen) or fitted_runs >= FOLDS
+        judging = [record for record in records if not unseen or record.run >= fitted_runs]
+        self.block_s, numbers, self.count = _blocks(judging, (unseen or fitted_runs) >= RUNS)
         before = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
         self.blocks = [*before, *numbers]
-        fitted = [_masked(r, np.full(len(r.dt_s), not unseen or r.run < seen)) for r in records]
+        fitted = [_masked(r, np.full(len(r.dt_s), not unseen or r.run < fitted_runs)) for r in records]
         self.all = Residuals(blocks, shape, fitted, backend)
         self.shared = np.arange(self.all.size) < len(shape.shared)
         self.starts = np.arange(self.all.size) >= self.all.layout.starts
@@ -109,19 +109,19 @@ class HeldOut:
             self.still[self.all.layout.of_starts(k)] = rest[record.run]
         self.folds = []
         if unseen:
-            held = [_masked(r, np.full(len(r.dt_s), r.run >= seen)) for r in records]
-            self.folds.append(Fold(self.all, Residuals(blocks, shape, held, backend)))
+            masked = [_masked(r, np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
+            self.folds.append(Fold(self.all, Residuals(blocks, shape, masked, backend)))
             return
         for k in range(min(FOLDS, self.count)):
-            said = [np.full(len(r.dt_s), r.run) for r in records] if self.whole_runs else self.blocks
-            out = [number % FOLDS == k for number in said]
+            groups = [np.full(len(r.dt_s), r.run) for r in records] if self.whole_runs else self.blocks
+            out = [number % FOLDS == k for number in groups]
             near = (
                 out if self.whole_runs else [_widened(o, r.dt_s) for o, r in zip(out, records, strict=True)]
             )
             train = [_masked(r, ~n) for r, n in zip(records, near, strict=True)]
-            held = [_masked(r, o) for r, o in zip(records, out, strict=True)]
+            masked = [_masked(r, o) for r, o in zip(records, out, strict=True)]
             self.folds.append(
-                Fold(Residuals(blocks, shape, train, backend), Residuals(blocks, shape, held, backend))
+                Fold(Residuals(blocks, shape, train, backend), Residuals(blocks, shape, masked, backend))
             )
 
     def fitted(
@@ -131,7 +131,7 @@ class HeldOut:
         """The best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
         problem = (self.all if problem is None else problem).weighed(sigma)
         return minimise(
-            problem.evaluate, theta, self.low, self.high, held=~free, tolerance=DONE, most=most, damping=1e-4
+            problem.evaluate, theta, self.low, self.high, fixed=~free, tolerance=DONE, most=most, damping=1e-4
         )
 
     def score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
@@ -149,13 +149,13 @@ class HeldOut:
         loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
         ahead, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
         movable = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
-        found = self.fitted(theta, movable, sigma, fold.train).theta
-        shared = found[self.shared]
+        theta_ = self.fitted(theta, movable, sigma, fold.train).theta
+        shared = theta_[self.shared]
         if self.whole_runs:
-            found = np.where(self.still, 0.0, found)
-            found = self.fitted(found, free & ~self.shared & ~self.still, sigma, fold.held).theta
-        said = zip(fold.held.weighed(sigma).residuals(found), fold.held.has, self.blocks, strict=True)
-        for r, has, block in said:
+            theta_ = np.where(self.still, 0.0, theta_)
+            theta_ = self.fitted(theta_, free & ~self.shared & ~self.still, sigma, fold.test).theta
+        by_segment = zip(fold.test.weighed(sigma).residuals(theta_), fold.test.has, self.blocks, strict=True)
+        for r, has, block in by_segment:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
             np.add.at(samples, block, has)
@@ -233,8 +233,8 @@ def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 def _masked(record: FitRecord, kept: np.ndarray) -> FitRecord:
     """The record with the measurements of the rows `kept` (N,) only."""
     sensors: dict[str, Tree] = {
-        name: Measurements(said.z, said.has * kept[:, None], said.sample_fraction)
-        for name, said in record.sensors.items()
+        name: Measurements(readings.z, readings.has * kept[:, None], readings.sample_fraction)
+        for name, readings in record.sensors.items()
     }
     return record._replace(sensors=sensors)
 

@@ -112,7 +112,7 @@ def choose(
     others = [name for name in options.changed if name not in TAKEN]
     if others:
         raise UsageError(fault("choose.options", options=others))
-    runs, said = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
+    runs, report = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
     unseen_only(held_out, runs)
     commands = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, commands)):
@@ -123,15 +123,15 @@ def choose(
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, any_way, battery))
     least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
-    said(_("fitting the least model"))
+    report(_("fitting the least model"))
     base = how.fit(bare, least)
     terms = candidate_terms(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
     terms = [
         term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
     ]
-    growing = _Growing(how, bare, base, least, terms, said)
+    growing = _Growing(how, bare, base, least, terms, report)
     model, judged = growing.grown()
-    said(_("fitting the model that was chosen"))
+    report(_("fitting the model that was chosen"))
     return Choice(tuple(judged), growing.fit_of(model, bare), growing.rule)
 
 
@@ -243,21 +243,19 @@ class _Growing:
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
         """The fit of a model with its error bars, begun where it is; a delay stays near it, for its
         cost has a valley in every tick."""
-        found = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
+        values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         taken = [path for term in model.terms for path in term.paths]
-        file = with_terms(bare, self.terms, {path: found[path] for path in taken})
+        file = with_terms(bare, self.terms, {path: values[path] for path in taken})
         near, close_s = {}, NEAR / bare.rate_hz
         if DELAY in taken:
-            near = {DELAY: (max(0.0, found[DELAY] - close_s), found[DELAY] + close_s)}
-        return self.how.fit(file, [*self.said_least, *taken], {p: found[p] for p in self.said_least}, near)
+            near = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
+        return self.how.fit(file, [*self.said_least, *taken], {p: values[p] for p in self.said_least}, near)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """The model with `terms`, its noise found anew."""
         free = self._free(terms)
-        found = search(self.task, np.where(free, theta, self.first), ~free)
-        return Model(
-            terms, found.solution.theta, found.sigma, self._score(found.solution.theta, free, found.sigma)
-        )
+        end = search(self.task, np.where(free, theta, self.first), ~free)
+        return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, free, end.sigma))
 
     def forward(self, model: Model, last: dict[str, TermResult], barred: set[str]) -> Model:
         """The model with all terms that are good, one after the other.  (2)"""
@@ -293,12 +291,14 @@ class _Growing:
                 self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0), end.theta, None
             )
         score = self._score(end.theta, free, model.sigma)
-        found = paired(model.score, score)
-        verdict = Decision.TAKEN if found.errors > found.beyond(alpha) else Decision.LEFT_OUT
+        comparison = paired(model.score, score)
+        verdict = Decision.TAKEN if comparison.errors > comparison.beyond(alpha) else Decision.LEFT_OUT
         sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
         reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
-        judged = self._judged(term, verdict, reason, model, (score, found), end.theta, found.beyond(alpha))
+        judged = self._judged(
+            term, verdict, reason, model, (score, comparison), end.theta, comparison.beyond(alpha)
+        )
         return TermTrial(judged, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
@@ -326,12 +326,14 @@ class _Growing:
             theta[self._at(term)] = self.first[self._at(term)]
             end = self.held_out.fitted(theta, free, model.sigma)
             score = self._score(end.theta, free, model.sigma)
-            found = paired(score, model.score)
-            needed = found.beyond(ALPHA)
-            verdict = Decision.TAKEN if found.errors > needed else Decision.DROPPED
+            comparison = paired(score, model.score)
+            needed = comparison.beyond(ALPHA)
+            verdict = Decision.TAKEN if comparison.errors > needed else Decision.DROPPED
             without = model._replace(score=score)
-            judged = self._judged(term, verdict, None, without, (model.score, found), model.theta, needed)
-            if verdict == Decision.DROPPED and (weakest is None or found.errors < weakest.judged.errors):
+            judged = self._judged(
+                term, verdict, None, without, (model.score, comparison), model.theta, needed
+            )
+            if verdict == Decision.DROPPED and (weakest is None or comparison.errors < weakest.judged.errors):
                 weakest = TermTrial(judged, end.theta, score)
             elif verdict == Decision.TAKEN:
                 last[term.name] = judged
@@ -362,16 +364,20 @@ class _Growing:
     ) -> TermResult:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
         at = self._at(term)
-        score, found = other or (model.score, PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
-        c = found.channel
+        score, comparison = other or (
+            model.score,
+            PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]),
+        )
+        c = comparison.channel
         sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
         if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
-            fall: JsonObject = {"percent": 100 * found.gain, "percent_sd": 100 * found.sd}
+            fall: JsonObject = {"percent": 100 * comparison.gain, "percent_sd": 100 * comparison.sd}
             why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
         return TermResult(
             term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
-            found.gain, found.sd, found.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
+            comparison.gain, comparison.sd, comparison.errors, needed, tuple(map(float, theta[at])),
+            tuple(map(float, sd)),
             float(model.score.one_step[c]), float(score.one_step[c]),
         )  # fmt: skip
 

@@ -77,15 +77,15 @@ def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
     return with_terms(file, terms, {})
 
 
-def with_terms(file: "VehicleFile", terms: Sequence[Term], found: dict[str, float]) -> "VehicleFile":
-    """The file with the values `found` at their paths, all other paths of `terms` neutral."""
+def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, float]) -> "VehicleFile":
+    """The file with the values `fitted` at their paths, all other paths of `terms` neutral."""
     blocks, fields = room_for(FittedBlocks(file.vehicle, file.sensors), terms), set()
     for term in terms:
         for path, none in zip(term.paths, term.neutral, strict=True):
-            blocks = put(blocks, path, found.get(path, none))
+            blocks = put(blocks, path, fitted.get(path, none))
             fields.add(path.partition("[")[0])
     values = {field: np.asarray(get(blocks, field), float).tolist() for field in sorted(fields)}
-    if LAG in values and LAG not in found:
+    if LAG in values and LAG not in fitted:
         values[LAG] = 0.0
     changed = {k: v for k, v in values.items() if not _same(v, file.value(k))}
     return file.with_values(changed) if changed else file
@@ -119,10 +119,10 @@ def candidate_terms(
     blocks: FittedBlocks, candidates: Sequence[str | Term] | None, u: np.ndarray, battery: bool
 ) -> list[Term]:
     """The candidates: all terms of the kind, or those of the names, or paths of the vehicle file."""
-    known = terms_of(blocks, u, battery)
+    terms = terms_of(blocks, u, battery)
     if candidates is None:
-        return known
-    by_name, out = {term.name: term for term in known}, []
+        return terms
+    by_name, out = {term.name: term for term in terms}, []
     for one in candidates:
         if isinstance(one, Term):
             out.append(one)
@@ -177,7 +177,7 @@ def _driven(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
 
 def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Term]:
     """Return the terms that the fields of the model name.  (1)"""
-    found: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
+    by_name: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
     for field, p in all_parameters(blocks.model, "model"):
         if not p.term or p.role == "gain" or (field.startswith(OF_WHEELS) and not _track(blocks)):
             continue
@@ -186,10 +186,10 @@ def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Ter
             starts = tuple(neutral + x for x in p.start) or _sizes(blocks, path, neutral, motions)
             if starts:
                 name = words_of(p.term, described(blocks, path, {}).entry)
-                found.setdefault(name, []).append((path, neutral, starts))
+                by_name.setdefault(name, []).append((path, neutral, starts))
     return [
         Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)))
-        for name, (paths, neutral, starts) in ((k, zip(*some, strict=True)) for k, some in found.items())
+        for name, (paths, neutral, starts) in ((k, zip(*some, strict=True)) for k, some in by_name.items())
     ]
 
 

@@ -117,6 +117,6 @@ def _told(subject: Subject, name: str) -> "VehicleFile":
     """The file before the fit, with scales as they are known."""
     values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
     if name != "raw":
-        found = {one.name: one.value for one in calibrate(subject.fitted, subject.file).known}
+        found = {one.name: one.value for one in calibrate(subject.fitted, subject.file).numbers}
         values |= {path: value for path, value in found.items() if path.endswith("scale")}
     return subject.file.with_values(values)
