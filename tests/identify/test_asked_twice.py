@@ -23,7 +23,7 @@ def asked(run, case):
 
 
 def test_residuals_and_predictions_are_kept_for_one_place_and_one_noise(end):
-    problem, theta = end.task.problem, end.found.solution.theta
+    problem, theta = end.task.problem, end.search.solution.theta
     for score_test in (problem.residuals, problem.predictions):
         assert score_test(theta)[0] is score_test(theta.copy())[0]
         assert not np.array_equal(score_test(theta)[0], score_test(1.01 * theta)[0])
@@ -46,7 +46,7 @@ def test_predictions_are_there_where_no_reading_is(end, case, driven):
     z = run.sensors["imu"].z.copy()
     z[100:200, 1] = np.nan
     few = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=z)})
-    problem, theta = asked(few, case).task.problem, end.found.solution.theta
+    problem, theta = asked(few, case).task.problem, end.search.solution.theta
     assert not problem.has[0].all()
     np.testing.assert_allclose(problem.predictions(theta)[0], shown(problem, theta), atol=1e-9)
     np.testing.assert_allclose(
@@ -55,7 +55,7 @@ def test_predictions_are_there_where_no_reading_is(end, case, driven):
 
 
 def test_slopes_that_were_taken_away_and_written_to_are_worked_out_anew(end):
-    problem, theta = end.task.problem, end.found.solution.theta
+    problem, theta = end.task.problem, end.search.solution.theta
     (_, d, _), before = problem.sensitivities(theta)[0], problem.sensitivities(theta)[0][1].copy()
     assert problem.sensitivities(theta)[0][1] is d
     fit_residuals(problem, theta, np.ones(problem.size, bool))  # writes to them

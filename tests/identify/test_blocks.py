@@ -24,7 +24,7 @@ def end(case, driven):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda finished: finished)
         found = identify([driven(seed, 20.0) for seed in range(2)], case)
-    return found, information(found.task.problem, found.found.solution.theta)
+    return found, information(found.task.problem, found.search.solution.theta)
 
 
 def seen_by_a_camera(run: Run, seed: int) -> Run:
@@ -41,7 +41,7 @@ def test_a_block_less_moves_the_fit_by_a_step_of_gauss_newton_without_it(end):
     found, info = end
     problem, theta, identifiable = (
         found.task.problem,
-        found.found.solution.theta,
+        found.search.solution.theta,
         np.flatnonzero(found.identifiability.mask),
     )
     moves = []
@@ -88,7 +88,7 @@ def test_errors_over_a_floor_that_disturbs_are_those_that_are_made_among_outlier
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(module, "fit_by_simulation", lambda finished: finished)
             found = identify(run, car)
-        info = information(found.task.problem, found.found.solution.theta)
+        info = information(found.task.problem, found.search.solution.theta)
         identifiable = np.flatnonzero(found.identifiability.mask)
         white = np.sqrt(np.diagonal(covariance_of(info, identifiable)))[
             identifiable < found.task.problem.layout.shared
@@ -140,7 +140,7 @@ def test_pieces_in_which_a_model_ran_away_tell_nothing(case, driven, monkeypatch
         found = identify(driven(0, 24.0), case, options=FitOptions(segment_s=4.0))
     problem, theta, identifiable = (
         found.task.problem,
-        found.found.solution.theta,
+        found.search.solution.theta,
         np.flatnonzero(found.identifiability.mask),
     )
     ways = {"by_piece": False}, {"by_piece": True}

@@ -43,7 +43,7 @@ def pushed(blocks, record, push):
     ],
 )
 def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code, axis, phi):
-    problem, theta = end.task.problem, end.found.solution.theta
+    problem, theta = end.task.problem, end.search.solution.theta
     now = fitted_motion(end.blocks, problem, theta)
     columns = [
         D[k] for said, D in probes(end.blocks, problem, now)() for k, (c, _) in enumerate(said) if c == code
@@ -61,7 +61,7 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
 
 
 def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
-    problem, theta = end.task.problem, end.found.solution.theta
+    problem, theta = end.task.problem, end.search.solution.theta
     identifiable = np.concatenate(
         [
             end.identifiability.mask,
@@ -83,7 +83,7 @@ def test_asking_of_parts_is_asking_of_slopes_that_are_0_elsewhere(end):
 
 
 def test_a_probe_that_ran_away_asks_nothing(end):
-    problem, theta = end.task.problem, end.found.solution.theta
+    problem, theta = end.task.problem, end.search.solution.theta
     left = fit_residuals(problem, theta, np.ones(problem.size, bool))
     D = np.stack([left.d[0] ** 2, np.full(len(left.psi), 1.0)])
     D[1, 50:] = np.inf

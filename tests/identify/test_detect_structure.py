@@ -84,7 +84,7 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
     run, seen = simulate(rough, u, 0), {}
 
     def look(end):
-        problem, theta = end.task.problem, end.found.solution.theta
+        problem, theta = end.task.problem, end.search.solution.theta
         left = fit_residuals(problem, theta, end.identifiability.mask)
         for words, D in probes(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
             seen.update(zip((code for code, _ in words), score_test(left, D), strict=True))

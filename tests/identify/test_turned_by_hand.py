@@ -147,7 +147,7 @@ def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path
 def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
     found = by_hand(by_hand_log((2, -2)), small)
     after = found.updated(small)
-    assert after.value(f"{NAME}_std") == pytest.approx(found.known[0].sd / found.known[0].value)
+    assert after.value(f"{NAME}_std") == pytest.approx(found.numbers[0].sd / found.numbers[0].value)
     assert "gyro_bias_std" not in after.text  # a rest today does not tell how it comes back
     route = circle(0.6, 0.2)
     wide, narrow = (corridor_ahead(file, route, 3).rows()[-1] for file in (small, after))

@@ -135,7 +135,7 @@ def by_innovations(first: FinishedFit) -> PredictionErrorFit:
     if chosen.contradicted:
         doubts = (*doubts, replace(chosen.why, severity=Severity.WARNING))
     second = first._replace(
-        blocks=blocks, found=search, info=info, floor=chosen.explains, filtered=True, doubts=doubts
+        blocks=blocks, search=search, info=info, floor=chosen.explains, filtered=True, doubts=doubts
     )
     return PredictionErrorFit(second, likely, chosen, prediction.axes, with_noise)
 

@@ -59,17 +59,17 @@ def html_of(result: Result) -> str:
     card, folded = card_of(result), html.escape(result.table())
     colour = COLOURS[TONES.get(card.verdict, "plain")]
     badge = f'<span class="verdict" style="background: {colour}">{html.escape(_(card.verdict))}</span>'
-    said = "".join(f"<p>{html.escape(line)}</p>" for line in card.lines)
+    paragraphs = "".join(f"<p>{html.escape(line)}</p>" for line in card.lines)
     unfolded = "" if card.rows or card.lines else " open"
     whole = f"<details{unfolded}><summary>{text(WHOLE)}</summary><pre>{folded}</pre></details>"
     head = f'<span class="name">{html.escape(card.title)}</span>{badge if card.verdict else ""}'
-    return f'<div class="baqueano"><style>{STYLE}</style>{head}{_table(card.rows)}{said}{whole}</div>'
+    return f'<div class="baqueano"><style>{STYLE}</style>{head}{_table(card.rows)}{paragraphs}{whole}</div>'
 
 
 def _table(rows: "Sequence[TableRow]") -> str:
     if not rows:
         return ""
-    shown = [{key: cell(value, key) for key, value in row.items()} for row in rows[:SHOWN]]
+    rows_shown = [{key: cell(value, key) for key, value in row.items()} for row in rows[:SHOWN]]
     numbers = {key for key in rows[0] if any(isinstance(row[key], int | float) for row in rows)}
 
     def line(tag: str, values: dict[str, str]) -> str:
@@ -80,15 +80,15 @@ def _table(rows: "Sequence[TableRow]") -> str:
     more = len(rows) - SHOWN
     rest = f"<p>{html.escape(text(note('front.rows-more', rows=more)))}</p>" if more > 0 else ""
     heads = {key: _(key.replace("_", " ")) for key in rows[0]}
-    return f"<table>{line('th', heads)}{''.join(line('td', row) for row in shown)}</table>{rest}"
+    return f"<table>{line('th', heads)}{''.join(line('td', row) for row in rows_shown)}</table>{rest}"
 
 
 @singledispatch
 def card_of(result: Result) -> Card:
     """Return what stands on the card of a result; of one that has none of its own, its rows."""
     rows = result.rows()
-    shown = rows if rows and len(rows[0]) <= COLUMNS else []
-    return Card(type(result).__name__, str(getattr(result, "verdict", "")), shown)
+    table_rows = rows if rows and len(rows[0]) <= COLUMNS else []
+    return Card(type(result).__name__, str(getattr(result, "verdict", "")), table_rows)
 
 
 @card_of.register(Fit)
@@ -104,7 +104,7 @@ def _of_run(result: Run) -> Card:
     kind = result.metadata.get("kind", "run")
     title = text(note("front.card-run", run=result.name, kind=_(kind), duration_s=result.duration_s))
     names = {"topic": "topic", "count": "count", "rate_hz": "rate [Hz]", "gaps": "gaps"}
-    rows = [{shown: row[name] for name, shown in names.items()} for row in result.rows()]
+    rows = [{heading: row[name] for name, heading in names.items()} for row in result.rows()]
     events = [event.sentence for event in result.events if event.level != "info"]
     return Card(title, "", rows, events[:SENTENCES])
 
@@ -119,8 +119,10 @@ def _of_comparison(result: Comparison) -> Card:
         }
         for one in result.runs
     ]  # fmt: skip
-    said = [f"{one.name}: {sentence}" for one in result.runs for sentence in one.sentences]
-    return Card(text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, said[:SENTENCES])
+    sentences = [f"{one.name}: {sentence}" for one in result.runs for sentence in one.sentences]
+    return Card(
+        text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, sentences[:SENTENCES]
+    )
 
 
 @card_of.register(TuneResult)

@@ -119,13 +119,13 @@ def estimates(
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
     centre, half = 100 * (value - base) / scale, 100 * 1.96 * sd / scale
-    known = np.isfinite(centre) & np.isfinite(half)
-    labels = [name for name, k in zip(names, known, strict=True) if k]
+    finite = np.isfinite(centre) & np.isfinite(half)
+    labels = [name for name, k in zip(names, finite, strict=True) if k]
     figure, axis = panel((9.2, 0.32 * len(labels) + 1.1))
     rows = np.arange(len(labels))[::-1]
-    axis.errorbar(centre[known], rows, xerr=half[known], fmt="o", ms=4, color=MODEL, capsize=3)
+    axis.errorbar(centre[finite], rows, xerr=half[finite], fmt="o", ms=4, color=MODEL, capsize=3)
     axis.axvline(0, color=TRUTH, lw=1)
-    reach = np.abs(centre[known]) + half[known]
+    reach = np.abs(centre[finite]) + half[finite]
     if np.any(reach > WIDE):  # one that is hardly known would hide how well the others are
         most = 1.05 * max(float(np.max(reach[reach <= WIDE], initial=0.0)), 10.0)
         axis.set_xlim(-most, most)

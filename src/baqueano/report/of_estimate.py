@@ -21,42 +21,44 @@ PLACES = 400  # of the corridor, along a path
 def beside_each_other(both: Comparison) -> list[Section]:
     """Return the figures of two estimates of one drive, a column each."""
     rows = [judged.row() for judged in both.runs]
-    known = {
+    columns = {
         _("estimated position off, rms [m]"): "ate_m", _("at the end [m]"): "end_error_m",
         _("drift over 1 s [m]"): "rpe_m", _("estimated speed off, rms [m/s]"): "speed_error_m_s",
         _("NEES of the velocity"): "nees_velocity", "NIS": "nis", _("verdict"): "verdict",
     }  # fmt: skip
     lines = [
         {"figure": label} | {f"run {k}": row[key] for k, row in enumerate(rows)}
-        for label, key in known.items()
+        for label, key in columns.items()
     ]
     headings = {"figure": _("figure")} | {f"run {k}": str(row["run"]) for k, row in enumerate(rows)}
-    said = "\n".join(f"{judged.name}: {one}" for judged in both.runs for one in judged.sentences)
-    return [Section(_("Two estimators, one drive"), said, [Table(lines, "", headings)])]
+    sentences = "\n".join(f"{judged.name}: {one}" for judged in both.runs for one in judged.sentences)
+    return [Section(_("Two estimators, one drive"), sentences, [Table(lines, "", headings)])]
 
 
-def said_of_path(one: RunComparison, alignment: str) -> str:
+def sentence_of_path(one: RunComparison, alignment: str) -> str:
     """Return the words above the drawing of a path: when it diverged, or its corridor, and its alignment."""
-    said = f"{one.sentences[0]} " if np.isfinite(one.diverged_s) else ""
-    found = one.corridor
-    if found is not None and not said:
-        lap = " " + _("in the last lap") if _laps(found) > 1 else ""
-        said = (
+    sentence = f"{one.sentences[0]} " if np.isfinite(one.diverged_s) else ""
+    corridor = one.corridor
+    if corridor is not None and not sentence:
+        lap = " " + _("in the last lap") if _laps(corridor) > 1 else ""
+        sentence = (
             _(
                 "Shaded: where the vehicle may be{lap}, to the left and right of where it believes to be.",
                 lap=lap,
             )
             + " "
         )
-        said += f"{found.sentence[:1].upper()}{found.sentence[1:]}."
+        sentence += f"{corridor.sentence[:1].upper()}{corridor.sentence[1:]}."
     laid = {"none": "", "start": " " + _("The estimate is laid on the truth at its start."),
             "rigid": " " + _("The estimate is laid on the truth by the best rigid motion.")}[alignment]  # fmt: skip
-    return said + laid
+    return sentence + laid
 
 
-def _laps(found: Corridor) -> float:
+def _laps(corridor: Corridor) -> float:
     """Return the length of a corridor in laps, 0 without one."""
-    return float(found.t_s[-1]) / found.lap_s if np.isfinite(found.lap_s) and len(found.t_s) else 0.0
+    return (
+        float(corridor.t_s[-1]) / corridor.lap_s if np.isfinite(corridor.lap_s) and len(corridor.t_s) else 0.0
+    )
 
 
 def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Table | Drawing]:
@@ -69,16 +71,20 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
     if run.truth is not None:
         lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
     if run.estimate is not None:
-        eta, found = _aligned(run, alignment), corridor_of(run)
+        eta, corridor = _aligned(run, alignment), corridor_of(run)
         lines["estimate"] = eta[:, :2]
-        if found is not None and len(found.t_s) > 1:
-            last = len(found.t_s) - 1
-            begin = int(np.searchsorted(found.t_s, found.t_s[-1] - found.lap_s)) if _laps(found) > 1.0 else 0
+        if corridor is not None and len(corridor.t_s) > 1:
+            last = len(corridor.t_s) - 1
+            begin = (
+                int(np.searchsorted(corridor.t_s, corridor.t_s[-1] - corridor.lap_s))
+                if _laps(corridor) > 1.0
+                else 0
+            )
             places = np.linspace(begin, last, min(PLACES, last + 1 - begin)).astype(int)
             left = np.stack([-np.sin(eta[places, 2]), np.cos(eta[places, 2])], axis=1)
-            half = found.across_m[places, None] * left
+            half = corridor.across_m[places, None] * left
             band = np.stack([eta[places, :2] + half, eta[places, :2] - half], axis=1)
-            turn = map_from_body(eta[last, 2] - found.eta[last, 2])[:2, :2]
+            turn = map_from_body(eta[last, 2] - corridor.eta[last, 2])[:2, :2]
             end = figures.ellipse(eta[last, :2], turn @ run.estimate.cov[last, :2, :2] @ turn.T)
     if beside is not None and beside.estimate is not None:
         other = until_diverged(beside)
@@ -134,9 +140,9 @@ def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarra
     return seconds(log.t_ns, run.t_ns[0]), np.column_stack([off, log.nu[:, 0] - nu_true[:, 0]])
 
 
-def knows(found: FilterConsistency, run: Run) -> list[Section]:
+def knows(corridor: FilterConsistency, run: Run) -> list[Section]:
     """Return the sentence on the filter's own covariance, its figures and its innovations, where there are any."""
-    rows, log = found.figures(), run.estimate
+    rows, log = corridor.figures(), run.estimate
     caption = _("1 if consistent; a right covariance lies from … to …, in 95 % of runs.")
     parts: list[Table | Drawing] = [Table(rows, caption)]
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
@@ -146,6 +152,8 @@ def knows(found: FilterConsistency, run: Run) -> list[Section]:
             (_("innovation {k}", k=k), {"±2σ": (t, two), "residual": (t, y)})
             for k, y in enumerate((log.innovation / sd).T) if np.isfinite(y).any()
         ]  # fmt: skip
-        said = _("Innovations over time, in standard deviations: 95 % of a right covariance lie in the band.")
-        parts += [draw(figures.over_time(panels, height_in=1.4), said)] if panels else []
-    return [Section(_("Does the filter know its errors?"), found.sentence, parts)] if rows else []
+        remark = _(
+            "Innovations over time, in standard deviations: 95 % of a right covariance lie in the band."
+        )
+        parts += [draw(figures.over_time(panels, height_in=1.4), remark)] if panels else []
+    return [Section(_("Does the filter know its errors?"), corridor.sentence, parts)] if rows else []

@@ -74,28 +74,28 @@ def page_of_fit(
 def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
     """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
     again what the verdict rests on."""
-    said = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
-    said = "\n".join(f"• {one}" for one in texts(by_weight(said)))
+    messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
+    messages = "\n".join(f"• {one}" for one in texts(by_weight(messages)))
     rows = [row_of(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
-    known = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
-    names = [short(n) for n, k in zip(fit.names, known, strict=True) if k]
+    identified = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
+    names = [short(n) for n, k in zip(fit.names, identified, strict=True) if k]
     parts: list[Table | Drawing] = [Table(rows)]
-    if known.any():
-        beside = None if truth is None else truth[known]
-        drawing = figures.estimates(names, fit.estimate[known], fit.sd[known], beside)
+    if identified.any():
+        beside = None if truth is None else truth[identified]
+        drawing = figures.estimates(names, fit.estimate[identified], fit.sd[identified], beside)
         parts.append(
             draw(
                 drawing, _("Each estimate with its 95 % interval; one that goes beyond the figure may be 0.")
             )
         )
-    sections = [Section(_("Parameters"), said, parts), *_runs(fit)]
+    sections = [Section(_("Parameters"), messages, parts), *_runs(fit)]
     sections += [_of_run(fit, run) for run in _drawn(fit.channels)]
-    if known.sum() > 1:
-        matrix = fit.correlation[np.ix_(known, known)]
-        said = _("Red or blue off the diagonal: these are known only together.")
-        drawing = draw(figures.correlation(names, matrix), said, narrow=False)
+    if identified.sum() > 1:
+        matrix = fit.correlation[np.ix_(identified, identified)]
+        messages = _("Red or blue off the diagonal: these are known only together.")
+        drawing = draw(figures.correlation(names, matrix), messages, narrow=False)
         sections.append(Section(_("Correlation of the estimates"), "", [drawing]))
     return sections
 
@@ -116,25 +116,25 @@ def row_of(row: "TableRow") -> "JsonObject":
 
 def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     """Return the meaning of the verdict for the reader, and the next step."""
-    said = [ended(reason) for reason in texts(by_weight(fit.reasons))]
-    said = [f"• {one}" for one in said] if len(said) > 1 else said
+    reasons_ = [ended(reason) for reason in texts(by_weight(fit.reasons))]
+    reasons_ = [f"• {one}" for one in reasons_] if len(reasons_) > 1 else reasons_
     if held_out is not None:
-        said += [
+        reasons_ += [
             _("On unseen runs: {sentence}", sentence=ended(held_out.sentence)),
             *(f"{one}." for one in texts(held_out.outside)),
         ]
     needs = [one.figures["needs"] for one in fit.unobservable if "needs" in one.figures]
     if fit.verdict == Verdict.REFUSED:
-        said.append(_("Next: look at the data below. The vehicle file stays as it is."))
+        reasons_.append(_("Next: look at the data below. The vehicle file stays as it is."))
     elif needs:
-        said.append(_("Next: drive again. {needs}.", needs=". ".join(dict.fromkeys(texts(needs)))))
+        reasons_.append(_("Next: drive again. {needs}.", needs=". ".join(dict.fromkeys(texts(needs)))))
     elif held_out is not None and held_out.verdict == Verdict.REFUSED:
-        said.append(_("Next: look at the held-out runs below. The vehicle file stays as it is."))
+        reasons_.append(_("Next: look at the held-out runs below. The vehicle file stays as it is."))
     elif held_out is None:
-        said.append(_("Next: judge it by a run that it has not seen: add --held-out RUN."))
+        reasons_.append(_("Next: judge it by a run that it has not seen: add --held-out RUN."))
     else:
-        said.append(_("Next: baqueano tune, then teach and repeat."))
-    return Section(_("Verdict and next step"), "\n".join(said), [])
+        reasons_.append(_("Next: baqueano tune, then teach and repeat."))
+    return Section(_("Verdict and next step"), "\n".join(reasons_), [])
 
 
 def _of_unseen(held_out: "Validation | None") -> list[Section]:
@@ -144,8 +144,8 @@ def _of_unseen(held_out: "Validation | None") -> list[Section]:
     caption = _("Sensors and model of a run that the fit has not seen; the model knows its commands alone.")
     drawings = []
     for run in _drawn(held_out.channels):
-        drawing, shown = where_most_moves(_explained(held_out.channels, run))
-        drawings.append(draw(drawing, f"{run}, {shown}. {caption}"))
+        drawing, channels_shown = where_most_moves(_explained(held_out.channels, run))
+        drawings.append(draw(drawing, f"{run}, {channels_shown}. {caption}"))
     return [Section(_("Held-out runs"), held_out.sentence, [Table(held_out.rows()), *drawings])]
 
 
@@ -196,10 +196,10 @@ def _runs(fit: Fit) -> list[Section]:
         )
     names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
     for run in fit.runs:
-        said = {
+        rows_ = {
             label(c): f"{number(c.sigma):.3g}, {percent(c.explained)}" for c in _explained(fit.channels, run)
         }
-        rows.append({"run": run} | {name: said.get(name) for name in names})
+        rows.append({"run": run} | {name: rows_.get(name) for name in names})
     headings = {name: name for name in ("run", *names)}
     return [
         Section(_("Runs"), caption, [Table(rows, _("Noise, and how much the model explains."), headings)])
@@ -217,14 +217,16 @@ def _named(runs: Any) -> str:
 
 def _of_run(fit: Fit, run: str) -> Section:
     channels = _explained(fit.channels, run)
-    few, shown = where_most_moves(channels)
+    few, channels_shown = where_most_moves(channels)
     residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
     over_time = figures.over_time([
         (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
         for c, r in zip(channels, residual.T, strict=True)
     ], height_in=1.4)  # fmt: skip
     parts: list[Table | Drawing] = [
-        draw(few, _("Sensors and model, {shown}. The model has seen only the commands.", shown=shown)),
+        draw(
+            few, _("Sensors and model, {shown}. The model has seen only the commands.", shown=channels_shown)
+        ),
         draw(
             over_time, _("Residuals over time, in standard deviations: 95 % of white ones lie in the band.")
         ),
@@ -256,8 +258,8 @@ def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
 
 def label(channel: Any) -> str:
     """ "a_x [m/s²]" for the first channel of an IMU."""
-    known = CHANNELS.get(channel.sensor, ())
-    return _(known[channel.entry]) if channel.entry < len(known) else f"{channel.sensor}[{channel.entry}]"
+    entries = CHANNELS.get(channel.sensor, ())
+    return _(entries[channel.entry]) if channel.entry < len(entries) else f"{channel.sensor}[{channel.entry}]"
 
 
 def short(name: str) -> str:

@@ -14,12 +14,12 @@ from baqueano.report.page import Headline, Page, Section, Table, draw
 COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 
 
-def page_of_rest(found: Any) -> Page:
+def page_of_rest(rest: Any) -> Page:
     """The page of `at_rest`."""
-    sensors = list(dict.fromkeys(c.sensor for c in found.channels))
-    sections = [Section(_("Figures"), "\n".join(texts(found.doubts)), [Table(found.rows())])]
+    sensors = list(dict.fromkeys(c.sensor for c in rest.channels))
+    sections = [Section(_("Figures"), "\n".join(texts(rest.doubts)), [Table(rest.rows())])]
     for sensor in sensors:
-        channels = [c for c in found.channels if c.sensor == sensor]
+        channels = [c for c in rest.channels if c.sensor == sensor]
         caption = _(
             "Overlapping Allan deviation with its 95 % interval; dashed: the coefficients that explain it."
         )
@@ -27,19 +27,19 @@ def page_of_rest(found: Any) -> Page:
             Section(_("Allan deviation: {sensor}", sensor=sensor), "", [draw(_curves(channels), caption)])
         )
     return Page(
-        title=_("{run} at rest", run=found.run),
-        subtitle=_("{duration_s:.0f} s without a command", duration_s=found.duration_s),
-        verdict=found.verdict,
+        title=_("{run} at rest", run=rest.run),
+        subtitle=_("{duration_s:.0f} s without a command", duration_s=rest.duration_s),
+        verdict=rest.verdict,
         headlines=[
             Headline(
                 f"{c.sensor}[{c.entry}]",
                 f"{number(c.sd):.3g}",
                 _("bias {mean:.3g} ± {mean_sd:.1g}", mean=c.mean, mean_sd=c.mean_sd),
             )
-            for c in found.channels[:4]
+            for c in rest.channels[:4]
         ],
         sections=sections,
-        reproduce=typed("runs", "noise", found.run),
+        reproduce=typed("runs", "noise", rest.run),
     )
 
 

@@ -13,7 +13,7 @@ from baqueano.language import translated as _
 from baqueano.monitor import REFUSED, Refusals
 from baqueano.printable import typed
 from baqueano.report import figures
-from baqueano.report.of_estimate import beside_each_other, errors, knows, paths, said_of_path
+from baqueano.report.of_estimate import beside_each_other, errors, knows, paths, sentence_of_path
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
 from baqueano.runs.show import show
@@ -40,15 +40,15 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     judged, drove = one.row(), both.of_drives
     run = until_diverged(run)
     drawn = paths(run, alignment, beside)
-    sections = [Section(_("Path"), said_of_path(one, alignment), drawn)] if drawn else []
+    sections = [Section(_("Path"), sentence_of_path(one, alignment), drawn)] if drawn else []
     sections += beside_each_other(both) if beside is not None else []
     sections += driving(run, judged) if drove else []
     sections += errors(run, alignment, beside)
     sections += knows(one.consistency, run)
     sections += refused(one.refusals)
     sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
-    held = show(run)
-    sections.append(Section(_("What the run holds"), "", [Table(held.rows()), *_events(run)]))
+    contents = show(run)
+    sections.append(Section(_("What the run holds"), "", [Table(contents.rows()), *_events(run)]))
     kind = run.metadata.get("kind", "run")
     return Page(
         title=run.name,
@@ -109,10 +109,10 @@ def refused(counts: tuple[Refusals, ...]) -> list[Section]:
          _("refused [%]"): 100.0 * one.refused / max(one.arrived, 1)}
         for one in counts
     ]  # fmt: skip
-    said = _(
+    caption = _(
         "A number that is too far from its prediction loses its weight. Sensors that were off for long are below."
     )
-    return [Section(_("Refused readings"), said, [Table(rows)])] if rows else []
+    return [Section(_("Refused readings"), caption, [Table(rows)])] if rows else []
 
 
 def sensors_of(run: Run) -> Drawing:
@@ -180,9 +180,9 @@ def commands(run: Run) -> Section:
     panels, rows = [], []
     for name, curves, sent, limit in _channels(run):
         full = np.abs(sent) >= evenness.AT_LIMIT * limit
-        shown = {which: (t, u) for which, u in curves.items()}
-        shown |= {"limit": (t, np.full(len(t), limit))} if np.isfinite(limit) else {}
-        panels.append((name, shown | ({"at its limit": (t[full], sent[full])} if full.any() else {})))
+        curves_shown = {which: (t, u) for which, u in curves.items()}
+        curves_shown |= {"limit": (t, np.full(len(t), limit))} if np.isfinite(limit) else {}
+        panels.append((name, curves_shown | ({"at its limit": (t[full], sent[full])} if full.any() else {})))
         size = np.abs(sent[np.isfinite(sent)])
         rows.append({
             "command": name, "largest": float(size.max(initial=0.0)), "limit": limit if np.isfinite(limit) else None,
@@ -202,11 +202,11 @@ def _channels(run: Run) -> list[_Channel]:
     n = sent.shape[1]
     if limits is None or len(limits.command) != n:
         limits, names = evenness.Limits(np.full(n, np.inf)), [f"u[{k}]" for k in range(n)]
-    found = []
+    drawings = []
     for k in range(n):
         if limits.command[k] > 0.0 or run.applied[:, k].any():
             curves = {} if run.requested is None else {"asked for": run.requested[:, k]}
-            found.append(
+            drawings.append(
                 _Channel(
                     names[k] + unit, curves | {"applied": run.applied[:, k]}, sent[:, k], limits.command[k]
                 )
@@ -215,8 +215,8 @@ def _channels(run: Run) -> list[_Channel]:
         for name, w, limit in zip(
             (_("left wheel"), _("right wheel")), mix(limits.mixing, sent.T), limits.channel, strict=True
         ):
-            found.append(_Channel(name + unit, {"sent": w}, w, float(limit)))
-    return found
+            drawings.append(_Channel(name + unit, {"sent": w}, w, float(limit)))
+    return drawings
 
 
 def _command_names(run: Run) -> tuple[list[str], str]:

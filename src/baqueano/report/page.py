@@ -145,16 +145,16 @@ class Page:
 
     def drawings(self) -> dict[str, Drawing]:
         """Return the figures by names that a file can have, "01-path", in their order."""
-        found = [
+        all_drawings = [
             (section.title, part)
             for section in self.sections
             for part in section.parts
             if isinstance(part, Drawing)
         ]
-        names = [re.sub(r"\W+", "-", title.lower()).strip("-") for title, _drawing in found]
+        names = [re.sub(r"\W+", "-", title.lower()).strip("-") for title, _drawing in all_drawings]
         return {
             f"{k + 1:02d}-{name}": one
-            for k, (name, (_title, one)) in enumerate(zip(names, found, strict=True))
+            for k, (name, (_title, one)) in enumerate(zip(names, all_drawings, strict=True))
         }
 
     def save_figures(

@@ -58,14 +58,14 @@ def drawings_of(result: Result) -> dict[str, Draw]:
 
 @drawings_of.register(Run)
 def _of_run(result: Run) -> dict[str, Draw]:
-    found: dict[str, Callable[[], Sequence[Table | Drawing | None]]] = {
+    makers: dict[str, Callable[[], Sequence[Table | Drawing | None]]] = {
         "path": lambda: paths(result),
         "errors": lambda: [part for section in errors(result) for part in section.parts],
         "speed": lambda: [speed(result)],
         "commands": lambda: commands(result).parts,
         "sensors": lambda: [sensors_of(result)] if result.sensors else [],
     }
-    return {name: partial(_first, draw) for name, draw in found.items()}
+    return {name: partial(_first, draw) for name, draw in makers.items()}
 
 
 def _first(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figure | None":
@@ -74,19 +74,19 @@ def _first(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figure | No
 
 @drawings_of.register(Fit)
 def _of_fit(result: Fit) -> dict[str, Draw]:
-    known = np.isfinite(result.sd) & np.isfinite(result.estimate)
-    names = [short(name) for name, one in zip(result.names, known, strict=True) if one]
-    seen = [one for one in result.channels if one.run == result.runs[0] and np.isfinite(one.explained)]
-    if not seen:
+    identified = np.isfinite(result.sd) & np.isfinite(result.estimate)
+    names = [short(name) for name, one in zip(result.names, identified, strict=True) if one]
+    channels = [one for one in result.channels if one.run == result.runs[0] and np.isfinite(one.explained)]
+    if not channels:
         return {}
     return {
-        "estimates": lambda: figures.estimates(names, result.estimate[known], result.sd[known]),
-        "data": lambda: where_most_moves(seen)[0],
+        "estimates": lambda: figures.estimates(names, result.estimate[identified], result.sd[identified]),
+        "data": lambda: where_most_moves(channels)[0],
         "residuals": lambda: figures.residuals(
-            np.stack([(one.measured - one.predicted) / one.sigma for one in seen], axis=1),
-            [label(one) for one in seen],
+            np.stack([(one.measured - one.predicted) / one.sigma for one in channels], axis=1),
+            [label(one) for one in channels],
         ),
-        "correlation": lambda: figures.correlation(names, result.correlation[np.ix_(known, known)]),
+        "correlation": lambda: figures.correlation(names, result.correlation[np.ix_(identified, identified)]),
     }
 
 
@@ -132,12 +132,12 @@ def comparison(result: Comparison) -> "Figure":
             upper.plot(100.0 * np.array(metres), rows, marker, ms=5, color=colour, label=_(name))
     upper.set_xlim(left=0.0)
     upper.set_xlabel(_("error [cm rms]"))
-    for k, (name, shown, colour) in enumerate(
+    for k, (name, values, colour) in enumerate(
         (("nees_velocity", _("NEES of the velocity"), MODEL), ("nis", "NIS", MEASURED))
     ):
         at, bands = rows + 0.15 - 0.3 * k, [getattr(one.consistency, name) for one in runs]
         lower.hlines(at, [b.low for b in bands], [b.high for b in bands], color=REFERENCE, lw=5, zorder=1)
-        lower.plot([b.mean for b in bands], at, "o", ms=5, color=colour, label=shown)
+        lower.plot([b.mean for b in bands], at, "o", ms=5, color=colour, label=values)
     lower.axvline(1.0, color=TRUTH, lw=1)
     lower.set_xscale("log")
     lower.set_xlabel(_("error² / claimed variance"))
@@ -169,8 +169,8 @@ def search(result: TuneResult) -> "Figure":
 def corridor(result: CorridorAhead) -> "Figure":
     """Draw how far beside its path the vehicle may be, over time."""
     figure, axes = panel((7.2, 3.0))
-    found = result.corridor
-    axes.fill_between(found.t_s, 0.0, 100.0 * found.across_m, color=MODEL, alpha=0.25, lw=0)
+    corridor_ = result.corridor
+    axes.fill_between(corridor_.t_s, 0.0, 100.0 * corridor_.across_m, color=MODEL, alpha=0.25, lw=0)
     for lap in range(1, result.laps):
         axes.axvline(lap * result.lap_s, color=REFERENCE, lw=1)
     axes.set_ylim(bottom=0.0)
@@ -196,8 +196,8 @@ def drives(result: Forecast) -> "Figure":
 def cloud(result: Ensemble) -> "Figure":
     """Draw the ways of all vehicles."""
     figure, axes = panel((7.2, 6.2))
-    shown = result.eta[:: max(1, len(result.eta) // MOST)]
-    axes.plot(shown[:, :, 0].T, shown[:, :, 1].T, color=MODEL, lw=0.8, alpha=0.25)
+    sample = result.eta[:: max(1, len(result.eta) // MOST)]
+    axes.plot(sample[:, :, 0].T, sample[:, :, 1].T, color=MODEL, lw=0.8, alpha=0.25)
     axes.plot(result.eta[:, -1, 0], result.eta[:, -1, 1], ".", ms=2, color=TRUTH, label=_("at the end"))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")

@@ -48,8 +48,8 @@ def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None)
         value, sd = row["estimate"], row["sd"]
         cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else with_error(value, sd)
         lines.append(f"    {symbol(row['name'], blocks)} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
-    meant = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]
-    return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *meant, ""])
+    comments = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]
+    return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *comments, ""])
 
 
 def symbol(path: str, blocks: object = None) -> str:

@@ -76,8 +76,8 @@ def is_name(name: object) -> TypeGuard[str]:
 
 def number_of(path: Path) -> int | None:
     """The number of a run by its file name."""
-    found = NUMBERED.fullmatch(path.name.removesuffix(".part"))
-    return int(found[1]) if found else None
+    match = NUMBERED.fullmatch(path.name.removesuffix(".part"))
+    return int(match[1]) if match else None
 
 
 def _by_number(path: Path) -> tuple[int, str]:
@@ -93,15 +93,15 @@ def find(name: str, folder: Path | str = "runs") -> Path:
     numbered = [run for run in _standing(runs) if number_of(run) is not None]
     if name == "last" and numbered:
         return max(numbered, key=lambda run: number_of(run) or 0)
-    found = [run for run in runs if run.stem == name]
-    found = found or [run for run in numbered if name.isdecimal() and number_of(run) == int(name)]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        each = [run.stem for run in found]
+    matches = [run for run in runs if run.stem == name]
+    matches = matches or [run for run in numbered if name.isdecimal() and number_of(run) == int(name)]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        each = [run.stem for run in matches]
         raise FileError(fault("runs.ambiguous", found=name, folder=folder, known=each))
-    known = [run.stem for run in runs[-8:]]
-    raise FileError(fault("runs.unknown", _list_of(folder), found=name, folder=folder, known=known))
+    names = [run.stem for run in runs[-8:]]
+    raise FileError(fault("runs.unknown", _list_of(folder), found=name, folder=folder, known=names))
 
 
 def _list_of(folder: Path | str) -> str:
@@ -120,21 +120,21 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     `3-28` by number, and `3-28:2` every second of those. Of a run that was recovered the recovered one counts."""
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():
-        found = sorted(path.glob("*.mcap"))
+        runs = sorted(path.glob("*.mcap"))
     elif "*" in name or "?" in name:
-        found = sorted(path.parent.glob(path.name)) if len(path.parts) > 1 else []
-        found = found or sorted(Path(folder).glob(name if path.suffix else f"{name}.mcap"))
+        runs = sorted(path.parent.glob(path.name)) if len(path.parts) > 1 else []
+        runs = runs or sorted(Path(folder).glob(name if path.suffix else f"{name}.mcap"))
     elif span := SPAN.fullmatch(name):
         first, last, step = int(span[1]), int(span[2]), int(span[3] or 1)
         numbers = range(first, last + 1, max(step, 1))
-        found = [run for run in Path(folder).glob("*.mcap") if number_of(run) in numbers]
-        found.sort(key=_by_number)
+        runs = [run for run in Path(folder).glob("*.mcap") if number_of(run) in numbers]
+        runs.sort(key=_by_number)
     else:
         return [find(name, folder)]
-    found = _standing(found)
-    if not found:
+    runs = _standing(runs)
+    if not runs:
         raise FileError(fault("runs.none-like", _list_of(folder), found=name, folder=folder))
-    return found
+    return runs
 
 
 def listing(folder: Path | str = "runs") -> list[ListedRun]:
@@ -170,8 +170,8 @@ def _listed(path: Path) -> ListedRun:
 
 def vehicle_name(vehicle_text: str) -> str:
     """The name that a vehicle file gives itself."""
-    found = re.search(r'^name\s*=\s*(?:"([^"]*)"|\'([^\']*)\')', vehicle_text, re.MULTILINE)
-    return (found[1] or found[2] or "") if found else ""
+    match = re.search(r'^name\s*=\s*(?:"([^"]*)"|\'([^\']*)\')', vehicle_text, re.MULTILINE)
+    return (match[1] or match[2] or "") if match else ""
 
 
 def listing_table(rows: list[ListedRun]) -> str:

@@ -32,7 +32,7 @@ class RunSink(Protocol):
         """A measurement (m,) of what no sensor of the vehicle holds."""
         ...
 
-    def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:
+    def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
         """A line for the reader."""
         ...
 
@@ -61,10 +61,10 @@ class RunInMemory:
         """Record a channel of no sensor of the vehicle."""
         self.channels.setdefault(name, []).append((t_ns, z))
 
-    def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:
+    def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
         """A line for the reader."""
-        data = said if isinstance(said, Diagnostic) else None
-        self.events.append(Event(t_ns, level, source, in_english(said), data))
+        data = message if isinstance(message, Diagnostic) else None
+        self.events.append(Event(t_ns, level, source, in_english(message), data))
 
     def run(self, name: str) -> Run:
         """All of it as a run."""
@@ -93,9 +93,9 @@ class RunInMemory:
 
     def _sensor(self, name: str) -> Channel:
         slots = [(x.tick.t_ns, getattr(x.tick.sensors, name)) for x in self.records]
-        heard = [(measured_ns(t_ns, slot), t_ns, slot.z) for t_ns, slot in slots if slot.has > 0.5]
-        t_ns, arrival_ns = (np.array([row[k] for row in heard], dtype=np.int64) for k in (0, 1))
-        z = np.array([row[2] for row in heard]).reshape(len(heard), len(slots[0][1].z))
+        readings = [(measured_ns(t_ns, slot), t_ns, slot.z) for t_ns, slot in slots if slot.has > 0.5]
+        t_ns, arrival_ns = (np.array([row[k] for row in readings], dtype=np.int64) for k in (0, 1))
+        z = np.array([row[2] for row in readings]).reshape(len(readings), len(slots[0][1].z))
         return Channel(t_ns, arrival_ns, z)
 
     def _truth(self) -> TruthLog | None:

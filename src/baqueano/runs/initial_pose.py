@@ -20,7 +20,7 @@ def initial_pose(run: Run) -> np.ndarray:
     """(3,) pose, or (6,) pose and velocity, at the first tick; zeros where the run does not tell it."""
     if "start" in run.metadata:
         return np.array([float(x) for x in run.metadata["start"].split()])
-    truth = None if run.truth is None else _known(run.truth)
+    truth = None if run.truth is None else _with_pose(run.truth)
     if truth is None or not len(run.t_ns) or len(truth.t_ns) < 2:
         return np.zeros(3)
     first = int(max(run.t_ns[0], truth.t_ns[0]))
@@ -36,7 +36,7 @@ def initial_pose(run: Run) -> np.ndarray:
     return np.concatenate([eta, nu])
 
 
-def _known(truth: TruthLog) -> TruthLog:
+def _with_pose(truth: TruthLog) -> TruthLog:
     """Return the truth without the rows that lack a pose."""
     keep = np.isfinite(truth.eta).all(axis=1)
     return TruthLog(*(column[keep] for column in truth))

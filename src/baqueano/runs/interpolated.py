@@ -31,8 +31,8 @@ def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarra
 def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray:
     """Poses (K, 3) read at other times, (N, 3); the heading goes the short way across ±π."""
     smooth = eta.copy()
-    known = np.isfinite(smooth[:, 2])
-    smooth[known, 2] = np.unwrap(smooth[known, 2])
+    valid = np.isfinite(smooth[:, 2])
+    smooth[valid, 2] = np.unwrap(smooth[valid, 2])
     out = at_times(t_ns, of_ns, smooth)
     out[:, 2] = wrap(out[:, 2])
     return out

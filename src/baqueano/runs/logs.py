@@ -183,8 +183,8 @@ def array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
     """Return the values as float64; Invalid where their shape differs."""
     rows = np.ascontiguousarray(values, dtype=np.float64)
     if rows.shape != shape:
-        said = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
-        raise Invalid(fault("run.shape", name=name, found=str(rows.shape), expected=said))
+        shape_text = "(" + ", ".join("n" if m < 0 else str(m) for m in shape) + ")"
+        raise Invalid(fault("run.shape", name=name, found=str(rows.shape), expected=shape_text))
     return rows
 
 

@@ -97,7 +97,7 @@ def read_route(path: Path | str) -> Route:
 
 def _closed(path: Path) -> bool:
     for line in Lines(path, None, str(path)):
-        found = _CLOSED.match(line)
-        if found:
-            return found[1].lower() == "true"
+        match = _CLOSED.match(line)
+        if match:
+            return match[1].lower() == "true"
     raise FileError(fault("route.closed-unsaid", path=path))

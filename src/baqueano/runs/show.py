@@ -123,11 +123,11 @@ def show(run: "Run") -> ShownRun:
     return ShownRun(run)
 
 
-def _data(said: "Diagnostic | None") -> "JsonObject":
+def _data(lines: "Diagnostic | None") -> "JsonObject":
     return (
         {"code": None, "figures": {}}
-        if said is None
-        else {"code": str(said.code), "figures": dict(said.figures)}
+        if lines is None
+        else {"code": str(lines.code), "figures": dict(lines.figures)}
     )
 
 

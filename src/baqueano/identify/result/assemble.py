@@ -58,7 +58,7 @@ def only_autocorrelated(basis: VerdictBasis) -> bool:
 def _explained(evidence: Evidence) -> Evidence:
     """The evidence without the colour and the size of residuals, which a floor explains."""
     messages = tuple(one for one in evidence.messages if one.code != "residual.coloured")
-    return evidence._replace(found=messages, believed=None, colour=np.zeros(len(evidence.colour)))
+    return evidence._replace(messages=messages, prior_sigma=None, colour=np.zeros(len(evidence.colour)))
 
 
 def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:

@@ -256,7 +256,7 @@ def by_channel(
 def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     """The sums over all runs of a channel."""
     squares, moved, samples = (
-        sum(getattr(one, name) for one in runs) for name in ("left", "moved", "samples")
+        sum(getattr(one, name) for one in runs) for name in ("squares", "moved", "samples")
     )
     return ChannelOfRun("", squares, moved, samples)
 

@@ -27,8 +27,8 @@ def bars(fits: Sequence[tuple[float, "Fit"]], names: Sequence[str], truth: Seque
     out = []
     for seconds, fit in fits:
         rows = {row["name"]: row for row in fit.rows()}
-        known = [(rows[name]["estimate"], rows[name]["sd"]) for name in names]
-        value, sd = np.array([[np.nan if x is None else x for x in pair] for pair in known]).T
+        pairs = [(rows[name]["estimate"], rows[name]["sd"]) for name in names]
+        value, sd = np.array([[np.nan if x is None else x for x in pair] for pair in pairs]).T
         true = np.asarray(truth)
         out.append(Stage(seconds, fit.verdict, value / true - 1.0, QUANTILE_95 * sd / np.abs(true)))
     return out

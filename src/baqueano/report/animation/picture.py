@@ -79,7 +79,7 @@ class _Clock:
         self.frames[name] = "".join(f"{self.part(s)}{{{css}}}" for s, css in steps)
         return f"animation:{name} {self.whole_s:g}s linear infinite"
 
-    def shown(self, name: str, from_s: float, to_s: float, fade_s: float = 0.15) -> str:
+    def visible(self, name: str, from_s: float, to_s: float, fade_s: float = 0.15) -> str:
         """Return the style of what appears and goes again; what stays to the end stays at rest."""
         end = self.whole_s if to_s >= self.whole_s else to_s
         steps = [(0.0, "opacity:0"), (from_s, "opacity:0"), (min(from_s + fade_s, end), "opacity:1")]
@@ -92,8 +92,8 @@ class _Map:
     """From metres to the picture: x to the right, y up, the same scale for both."""
 
     def __init__(self, of: Scene) -> None:
-        known = [poses[:, :2] for poses in (of.believed, of.true, of.route) if poses is not None]
-        xy = np.concatenate(known)
+        poses_list = [poses[:, :2] for poses in (of.estimated, of.true, of.route) if poses is not None]
+        xy = np.concatenate(poses_list)
         widest = 0.0 if of.half_m is None else float(np.nanmax(of.half_m, initial=0.0))
         room = max(of.radius_m, widest) * 1.15
         low, high = xy.min(axis=0) - room, xy.max(axis=0) + room
@@ -125,16 +125,16 @@ def _path(of: Scene, clock: _Clock) -> list[str]:
             drawn = f' pathLength="1" stroke-dasharray="1" style="{clock.moves("r", steps)}"'
         out.append(f'<polyline class="route" points="{points}"{drawn}/>')
     out += _trail(of, to, clock)
-    turned = np.degrees(np.unwrap(of.shown[:, 2]))
+    turned = np.degrees(np.unwrap(of.drawn[:, 2]))
     size = max(of.radius_m * to.scale, 5.0)
     taught = _taught(of, clock) if of.route is not None and clock.begin_s >= FIT_S else []
     steps = [(s, to.pose(eta, deg)) for s, eta, deg in taught]
-    steps += [(clock.at(t), to.pose(eta, deg)) for t, eta, deg in zip(of.t_s, of.shown, turned, strict=True)]
+    steps += [(clock.at(t), to.pose(eta, deg)) for t, eta, deg in zip(of.t_s, of.drawn, turned, strict=True)]
     wheel = f'<rect class="wheel" x="{-size / 2.6:.1f}" width="{size / 1.3:.1f}" height="{size / 3.2:.1f}"'
-    if of.true is not None and of.believed is not None:
-        believed = np.degrees(np.unwrap(of.believed[:, 2]))
+    if of.true is not None and of.estimated is not None:
+        heading_deg = np.degrees(np.unwrap(of.estimated[:, 2]))
         ghost = [(clock.at(t), to.pose(eta, deg))
-                 for t, eta, deg in zip(of.t_s, of.believed, believed, strict=True)]  # fmt: skip
+                 for t, eta, deg in zip(of.t_s, of.estimated, heading_deg, strict=True)]  # fmt: skip
         style = clock.moves("g", [(s, f"{css};opacity:{int(s > clock.begin_s)}") for s, css in ghost])
         out.append(f'<g style="{ghost[-1][1]};{style}"><circle class="ghost" r="{size:.1f}"/></g>')
     out.append(
@@ -152,7 +152,7 @@ def _taught(of: Scene, clock: _Clock) -> list[tuple[float, np.ndarray, float]]:
     ahead = np.diff(xy, axis=0, append=xy[:1])
     heading = np.degrees(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])))
     when = np.linspace(0.0, clock.begin_s - 0.3, len(xy))
-    first = np.degrees(np.unwrap(of.shown[:, 2]))[0]
+    first = np.degrees(np.unwrap(of.drawn[:, 2]))[0]
     heading += 360.0 * round((first - heading[-1]) / 360.0)  # it need not turn round before the first lap
     return [(float(s), np.append(p, 0.0), float(deg)) for s, p, deg in zip(when, xy, heading, strict=True)]
 
@@ -168,9 +168,9 @@ def _trail(of: Scene, to: _Map, clock: _Clock) -> list[str]:
     last = of.t_s[-1] * (of.laps - 1) / of.laps - 1e-9
     for k, (t, _until) in enumerate(pairwise(of.t_s)):
         parts = []
-        if of.believed is not None and of.half_m is not None and np.isfinite(of.half_m[k : k + 2]).all():
+        if of.estimated is not None and of.half_m is not None and np.isfinite(of.half_m[k : k + 2]).all():
             parts.append(_quad(of, to, k))
-        for poses, kind in ((of.believed, "sure"), (of.true, "true")):
+        for poses, kind in ((of.estimated, "sure"), (of.true, "true")):
             if poses is not None:
                 (x0, y0), (x1, y1) = to(poses[k : k + 2, :2])
                 parts.append(f'<path class="{kind}" d="M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}"/>')
@@ -182,9 +182,9 @@ def _trail(of: Scene, to: _Map, clock: _Clock) -> list[str]:
 
 def _quad(of: Scene, to: _Map, k: int) -> str:
     """Return the corridor between two instants."""
-    assert of.believed is not None
+    assert of.estimated is not None
     assert of.half_m is not None
-    eta, half = of.believed[k : k + 2], of.half_m[k : k + 2, None]
+    eta, half = of.estimated[k : k + 2], of.half_m[k : k + 2, None]
     left = half * np.stack([-np.sin(eta[:, 2]), np.cos(eta[:, 2])], axis=1)
     corners = to(np.concatenate([eta[:, :2] + left, (eta[:, :2] - left)[::-1]]))
     return '<path class="band" d="M' + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + 'z"/>'
@@ -197,13 +197,13 @@ def _readout(of: Scene, clock: _Clock, y: float) -> list[str]:
         k = round(lap * (len(of.t_s) - 1) / of.laps)
         begin, end = clock.at(of.t_s[-1] * (lap - 1) / of.laps), clock.at(of.t_s[k])
         last = lap == of.laps
-        style = clock.shown(f"n{lap}", begin, clock.whole_s if last else end)
+        style = clock.visible(f"n{lap}", begin, clock.whole_s if last else end)
         lines = [_("lap {lap} of {laps}", lap=lap, laps=of.laps) if of.laps > 1 else _("the drive")]
         if of.half_m is not None:
-            known = _("lost") if np.isnan(of.half_m[k]) else f"± {_length(of.half_m[k])}"
-            lines.append(_("known to {width} across, 95 %", width=known))
-        if of.true is not None and of.believed is not None:
-            off = float(np.hypot(*(of.true[k] - of.believed[k])[:2]))
+            radius = _("lost") if np.isnan(of.half_m[k]) else f"± {_length(of.half_m[k])}"
+            lines.append(_("known to {width} across, 95 %", width=radius))
+        if of.true is not None and of.estimated is not None:
+            off = float(np.hypot(*(of.true[k] - of.estimated[k])[:2]))
             lines.append(_("in truth {distance} off at its end", distance=_length(off)))
         texts = "".join(
             f'<text x="{LEFT + 50}" y="{y + 22 * row:.0f}"{_kind(row)}>{escape(line)}</text>'
@@ -226,12 +226,12 @@ def _length(length_m: float) -> str:
 
 def _legend(of: Scene, y: float) -> list[str]:
     """Return a line for each thing that is drawn."""
-    known = [("route", _("taught path"), of.route is not None),
+    entries = [("route", _("taught path"), of.route is not None),
              ("band", _("corridor, 95 %"), of.half_m is not None),
-             ("sure", _("believed path"), of.believed is not None),
+             ("sure", _("believed path"), of.estimated is not None),
              ("true", _("true path"), of.true is not None)]  # fmt: skip
     out, x = [], LEFT + 50
-    for k, (kind, label, _there) in enumerate([one for one in known if one[2]]):
+    for k, (kind, label, _there) in enumerate([one for one in entries if one[2]]):
         at_x, at_y = x + 160 * (k % 2), y + 24 * (k // 2) + 14
         mark = (
             f'<rect class="band" x="{at_x}" y="{at_y - 12}" width="22" height="14"/>'
@@ -266,7 +266,7 @@ def _fit(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) -> list[
         )
     for k, stage in enumerate(stages):
         last = k == len(stages) - 1
-        style = clock.shown(f"s{k}", k * each_s, clock.whole_s if last else (k + 1) * each_s)
+        style = clock.visible(f"s{k}", k * each_s, clock.whole_s if last else (k + 1) * each_s)
         tone = "good" if stage.verdict == "USABLE" else "warn"
         drive = _("{seconds:.0f} s of drive", seconds=stage.seconds)
         out.append(

@@ -22,7 +22,7 @@ class Scene:
     """Poses (M, 3) at M instants of equal distance; what a run does not have is None."""
 
     t_s: np.ndarray  # (M,) since the first tick
-    believed: np.ndarray | None  # (M, 3)
+    estimated: np.ndarray | None  # (M, 3)
     true: np.ndarray | None  # (M, 3)
     half_m: np.ndarray | None  # (M,) half-width of the corridor, 95 %; NaN where the vehicle is lost
     route: np.ndarray | None  # (K, 2) one lap of what it was to drive
@@ -30,9 +30,9 @@ class Scene:
     radius_m: float
 
     @property
-    def shown(self) -> np.ndarray:
+    def drawn(self) -> np.ndarray:
         """(M, 3) where the vehicle is drawn: where it was, else where it believed to be."""
-        poses = self.believed if self.true is None else self.true
+        poses = self.estimated if self.true is None else self.true
         assert poses is not None
         return poses
 
@@ -41,9 +41,9 @@ def scene(run: Run) -> Scene:
     """Return what moves in a run.  AnswerNo where nothing says where the vehicle went."""
     if run.estimate is None and run.truth is None:
         raise AnswerNo(fault("report.nothing-moves", typed("replay", run.name), name=run.name))
-    found = corridor_of(run) if run.estimate is not None else None
+    corridor = corridor_of(run) if run.estimate is not None else None
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
-    lap_s = found.lap_s if found is not None and np.isfinite(found.lap_s) else end_s
+    lap_s = corridor.lap_s if corridor is not None and np.isfinite(corridor.lap_s) else end_s
     laps = max(1, round(end_s / lap_s))
     t_s = np.linspace(0.0, end_s, min(A_LAP * laps, MOST) + 1)
     t_ns = run.t_ns[0] + np.round(t_s * NANOSECONDS).astype(np.int64)
@@ -52,8 +52,8 @@ def scene(run: Run) -> Scene:
         for log in (run.estimate, run.truth)
     ]
     half = None
-    if found is not None and len(found.t_s) > 1:
-        half = np.interp(t_s, found.t_s, found.across_m, right=np.nan)
+    if corridor is not None and len(corridor.t_s) > 1:
+        half = np.interp(t_s, corridor.t_s, corridor.across_m, right=np.nan)
     route = None
     if run.asked is not None and len(run.asked.t_ns) > 1:
         first = seconds(run.asked.t_ns, run.asked.t_ns[0]) <= lap_s
@@ -63,9 +63,9 @@ def scene(run: Run) -> Scene:
 
 def _filled(poses: np.ndarray) -> np.ndarray:
     """Return the poses with what a gap of the log hides taken from the instant before; at the start, after."""
-    known = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    at = np.clip(np.searchsorted(known, np.arange(len(poses)), side="right") - 1, 0, None)
-    return poses[known[at]]
+    finite = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    at = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
+    return poses[finite[at]]
 
 
 def _radius_m(run: Run) -> float:

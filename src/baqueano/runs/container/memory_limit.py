@@ -11,7 +11,7 @@ def allowed(size: int) -> int:
     return min(max(FLOOR, TIMES * size), MOST)
 
 
-def shown(size: int) -> str:
+def text_of_size(size: int) -> str:
     """Return a number of bytes for a message: 135 kB, 2.1 GB."""
     for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if size >= scale:

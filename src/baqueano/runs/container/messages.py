@@ -224,8 +224,8 @@ def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data
     """Pack a rcl_interfaces/msg/Log: `function` holds the code of the message, `file` its data in JSON."""
     body = struct.pack("<iIB", t_ns // NANOSECONDS, t_ns % NANOSECONDS, level)
     for words in (source, text, data, code):
-        said = words.replace("\0", "").encode("utf-8", "replace") + b"\0"
-        body += bytes(-len(body) % 4) + struct.pack("<I", len(said)) + said
+        encoded = words.replace("\0", "").encode("utf-8", "replace") + b"\0"
+        body += bytes(-len(body) % 4) + struct.pack("<I", len(encoded)) + encoded
     return CDR + body + bytes(-len(body) % 4) + struct.pack("<I", 0)
 
 

@@ -80,8 +80,8 @@ class Packing:
         """A line for the reader."""
         topic = self.file.fixed("/events")
         level = 10 + 10 * LEVELS.index(event.level)
-        said = event.diagnostic
-        data = ("", "") if said is None else (str(said.code), json.dumps(said.to_json()))
+        message = event.diagnostic
+        data = ("", "") if message is None else (str(message.code), json.dumps(message.to_json()))
         packed = topic.pack(event.t_ns, level, event.source, event.text, *data)
         self.put(topic.id, event.t_ns, packed, event.t_ns, False)
 

@@ -87,8 +87,8 @@ def read_bytes(path: Path) -> bytes:
                     "runs.too-large",
                     f"mcap filter {path.name} -o part.mcap",
                     path=path,
-                    size=memory_limit.shown(path.stat().st_size),
-                    largest=memory_limit.shown(memory_limit.MOST // 2),
+                    size=memory_limit.text_of_size(path.stat().st_size),
+                    largest=memory_limit.text_of_size(memory_limit.MOST // 2),
                 )
             )
         data = path.read_bytes()
@@ -149,9 +149,9 @@ class _Assembly:
         return run
 
     def ticks(self) -> Channel:
-        found = self.read("/command/applied", "u", self.sized(messages.command_layout))
-        if found is None:
-            held = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
+        rows = self.read("/command/applied", "u", self.sized(messages.command_layout))
+        if rows is None:
+            topics = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
             why = _listed(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA) is None and self.topics:
                 raise FileError(
@@ -159,7 +159,7 @@ class _Assembly:
                         "runs.not-ours",
                         typed("runs", "import", "MAP.toml", self.path),
                         path=self.path,
-                        held=held,
+                        held=topics,
                     )
                 )
             raise FileError(
@@ -170,10 +170,10 @@ class _Assembly:
                     error=why or note("runs.ends-early"),
                 )
             )
-        newer = np.diff(found.arrival_ns, prepend=-1) > 0
+        newer = np.diff(rows.arrival_ns, prepend=-1) > 0
         if not newer.all():
             self.notes.append(_warning("run.repeated-ticks", count=np.count_nonzero(~newer)))
-        return Channel(found.t_ns[newer], found.arrival_ns[newer], found.z[newer])
+        return Channel(rows.t_ns[newer], rows.arrival_ns[newer], rows.z[newer])
 
     def sensors(self) -> dict[str, Channel]:
         def layout(topic: str, schema: str, size: int) -> messages.MessageLayout:
@@ -187,29 +187,29 @@ class _Assembly:
         }
 
     def on_ticks(self, topic: str, applied: Channel) -> np.ndarray | None:
-        found = self.read(topic, "u", self.sized(messages.command_layout))
-        if found is None:
+        commands = self.read(topic, "u", self.sized(messages.command_layout))
+        if commands is None:
             return None
-        if found.z.shape[1] != applied.z.shape[1]:
-            sizes = {"found": found.z.shape[1], "expected": applied.z.shape[1]}
+        if commands.z.shape[1] != applied.z.shape[1]:
+            sizes = {"found": commands.z.shape[1], "expected": applied.z.shape[1]}
             self.notes.append(_warning("run.other-size", topic=topic, **sizes))
             return None
-        self.fill(topic, len(applied.t_ns) - len(found.t_ns), applied.z.shape[1])
+        self.fill(topic, len(applied.t_ns) - len(commands.t_ns), applied.z.shape[1])
         rows = np.full(applied.z.shape, np.nan)
-        at = np.searchsorted(applied.arrival_ns, found.arrival_ns)
+        at = np.searchsorted(applied.arrival_ns, commands.arrival_ns)
         inside = at < len(rows)
-        inside[inside] = applied.arrival_ns[at[inside]] == found.arrival_ns[inside]
-        rows[at[inside]] = found.z[inside]
+        inside[inside] = applied.arrival_ns[at[inside]] == commands.arrival_ns[inside]
+        rows[at[inside]] = commands.z[inside]
         return rows
 
     def estimate(self) -> EstimateLog | None:
         pieces = []
         for channel, key in self.topics.get("/estimate", []):
-            said = channel.metadata.get("size", "none")
-            size = None if said == "none" else self.number("/estimate", said.split(" ")[0])
-            layout = messages.estimate_layout(size, "without" not in said)
+            size_text = channel.metadata.get("size", "none")
+            size = None if size_text == "none" else self.number("/estimate", size_text.split(" ")[0])
+            layout = messages.estimate_layout(size, "without" not in size_text)
             t_ns, _, fields = self.unpacked("/estimate", layout, key)
-            pieces.append((size, "without" not in said, t_ns, fields))
+            pieces.append((size, "without" not in size_text, t_ns, fields))
         if not pieces:
             return None
         sizes = [size for size, *_ in pieces if size is not None]
@@ -219,17 +219,17 @@ class _Assembly:
         return _joined([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
 
     def reference(self) -> ReferenceLog | None:
-        found = self.fixed("/reference", messages.reference_layout())
-        if found is None:
+        rows = self.fixed("/reference", messages.reference_layout())
+        if rows is None:
             return None
-        t_ns, f = found
+        t_ns, f = rows
         return _joined([(t_ns, f["eta"], f["nu"], f["done"][:, 0])], ReferenceLog)
 
     def truth(self) -> TruthLog | None:
-        found = self.fixed("/truth", messages.motion_layout())
-        if found is None:
+        rows = self.fixed("/truth", messages.motion_layout())
+        if rows is None:
             return None
-        t_ns, f = found
+        t_ns, f = rows
         return _joined([(t_ns, f["eta"], f["nu"], f["nu_dot"])], TruthLog)
 
     def events(self) -> Iterable[Event]:
@@ -265,8 +265,11 @@ class _Assembly:
             found.append(_warning("run.not-closed", **of, duration_s=run.duration_s))
         if self.contents.problems:
             more = max(self.contents.places - 3, 0)
-            seen, code = _listed(self.contents.problems[:3]), "run.damaged-often" if more else "run.damaged"
-            found.append(_warning(code, **of, places=seen, more=more))
+            problems, code = (
+                _listed(self.contents.problems[:3]),
+                "run.damaged-often" if more else "run.damaged",
+            )
+            found.append(_warning(code, **of, places=problems, more=more))
         return found
 
     def sized(self, layout: Any) -> Any:
@@ -295,21 +298,21 @@ class _Assembly:
         self, topic: str, layout: messages.MessageLayout, key: int
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """The times of a channel's messages, their arrival, and the fields; they are not in the contents any more."""
-        found = self.contents.messages.pop(key, NOTHING)
+        messages_of_key = self.contents.messages.pop(key, NOTHING)
         try:
-            fields = layout.unpack(found.data, found.sizes)
-            t_ns, arrival_ns = np.array(found.t_ns), np.array(found.arrival_ns)
+            fields = layout.unpack(messages_of_key.data, messages_of_key.sizes)
+            t_ns, arrival_ns = np.array(messages_of_key.t_ns), np.array(messages_of_key.arrival_ns)
             if max(t_ns.max(initial=0), arrival_ns.max(initial=0)) >= 2**63:
                 raise Invalid(fault("damage.times"))
         except ValueError as error:
             raise self.strange(topic, cause_of(error)) from None
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
-    def number(self, topic: str, said: str) -> int:
+    def number(self, topic: str, text: str) -> int:
         """Return the count of numbers in a message, as its channel declares it."""
-        if not said.isascii() or not said.isdecimal() or len(said) > 4:
+        if not text.isascii() or not text.isdecimal() or len(text) > 4:
             raise self.strange(topic, note("damage.channel-size"))
-        return int(said)
+        return int(text)
 
     def fill(self, topic: str, rows: int, numbers: int) -> None:
         """Counts the memory of rows that the file does not have, and that become NaN."""
@@ -319,7 +322,7 @@ class _Assembly:
         """Counts memory beyond what the messages of a topic take. FileError where that is more than the file may."""
         self.taken += size
         if self.taken > memory_limit.allowed(self.contents.size) // 2:
-            raise self.strange(topic, note("damage.memory", size=memory_limit.shown(self.taken)))
+            raise self.strange(topic, note("damage.memory", size=memory_limit.text_of_size(self.taken)))
 
     def strange(self, topic: str, why: Diagnostic | str) -> FileError:
         return FileError(

@@ -127,12 +127,12 @@ def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
     schemas `unread`. TooLarge where it takes more memory than `memory_limit.allowed`."""
     walk = _Walk(data, unread)
     walk.run()
-    return walk.found
+    return walk.contents
 
 
 class _Walk:
     def __init__(self, data: bytes, unread: frozenset[str]) -> None:
-        self.data, self.found, self.unread = data, Contents(len(data)), unread
+        self.data, self.contents, self.unread = data, Contents(len(data)), unread
         self.view = memoryview(data)
         self.schemas: dict[int, str] = {}
         self.ended = False  # behind the record that ends the messages
@@ -146,16 +146,16 @@ class _Walk:
 
     def run(self) -> None:
         at: int | None = len(MAGIC)
-        while at is not None and at < len(self.data) and not self.found.complete:
+        while at is not None and at < len(self.data) and not self.contents.complete:
             at = self.record(at)
-        unknown = [k for k in self.found.messages if k not in self.found.channels]
+        unknown = [k for k in self.contents.messages if k not in self.contents.channels]
         if unknown:
             self.lost(-1, -1, f"{len(unknown)} topics lost their names")
         topics = Counter[str]()
-        for key, said in self.found.messages.items():
-            topic = self.found.channels[key].topic if key in self.found.channels else ""
-            topics[topic] += len(said.data) + 24 * len(said.sizes)
-        self.afford(self.found.kept + max(topics.values(), default=0))
+        for key, of_channel in self.contents.messages.items():
+            topic = self.contents.channels[key].topic if key in self.contents.channels else ""
+            topics[topic] += len(of_channel.data) + 24 * len(of_channel.sizes)
+        self.afford(self.contents.kept + max(topics.values(), default=0))
 
     def record(self, at: int) -> int | None:
         """Reads the record at `at`; returns where the next one starts, None where nothing can be read."""
@@ -203,9 +203,11 @@ class _Walk:
     def lost(self, at: int, to: int, why: Diagnostic | str) -> None:
         """Names a damaged place, once for all that follows it without a gap."""
         if at < 0 or at != self.lost_to:
-            self.found.places += 1
-            if self.found.places <= TOLD:
-                self.found.problems.append(why if at < 0 else note("damage.at", first=at, last=to, cause=why))
+            self.contents.places += 1
+            if self.contents.places <= TOLD:
+                self.contents.problems.append(
+                    why if at < 0 else note("damage.at", first=at, last=to, cause=why)
+                )
         self.lost_to = to
 
     def next_chunk(self, at: int) -> int:
@@ -223,30 +225,30 @@ class _Walk:
         elif kind in (SCHEMA, CHANNEL) and self.ended:
             self.named(kind, Cursor(body), self.repeated)
         elif kind == HEADER:
-            self.found.profile = Cursor(body).text()
+            self.contents.profile = Cursor(body).text()
         elif kind == ATTACHMENT:
             self.attachment(body)
         elif kind == METADATA:
             cursor = Cursor(body)
             name = cursor.text()
-            self.found.metadata[name] = cursor.pairs()
+            self.contents.metadata[name] = cursor.pairs()
             self.keep(NAMED * len(body))
         elif kind == DATA_END:
             if len(body) != 4 or self.ended:
                 raise Damage(fault("damage.end"))
             self.ended = True
-            said = Cursor(body).number(4)
-            if said and not self.found.places and said != zlib.crc32(self.view[: at - 9]):
+            checksum = Cursor(body).number(4)
+            if checksum and not self.contents.places and checksum != zlib.crc32(self.view[: at - 9]):
                 self.lost(-1, -1, "the checksum over all data does not hold")
         elif kind == FOOTER:
             self.footer(Cursor(body), at + 16)
-            self.found.complete = self.data[end : end + 8] == MAGIC
+            self.contents.complete = self.data[end : end + 8] == MAGIC
         elif kind == MESSAGE:
             raise Damage(fault("damage.no-checksum"))
 
     def chunk(self, body: memoryview) -> None:
         records = self.opened(body)
-        at, skipped, messages, drawn = 0, 0, self.found.messages, self.drawn
+        at, skipped, messages, drawn = 0, 0, self.contents.messages, self.drawn
         while at < len(records):
             if len(records) - at < 9:
                 raise Damage(fault("damage.chunk-ends"))
@@ -261,28 +263,28 @@ class _Walk:
                 if channel in drawn:
                     skipped += 9 + size
                 else:
-                    said = messages.get(channel)
-                    if said is None:
-                        said = messages[channel] = McapMessages(
+                    of_channel = messages.get(channel)
+                    if of_channel is None:
+                        of_channel = messages[channel] = McapMessages(
                             bytearray(), array("Q"), array("Q"), array("Q")
                         )
-                    said.data.extend(records[at + 22 : at + size])
-                    said.sizes.append(size - 22)
-                    said.arrival_ns.append(log_time)
-                    said.t_ns.append(publish_time)
+                    of_channel.data.extend(records[at + 22 : at + size])
+                    of_channel.sizes.append(size - 22)
+                    of_channel.arrival_ns.append(log_time)
+                    of_channel.t_ns.append(publish_time)
             elif kind in (SCHEMA, CHANNEL):
-                self.named(kind, Cursor(records[at : at + size]), self.found.channels)
+                self.named(kind, Cursor(records[at : at + size]), self.contents.channels)
             at += size
-        self.found.kept += (len(records) - skipped) * 9 // 8  # what grows has room for more
+        self.contents.kept += (len(records) - skipped) * 9 // 8  # what grows has room for more
 
     def footer(self, cursor: Cursor, crc_at: int) -> None:
         if self.closed:
             raise Damage(fault("damage.second-end"))
         self.closed = True
-        start, _, said = (cursor.number(size) for size in (8, 8, 4))
-        if start and said and said != zlib.crc32(self.view[start:crc_at]):
+        start, _, checksum = (cursor.number(size) for size in (8, 8, 4))
+        if start and checksum and checksum != zlib.crc32(self.view[start:crc_at]):
             raise Damage(fault("damage.summary-checksum"))
-        self.found.channels = self.repeated | self.found.channels
+        self.contents.channels = self.repeated | self.contents.channels
 
     def named(self, kind: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
         if kind == SCHEMA:
@@ -306,18 +308,18 @@ class _Walk:
         cursor.take(16)
         name, _ = cursor.text(), cursor.text()
         data = cursor.take(cursor.number(8))
-        said = cursor.number(4)
-        if said != zlib.crc32(
+        checksum = cursor.number(4)
+        if checksum != zlib.crc32(
             body[: len(body) - 4]
         ):  # 0, too: MCAP lets a writer leave it out, and we do not
             raise Damage(fault("damage.attachment-checksum", name=name[:80]))
-        self.found.attachments[name] = bytes(data)
+        self.contents.attachments[name] = bytes(data)
         self.keep(NAMED * len(name) + 4 * len(data))
 
     def keep(self, size: int) -> None:
         """Counts bytes of memory that are taken."""
-        self.found.kept += size
-        self.afford(len(self.data) + self.found.kept)
+        self.contents.kept += size
+        self.afford(len(self.data) + self.contents.kept)
 
     def afford(self, need: int) -> None:
         """TooLarge where so many bytes of memory are more than the file may take."""
@@ -325,9 +327,9 @@ class _Walk:
             raise TooLarge(
                 fault(
                     "damage.too-large",
-                    size=memory_limit.shown(len(self.data)),
-                    need=memory_limit.shown(need),
-                    most=memory_limit.shown(memory_limit.allowed(len(self.data))),
+                    size=memory_limit.text_of_size(len(self.data)),
+                    need=memory_limit.text_of_size(need),
+                    most=memory_limit.text_of_size(memory_limit.allowed(len(self.data))),
                 )
             )
 
@@ -343,7 +345,7 @@ class _Walk:
         if size > LARGEST_CHUNK:
             raise Damage(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
         _check_size(compression, packed, size)
-        taken = len(self.data) + self.found.kept
+        taken = len(self.data) + self.contents.kept
         room = max(
             (memory_limit.allowed(len(self.data)) - taken) // 2, 0
         )  # the records, and what is kept of them
@@ -363,10 +365,10 @@ def _check_size(compression: str, packed: memoryview, size: int) -> None:
         import zstandard
 
         try:
-            said = zstandard.frame_content_size(packed)
+            size_in_frame = zstandard.frame_content_size(packed)
         except zstandard.ZstdError as error:
             raise Damage(fault("damage.chunk-not-unpacked", error=error)) from error
-        if said not in (-1, size):
+        if size_in_frame not in (-1, size):
             raise Damage(fault("damage.chunk-other-size"))
 
 

@@ -103,10 +103,10 @@ class RunFile:
 
     def estimate(self, size: int | None, with_cov: bool) -> Topic:
         """/estimate with an innovation of this size."""
-        said = "none" if size is None else f"{size}" if with_cov else f"{size} without covariance"
-        key = ("/estimate", said)
+        size_text = "none" if size is None else f"{size}" if with_cov else f"{size} without covariance"
+        key = ("/estimate", size_text)
         return self._topics.get(key) or self.topic(
-            key[0], "baqueano_msgs/msg/Estimate", said, messages.estimate_layout(size, with_cov).pack
+            key[0], "baqueano_msgs/msg/Estimate", size_text, messages.estimate_layout(size, with_cov).pack
         )
 
     def fixed(self, name: str) -> Topic:

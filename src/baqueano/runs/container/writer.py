@@ -81,9 +81,9 @@ class RunWriter:
         self._packing = Packing(self._file, self._put)
         self._queue: deque[tuple[int, int, bytes, int]] = deque()
         self._closing, self._closed = threading.Event(), False
-        self._told: set[str] = set()
+        self._once: set[str] = set()
         self._t_ns = 0  # of the newest message
-        self._known: set[str] = set()
+        self._topics: set[str] = set()
         self._thread = threading.Thread(target=self._work, name="run writer", daemon=True)
         self._thread.start()
 
@@ -95,9 +95,9 @@ class RunWriter:
             if slot.has > 0.5:
                 t_ns = measured_ns(tick.t_ns, slot)
                 self._say(f"measurement of {name}", self._packing.sensor, name, t_ns, tick.t_ns, slot.z)
-            elif name not in self._known:
+            elif name not in self._topics:
                 self._say(f"sensor {name}", self._file.sensor, name, len(slot.z))
-            self._known.add(name)
+            self._topics.add(name)
         for which, command in (("requested", record.requested), ("sent", record.command)):
             if command is not None:
                 self._say(f"command {which}", self._packing.command, which, tick.t_ns, command.u)
@@ -114,11 +114,11 @@ class RunWriter:
         """A measurement (m,) of what no sensor of the vehicle holds: the battery, a temperature."""
         self._say(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
 
-    def event(self, t_ns: int, level: str, source: str, said: Diagnostic | str) -> None:
+    def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
         """A line for the reader; level is one of LEVELS."""
-        data = said if isinstance(said, Diagnostic) else None
+        data = message if isinstance(message, Diagnostic) else None
         level = level if level in LEVELS else "warning"
-        self._say("event", self._packing.event, Event(t_ns, level, source, in_english(said), data))
+        self._say("event", self._packing.event, Event(t_ns, level, source, in_english(message), data))
 
     def close(self) -> None:
         """Write the buffered rest and the index. FileError with the saved part if the disk refused."""
@@ -164,8 +164,8 @@ class RunWriter:
         try:
             pack(*args)
         except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:
-            if what not in self._told:
-                self._told.add(what)
+            if what not in self._once:
+                self._once.add(what)
                 self.event(
                     self._t_ns, "error", "run writer", f"{what} was not of the expected shape: {error}"
                 )
@@ -253,18 +253,18 @@ def write_run(run: Run, path: Path | str) -> Path:
 def _packed(run: Run, file: RunFile) -> Iterator[Message]:
     """All messages of a run by arrival, packed when they are asked for; every topic is named, also those without
     messages."""
-    found: list[Message] = []
+    messages_: list[Message] = []
 
     def put(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
         if not (0 <= arrival_ns < LAST_NS and 0 <= t_ns < LAST_NS):
             raise UsageError(fault("runs.times", run=run.name, t_ns=min(arrival_ns, t_ns)))
-        found.append((topic, arrival_ns, data, t_ns))
+        messages_.append((topic, arrival_ns, data, t_ns))
 
     def packed(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:
         for k in np.argsort(arrival_ns, kind="stable"):
             pack(int(k))
-            of_row = found.copy()
-            found.clear()  # the other signals pack before this one goes on
+            of_row = messages_.copy()
+            messages_.clear()  # the other signals pack before this one goes on
             yield from of_row
 
     _name_topics(run, file)

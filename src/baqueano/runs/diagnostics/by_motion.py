@@ -43,28 +43,28 @@ TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; one that skids se
 
 def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
     """Return the diagnostics of sensors and commands that contradict each other."""
-    motion, found = LoggedMotion(run, m), []
+    motion, doubts = LoggedMotion(run, m), []
     if len(motion.rate) < FEW:
         return []
     entries = {name: signal.entries for name, signal in m.sensors.items()}
     imu = entries[motion.imu_name] if motion.imu_name else ()
     if motion.wheels_name:
-        found += _wheels(motion, imu)
-    opposed = run.truth is None and any(d.code == "inverted" for d in found)
+        doubts += _wheels(motion, imu)
+    opposed = run.truth is None and any(d.code == "inverted" for d in doubts)
     speed = entries[motion.speed_name][0] if motion.speed_name else None
-    found += _by_truth(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
-    found += _by_truth(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
-    found += _accelerometer(motion, imu, speed, opposed) if imu else []
-    return found + _steering(motion)
+    doubts += _by_truth(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
+    doubts += _by_truth(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
+    doubts += _accelerometer(motion, imu, speed, opposed) if imu else []
+    return doubts + _steering(motion)
 
 
-def _doubt(found: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> Doubt:
+def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> Doubt:
     """An error that contradicts the map: the channel, and the line to write; `otherwise` for a scale of no unit."""
-    line = found.meaning or otherwise
-    if found.code == "inverted":
+    line = hypothesis.meaning or otherwise
+    if hypothesis.code == "inverted":
         inverted = note("doubt.write-scale", scale=f"{-entry.scale:g}")
-        line = note("doubt.and", first=inverted, then=found.meaning) if found.meaning else inverted
-    return Doubt(found.code, "error", None, _why(found, entry, code), line)
+        line = note("doubt.and", first=inverted, then=hypothesis.meaning) if hypothesis.meaning else inverted
+    return Doubt(hypothesis.code, "error", None, _why(hypothesis, entry, code), line)
 
 
 def _why(found: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
@@ -91,11 +91,11 @@ def _by_truth(
     true, doubts = _late(motion, entry, z, true_of)
     units = _lines(measures, entry)
     twice = {1.0 / r: note("doubt.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
-    (found,) = signal_map(z[:, None], true[:, None], [MappedChannel(1.0 / SCALE, SCALE, twice | units)])
-    r, why = found.relation, _why(found, entry, "doubt.against-truth")
-    if found.code:
-        doubts.append(_doubt(found, entry, "doubt.against-truth", note("doubt.check-unit-and-scale")))
-    elif found.is_clear:
+    (hypothesis,) = signal_map(z[:, None], true[:, None], [MappedChannel(1.0 / SCALE, SCALE, twice | units)])
+    r, why = hypothesis.relation, _why(hypothesis, entry, "doubt.against-truth")
+    if hypothesis.code:
+        doubts.append(_doubt(hypothesis, entry, "doubt.against-truth", note("doubt.check-unit-and-scale")))
+    elif hypothesis.is_clear:
         doubts += [Doubt("scale", "info", None, why)] if abs(r.slope - 1.0) > 0.02 else []
     elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
         doubts.append(Doubt("no sign", "info", None, note("doubt.no-sign", key=entry.key)))
@@ -110,10 +110,10 @@ def _late(
     """Return the truth with its stamps shifted to where it agrees best with the sensor, and a doubt about them where
     that halves the residual: two clocks that are apart make a slope too small."""
     lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
-    found = [relation(z, true_of(float(lag))) for lag in lags]
-    r = np.array([one.correlation for one in found])
+    relations = [relation(z, true_of(float(lag))) for lag in lags]
+    r = np.array([one.correlation for one in relations])
     k, now, truth = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags))), len(lags) // 2, motion.m.truth
-    if not found[k].is_clear():
+    if not relations[k].is_clear():
         return true_of(0.0), []
     late_s, true = float(lags[k]), true_of(float(lags[k]))
     if truth is None or abs(late_s) < APART_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[now] ** 2):
@@ -129,16 +129,16 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
     apart, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
     if not np.std(rate) > TURNED_RAD_S or not np.isfinite(apart).all():
         return []
-    (found,) = signal_map(apart[:, None], rate[:, None], [MappedChannel(*TRACK_M)])
-    r, wheels = found.relation, f"[sensors.{motion.wheels_name}]"
+    (hypothesis,) = signal_map(apart[:, None], rate[:, None], [MappedChannel(*TRACK_M)])
+    r, wheels = hypothesis.relation, f"[sensors.{motion.wheels_name}]"
     of: JsonObject = {
         "wheels": wheels,
         "by": "[truth]" if motion.run.truth else imu[2].key,
         "correlation": r.correlation,
     }
-    if found.code == "inverted":
+    if hypothesis.code == "inverted":
         return [_opposed(motion, note("doubt.turns-against", **of), wheels, imu)]
-    if found.code:
+    if hypothesis.code:
         line = note("doubt.check-track", wheels=wheels, by=of["by"])
         return [Doubt("track", "error", None, note("doubt.track", **of, apart_m=r.slope), line)]
     if abs(r.correlation) < NO_RELATION and np.std(apart) > 0.0:
@@ -151,12 +151,12 @@ def _opposed(motion: LoggedMotion, why: Diagnostic, wheels: str, imu: "Imu") -> 
     if motion.run.truth is not None:
         return Doubt("inverted", "error", None, why, note("doubt.swap-wheels", wheels=wheels))
     of: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
-    felt = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
-    if felt.is_clear() and felt.slope < 0.0:
-        both = note("doubt.and-sideways", cause=why, key=imu[1].key, correlation=felt.correlation)
+    measured = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
+    if measured.is_clear() and measured.slope < 0.0:
+        both = note("doubt.and-sideways", cause=why, key=imu[1].key, correlation=measured.correlation)
         return Doubt("inverted", "error", None, both, note("doubt.write-gyro", **of))
     line = note("doubt.swap-or-gyro", **of)
-    if felt.is_clear():
+    if measured.is_clear():
         line = note("doubt.swap-or-upside-down", **of, key=imu[1].key, also=f"{-imu[1].scale:g}")
     return Doubt("inverted", "error", None, why, line)
 
@@ -164,8 +164,8 @@ def _opposed(motion: LoggedMotion, why: Diagnostic, wheels: str, imu: "Imu") -> 
 def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
     """Check if a_x and a_y are swapped, inverted, or in another unit. A turning in a_y `opposed` to the wheels' is
     reported there.  (3)"""
-    a, felt, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
-    if not max(np.std(felt), np.std(a[:, 1])) > FELT_M_S2 or not np.isfinite(a).all():
+    a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
+    if not max(np.std(predicted), np.std(a[:, 1])) > FELT_M_S2 or not np.isfinite(a).all():
         return []
     of_speed = {1.0 / r: line for r, line in _lines("speed", speed).items()} if speed else {}
     meant = [_lines("acceleration", x) | of_speed, _lines("acceleration", y) | of_speed]
@@ -176,7 +176,7 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
                 one / r: note("doubt.list", first=line, then=more) for one, more in in_g.items() if r > 1.0
             }
     channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in meant]
-    along, across = signal_map(a, np.stack([motion.v_dot, felt], axis=1), channels)
+    along, across = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
     if along.code == "swapped":
         first, second = along.relation.correlation, across.relation.correlation
         why = note("doubt.axes-swapped", x=x.key, y=y.key, first=first, second=second)
@@ -197,12 +197,12 @@ def _steering(motion: LoggedMotion) -> list[Doubt]:
     u = np.stack([motion.mean(run.t_ns, run.applied[:, i]) for i in order], axis=1)
     if not np.std(u[:, 0]) > MOVED:
         return []
-    (found,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])
+    (hypothesis,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])
     steering, other = (names[i] for i in order)
-    of: JsonObject = {"steering": steering, "correlation": found.relation.correlation}
-    if found.code == "swapped":
+    of: JsonObject = {"steering": steering, "correlation": hypothesis.relation.correlation}
+    if hypothesis.code == "swapped":
         why = note("doubt.other-steers", **of, other=other)
         return [Doubt("swapped", "error", None, why, note("doubt.swap-commands"))]
-    if found.code == "inverted":
+    if hypothesis.code == "inverted":
         return [Doubt("sign", "info", None, note("doubt.turns-right", **of))]
     return []

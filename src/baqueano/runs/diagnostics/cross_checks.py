@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 LONG = 10.0  # times as long as others: the vehicle stands
 
 
-def judged(found: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
+def judged(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
     """The doubts, with accepted errors as warnings. FileError if an error is left."""
-    left = [d for d in found if d.level == "error" and d.code not in m.accept]
-    if left:
-        codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in left)}))
-        raise FileError(fault("import.does-not-fit", map=m.path.name, doubts=_all(left), accept=codes))
+    errors = [d for d in doubts if d.level == "error" and d.code not in m.accept]
+    if errors:
+        codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in errors)}))
+        raise FileError(fault("import.does-not-fit", map=m.path.name, doubts=_all(errors), accept=codes))
     return tuple(
         d._replace(level="warning", why=note("doubt.accepted", cause=d.why)) if d.level == "error" else d
-        for d in found
+        for d in doubts
     )
 
 
@@ -51,14 +51,14 @@ def _all(left: list[Doubt]) -> Diagnostic:
 
 def look(run: Run, m: "ColumnMap") -> list[Doubt]:
     """All doubts about a run."""
-    found: list[Doubt] = []
+    doubts: list[Doubt] = []
     for name, channel in run.sensors.items():
-        found += _alone(f"sensors.{name}", channel.t_ns, channel.z, slow=m.sensors[name].kind == "battery")
-        found += plausible(m.sensors[name], channel, run)
-    found += commands(run, m)
+        doubts += _alone(f"sensors.{name}", channel.t_ns, channel.z, slow=m.sensors[name].kind == "battery")
+        doubts += plausible(m.sensors[name], channel, run)
+    doubts += commands(run, m)
     if run.truth is not None:
-        found += [*_alone("truth", run.truth.t_ns, run.truth.eta), *course_and_heading(run.truth)]
-    return found + by_motion(run, m)
+        doubts += [*_alone("truth", run.truth.t_ns, run.truth.eta), *course_and_heading(run.truth)]
+    return doubts + by_motion(run, m)
 
 
 def _alone(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Iterator[Doubt]:

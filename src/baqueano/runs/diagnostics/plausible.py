@@ -53,10 +53,10 @@ def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Do
     most = np.quantile(np.abs(channel.z), 0.99, axis=0)
     beyond, kind = False, signal.kind or ""
     for value, measures, entry in zip(most, KINDS.get(kind, ()), signal.entries, strict=False):
-        limit, shown, guess = LIMITS.get(kind) or LIMITS.get(measures, (np.inf, "", ""))
+        limit, limit_text, guess = LIMITS.get(kind) or LIMITS.get(measures, (np.inf, "", ""))
         if value > limit:
             beyond = True
-            why = note("doubt.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=shown)
+            why = note("doubt.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=limit_text)
             yield Doubt("unit", "error", None, why, note("doubt.perhaps", line=guess))
     if signal.kind == "imu" and not beyond:
         yield from _tyres(signal, channel)
@@ -145,13 +145,13 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
     for name, u, entry in zip(names, columns.T, entries, strict=True):
         if np.ptp(u) == 0.0 and entry.constant is None:
             yield Doubt("constant", "warning", None, note("doubt.constant-command", name=name, value=u[0]))
-        most, known, cure = _largest([u]), unit(entry.unit), None
+        most, unit_of_entry, cure = _largest([u]), unit(entry.unit), None
         if most > OVER and entry.unit == "1":
             cure = _full(counts)
         elif 0.0 < most < TINY and entry.unit == "%":
             cure = _of_parts(u / 0.01, percents)
-        elif 0.0 < most < TINY and known is not None and known.measures == "time":
-            cure = _full([c / known.si for c in columns.T], 'unit = "raw", ')
+        elif 0.0 < most < TINY and unit_of_entry is not None and unit_of_entry.measures == "time":
+            cure = _full([c / unit_of_entry.si for c in columns.T], 'unit = "raw", ')
         if cure:
             why = note("doubt.command-range", key=entry.key, name=name, most=most, unit_read=entry.unit)
             yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), why, cure)

@@ -66,8 +66,8 @@ class Hypothesis(NamedTuple):
 
 def ratios(measures: str, read_as: str) -> dict[float, str]:
     """Return the units that a column may have that was read as another, by the ratio of what was read to the truth."""
-    known = unit(read_as)
-    si = known.si if known and known.measures == measures else 1.0
+    unit_read = unit(read_as)
+    si = unit_read.si if unit_read and unit_read.measures == measures else 1.0
     return {si / one.si: name for name, one in UNITS.items() if one.measures == measures and one.si != si}
 
 
@@ -87,7 +87,7 @@ def relation(z: np.ndarray, h: np.ndarray) -> Relation:
 
 def relations(z: np.ndarray, h: np.ndarray) -> list[list[Relation]]:
     """Return the regressions of each channel of z (N, m) on each prediction of h (N, k)."""
-    return [[relation(column, said) for said in h.T] for column in z.T]
+    return [[relation(column, prediction) for prediction in h.T] for column in z.T]
 
 
 def _autocorrelation(x: np.ndarray, least: float = 0.0) -> float:
@@ -101,28 +101,28 @@ def signal_map(
 ) -> list[Hypothesis]:
     """Return what each channel of z (N, m) shows of the predictions h (N, k ≥ m): its own, the i-th, or another's."""
     of = relations(z, h)
-    found = [_shown(i, of[i][i], channel, worth) for i, channel in enumerate(channels)]
+    hypotheses = [_hypothesis(i, of[i][i], channel, worth) for i, channel in enumerate(channels)]
     swaps = {(i, j): _swap(of, i, j, worth) for i in range(len(of)) for j in range(i + 1, h.shape[1])}
     for i, j in sorted((pair for pair in swaps if swaps[pair] > 0.0), key=lambda pair: -swaps[pair]):
         pairs = _pairs(of, i, j)
-        other = {a: _shown(b, of[a][b], channels[a], worth) for a, b in pairs}
-        if all(found[a].code != "swapped" and np.isfinite(one.ratio) for a, one in other.items()):
+        other = {a: _hypothesis(b, of[a][b], channels[a], worth) for a, b in pairs}
+        if all(hypotheses[a].code != "swapped" and np.isfinite(one.ratio) for a, one in other.items()):
             for a, one in other.items():
-                found[a] = one._replace(code="swapped")
-    return found
+                hypotheses[a] = one._replace(code="swapped")
+    return hypotheses
 
 
-def _shown(of: int, r: Relation, channel: MappedChannel, worth: float) -> Hypothesis:
+def _hypothesis(of: int, r: Relation, channel: MappedChannel, worth: float) -> Hypothesis:
     """The share of a prediction in a channel."""
     clear, size = r.is_clear(worth), abs(r.slope)
     if not clear or channel.low <= r.slope <= channel.high:
         return Hypothesis("", of, r, clear)
-    low, high, meant = channel.low, channel.high, {1.0: None} | dict(channel.ratios)
-    near = [ratio for ratio in meant if ratio * low <= size <= ratio * high]
+    low, high, meanings = channel.low, channel.high, {1.0: None} | dict(channel.ratios)
+    near = [ratio for ratio in meanings if ratio * low <= size <= ratio * high]
     middle = np.sqrt(low * high) if len(near) > 1 else 1.0
     nearest = min(near, key=lambda ratio: abs(np.log(size / ratio / middle)), default=np.nan)
     code = "inverted" if r.slope < 0.0 else "unit" if near else "scale"
-    return Hypothesis(code, of, r, clear, nearest, meant.get(nearest))
+    return Hypothesis(code, of, r, clear, nearest, meanings.get(nearest))
 
 
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:

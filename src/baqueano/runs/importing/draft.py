@@ -34,42 +34,45 @@ def draft(path: Path | str) -> str:
     """Return a map in TOML for the CSV file at `path`. FileError where its columns cannot be read."""
     path = Path(path)
     table = read_table(path, {})
-    left = list(table.columns)
-    return "\n".join([f'format = 1\nname = "{path.stem}"', *_tables(table, left), *_rest(left)]) + "\n"
+    columns_left = list(table.columns)
+    return (
+        "\n".join([f'format = 1\nname = "{path.stem}"', *_tables(table, columns_left), *_rest(columns_left)])
+        + "\n"
+    )
 
 
-def _tables(table: LogTable, left: list[str]) -> Iterator[str]:
-    """Yield each table of the map, and take its columns out of `left`."""
+def _tables(table: LogTable, columns_left: list[str]) -> Iterator[str]:
+    """Yield each table of the map, and take its columns out of `columns_left`."""
     yield "\n[files.log]"
-    if time := _take(left, TIME):
+    if time := _take(columns_left, TIME):
         yield f'time = "{time}"\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield "rate_hz = 0.0                        # no column looks like a time: rows a second"
-    commands = [_take(left, f"(?=.*({COMMAND})).*{side}") for side in (LEFT, RIGHT)]
+    commands = [_take(columns_left, f"(?=.*({COMMAND})).*{side}") for side in (LEFT, RIGHT)]
     commands = commands if all(commands) else []
-    single = [] if commands else [one for one in list(left) if re.search(COMMAND, _plain(one))]
+    single = [] if commands else [one for one in list(columns_left) if re.search(COMMAND, _plain(one))]
     if commands:
         yield '\n[command]\nin_force = "from"                    # "until": the command of a row held up to its time'
         yield f"wheels = [\n{_listed(_command(table, one) for one in commands)}\n]"
     elif single:
-        left[:] = [one for one in left if one not in single]
+        columns_left[:] = [one for one in columns_left if one not in single]
         yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{one!r}" for one in single)}]'
         yield f"u = [\n{_listed(_command(table, one) for one in single)}\n]"
     else:
         yield "\n# no column looks like a command: without [command] the vehicle stands"
-    wheels = [_take(left, f"(?=.*({SPEED})).*{side}") for side in (LEFT, RIGHT)]
+    wheels = [_take(columns_left, f"(?=.*({SPEED})).*{side}") for side in (LEFT, RIGHT)]
     if all(wheels):
         yield f"\n[sensors.wheels]\nz = [\n{_listed(_wheel(one) for one in wheels)}\n]"
     for title, key, names in (("sensors.imu", "z", IMU), ("truth", "eta", POSE)):
-        columns = [_take(left, name) for name in names]
+        columns = [_take(columns_left, name) for name in names]
         if any(columns):
             kinds = KINDS["imu" if key == "z" else key]
             entries = _listed(_entry(one, kind) for one, kind in zip(columns, kinds, strict=True))
             yield f"\n[{title}]\n{key} = [\n{entries}\n]"
 
 
-def _rest(left: Sequence[str]) -> list[str]:
-    return [f"\n# columns without a place: {', '.join(left)}"] if left else []
+def _rest(columns_left: Sequence[str]) -> list[str]:
+    return [f"\n# columns without a place: {', '.join(columns_left)}"] if columns_left else []
 
 
 def _plain(name: str) -> str:
@@ -77,29 +80,29 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
-def _take(left: list[str], pattern: str) -> str:
-    """Return the first column of that name, taken out of `left`; "" without one."""
-    found = next((one for one in left if re.search(pattern, _plain(one))), "")
-    if found:
-        left.remove(found)
-    return found
+def _take(columns_left: list[str], pattern: str) -> str:
+    """Return the first column of that name, taken out of `columns_left`; "" without one."""
+    column = next((one for one in columns_left if re.search(pattern, _plain(one))), "")
+    if column:
+        columns_left.remove(column)
+    return column
 
 
 def _unit(name: str, measures: str) -> str:
     """Return the unit that the end of a name says."""
     words = _plain(name).split("_")
-    for said in ("_".join(words[-2:]), words[-1]):
-        known = unit(SPELT.get(said, ""))
-        if len(words) > 1 and known is not None and known.measures == measures:
-            return SPELT[said]
+    for ending in ("_".join(words[-2:]), words[-1]):
+        unit_ = unit(SPELT.get(ending, ""))
+        if len(words) > 1 and unit_ is not None and unit_.measures == measures:
+            return SPELT[ending]
     return UNKNOWN
 
 
 def _time_unit(table: LogTable, column: str) -> str:
     """Return the unit of a time, by its name or by its steps."""
-    said = _unit(column, "time")
-    if said != UNKNOWN:
-        return said
+    unit_name = _unit(column, "time")
+    if unit_name != UNKNOWN:
+        return unit_name
     try:
         step = float(np.median(np.diff(table.numbers(column))))
     except FileError:
@@ -116,9 +119,9 @@ def _command(table: LogTable, column: str) -> str:
 
 
 def _wheel(column: str) -> str:
-    said = _unit(column, "angular rate")
-    if said != UNKNOWN:
-        return f'{{ column = "{column}", unit = "{said}", radius_m = 0.0 }},   # the radius of the wheel'
+    unit_name = _unit(column, "angular rate")
+    if unit_name != UNKNOWN:
+        return f'{{ column = "{column}", unit = "{unit_name}", radius_m = 0.0 }},   # the radius of the wheel'
     return _entry(column, "speed")
 
 

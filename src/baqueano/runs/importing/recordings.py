@@ -99,16 +99,16 @@ class ImportedRuns(NamedTuple):
     def table(self) -> str:
         """Return a line per kind of diagnostic: the number of runs, and the sentence of the first."""
         first: dict[tuple[str, str], Doubt] = {}
-        seen: dict[tuple[str, str], int] = {}
+        counts: dict[tuple[str, str], int] = {}
         for one in self.each:
             for d in {d.code: d for d in reversed(one.noticed.doubts)}.values():
                 first.setdefault((d.level, d.code), d)
-                seen[d.level, d.code] = seen.get((d.level, d.code), 0) + 1
+                counts[d.level, d.code] = counts.get((d.level, d.code), 0) + 1
         lines = [
             f"{_(level):8} {_(code):20} "
             + _(
                 "in {runs} of {of} runs; the first: {advice}",
-                runs=seen[level, code],
+                runs=counts[level, code],
                 of=len(self.each),
                 advice=d.advice,
             )
@@ -156,12 +156,14 @@ def import_run(
     ([0.0, 0.02, 0.04], [0.0, 0.5, 0.5], 'USABLE')
     """
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
-    found = import_runs(m, files, vehicle_text)
-    if len(found) > 1:
+    imported = import_runs(m, files, vehicle_text)
+    if len(imported) > 1:
         raise FileError(
-            fault("import.several-runs", typed("runs", "import", m.path), map=m.path.name, count=len(found))
+            fault(
+                "import.several-runs", typed("runs", "import", m.path), map=m.path.name, count=len(imported)
+            )
         )
-    return found[0]
+    return imported[0]
 
 
 def import_runs(
@@ -199,10 +201,10 @@ def import_runs(
 
 def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
     """The run of one part."""
-    sources, found = part.sources, list(part.doubts)
-    first, t_ns, applied = _applied(m, sources, sources[m.ticks].t_ns, found)
-    sensors = {name: _channel(signal, sources, t_ns, found) for name, signal in m.sensors.items()}
-    truth = None if m.truth is None else _truth(m.truth, sources, t_ns, found)
+    sources, doubts = part.sources, list(part.doubts)
+    first, t_ns, applied = _applied(m, sources, sources[m.ticks].t_ns, doubts)
+    sensors = {name: _channel(signal, sources, t_ns, doubts) for name, signal in m.sensors.items()}
+    truth = None if m.truth is None else _truth(m.truth, sources, t_ns, doubts)
     metadata = versions() | {
         "kind": "import",
         "map": m.name,
@@ -216,11 +218,11 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
     )  # fmt: skip
     if first:
         usual, why = first == 1 and m.in_force == "from", note("doubt.no-command-yet", count=first)
-        found.append(Doubt("no command yet", "info", int(t_ns[0]), why, usual=usual))
+        doubts.append(Doubt("no command yet", "info", int(t_ns[0]), why, usual=usual))
     if all(one.constant == 0.0 for one in m.command.entries):
-        found.append(Doubt("no command", "info", int(t_ns[0]), note("doubt.no-command"), usual=True))
-    found += cross_checks.look(run, m)
-    judged = cross_checks.judged(list(dict.fromkeys(found)), m)  # two parts of one file have the same gaps
+        doubts.append(Doubt("no command", "info", int(t_ns[0]), note("doubt.no-command"), usual=True))
+    doubts += cross_checks.look(run, m)
+    judged = cross_checks.judged(list(dict.fromkeys(doubts)), m)  # two parts of one file have the same gaps
     events = tuple(
         Event(d.t_ns or int(t_ns[0]), d.level, "import", in_english(d.diagnostic), d.diagnostic)
         for d in judged
@@ -234,7 +236,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
     """(rows, entries) in SI, by (1) of column_map."""
     columns = []
     for entry in signal.entries:
-        known = unit(entry.unit)
+        unit_of_entry = unit(entry.unit)
         if entry.quaternion is not None:
             x, y, z, w = (source.table.numbers(name) for name in quaternion_of(entry))
             column = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -248,7 +250,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
             if entry.wraps is not None:
                 turn = entry.wraps * entry.si
                 step = step - turn * np.rint(step / turn)  # the shorter way round
-            elif known and known.measures == "angle" and _within_a_turn(column):
+            elif unit_of_entry and unit_of_entry.measures == "angle" and _within_a_turn(column):
                 step = wrap(step)
             column = np.concatenate([[np.nan], step / (np.diff(source.t_ns) / NANOSECONDS)])
         column = entry.scale * entry.radius_m * column + entry.offset
@@ -261,16 +263,16 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 def _within_a_turn(angle: np.ndarray) -> bool:
     """Return True if an angle begins again after each turn; a wheel's angle may count on."""
-    known = angle[np.isfinite(angle)]
-    return len(known) > 0 and float(np.ptp(np.quantile(known, (0.01, 0.99)))) < 2.01 * np.pi
+    finite = angle[np.isfinite(angle)]
+    return len(finite) > 0 and float(np.ptp(np.quantile(finite, (0.01, 0.99)))) < 2.01 * np.pi
 
 
 def _check_header(entry: Entry) -> None:
     """A column that is called `speed [km/h]` is not in m/s."""
     in_header = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
-    said, known = unit(in_header[1]) if in_header else None, unit(entry.unit)
-    named = said is not None and said.measures not in ("ratio", "raw", "counts")
-    if named and known is not None and said != known and known.measures != "raw":
+    by_header, by_map = unit(in_header[1]) if in_header else None, unit(entry.unit)
+    named = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
+    if named and by_map is not None and by_header != by_map and by_map.measures != "raw":
         raise FileError(
             fault(
                 "import.unit-of-name",
@@ -282,8 +284,8 @@ def _check_header(entry: Entry) -> None:
         )
 
 
-def _known(
-    signal: ColumnSignal, source: Source, found: list[Doubt], t_ns: np.ndarray | None = None
+def _finite_rows(
+    signal: ColumnSignal, source: Source, doubts: list[Doubt], t_ns: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times, `t_ns` (rows,) if they are not the source's, and values of the rows that have all their numbers."""
     values = _values(signal, source)
@@ -294,7 +296,7 @@ def _known(
     if lost:
         where = int(source.t_ns[first:][~whole[first:]][0])
         why = note("doubt.missing", key=signal.key, lost=lost, rows=len(whole))
-        found.append(Doubt("missing", "warning", where, why))
+        doubts.append(Doubt("missing", "warning", where, why))
     if not whole.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
     return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]
@@ -309,10 +311,10 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _applied(
-    m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+    m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Return the count of ticks without a command, the indices of the others, and the command (N, n) in force there."""
-    t_ns, u = _known(m.command, sources[m.command.file], found)
+    t_ns, u = _finite_rows(m.command, sources[m.command.file], doubts)
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])
     if m.in_force == "from":
@@ -340,11 +342,11 @@ def _span(t_ns: np.ndarray) -> str:
 
 
 def _sampled(
-    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times and values of a signal: as measured, or brought to the ticks."""
     source = sources[signal.file]
-    t_ns, values = _known(signal, source, found, _instants(signal, source))
+    t_ns, values = _finite_rows(signal, source, doubts, _instants(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:
         raise FileError(
             fault(
@@ -368,9 +370,9 @@ def _sampled(
 
 
 def _channel(
-    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> Channel:
-    t_ns, z = _sampled(signal, sources, ticks, found)
+    t_ns, z = _sampled(signal, sources, ticks, doubts)
     angles = [measures == "angle" for measures in KINDS.get(signal.kind or "", ())]
     if any(angles):
         z = np.where(angles, wrap(z), z)
@@ -378,9 +380,9 @@ def _channel(
 
 
 def _truth(
-    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, found: list[Doubt]
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> TruthLog:
-    t_ns, values = _sampled(signal, sources, ticks, found)
+    t_ns, values = _sampled(signal, sources, ticks, doubts)
     unknown = np.full((len(t_ns), 3), np.nan)
     eta = np.column_stack([values[:, :2], wrap(values[:, 2])])
     return TruthLog(

@@ -56,29 +56,29 @@ class SourcePiece(NamedTuple):
 def parts(m: ColumnMap, files: object) -> Iterator[Part]:
     """Of each set of files that is given or found, the parts."""
     for paths in _sets(m, files):
-        found: list[Doubt] = []
-        tables = {name: _table(m, spec, paths[name], found) for name, spec in m.files.items()}
+        doubts: list[Doubt] = []
+        tables = {name: _table(m, spec, paths[name], doubts) for name, spec in m.files.items()}
         names = tuple(sorted({path.name for path in paths.values()}))
-        yield from _split(m, _name(m, paths), names, tables, found)
+        yield from _split(m, _name(m, paths), names, tables, doubts)
 
 
 def _split(
-    m: ColumnMap, name: str, files: tuple[str, ...], tables: dict[str, LogTable], found: list[Doubt]
+    m: ColumnMap, name: str, files: tuple[str, ...], tables: dict[str, LogTable], doubts: list[Doubt]
 ) -> Iterator[Part]:
     pieces = {file: _pieces(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
     if not pieces:
-        sources = {file: _source(m, m.files[file], table, found) for file, table in tables.items()}
-        yield Part(name, sources, files, tuple(found))
+        sources = {file: _source(m, m.files[file], table, doubts) for file, table in tables.items()}
+        yield Part(name, sources, files, tuple(doubts))
         return
     if m.ticks not in pieces:
         raise FileError(
             fault("import.split-not-ticks", map=m.path.name, file=next(iter(pieces)), ticks=m.ticks)
         )
-    heard: list[Doubt] = list(found)
-    matched = _matched(m, pieces, heard)
-    whole = {f: _source(m, m.files[f], t, heard) for f, t in tables.items() if f not in pieces}
+    own_doubts: list[Doubt] = list(doubts)
+    matched = _matched(m, pieces, own_doubts)
+    whole = {f: _source(m, m.files[f], t, own_doubts) for f, t in tables.items() if f not in pieces}
     for k, (label, split) in enumerate(matched):
-        own: list[Doubt] = list(heard) if k == 0 else []
+        own: list[Doubt] = list(own_doubts) if k == 0 else []
         made = {f: _source(m, m.files[f], table, own) for f, table in split.items()}
         t_ns = made[m.ticks].t_ns
         within = {f: _within(one, t_ns) for f, one in whole.items()}
@@ -112,33 +112,33 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
 
 
 def _matched(
-    m: ColumnMap, pieces: dict[str, list[SourcePiece]], found: list[Doubt]
+    m: ColumnMap, pieces: dict[str, list[SourcePiece]], doubts: list[Doubt]
 ) -> list[tuple[str, dict[str, LogTable]]]:
     """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files have
     no value in common, or not as many parts of it."""
     if not all(m.files[file].split for file in pieces):  # parts without a value are matched in order
         pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
-    held = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
+    by_file = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
     for file, each in pieces.items():
         for piece in each:
-            held[file][piece.value].append(piece)
-    common = [value for value in held[m.ticks] if all(value in of for of in held.values())]
+            by_file[file][piece.value].append(piece)
+    common = [value for value in by_file[m.ticks] if all(value in of for of in by_file.values())]
     if not common:
-        said = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in held.items())
-        raise FileError(fault("import.split-no-value", map=m.path.name, found=said))
-    found += _left_out(m, held)
+        listed = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in by_file.items())
+        raise FileError(fault("import.split-no-value", map=m.path.name, found=listed))
+    doubts += _left_out(m, by_file)
     made = []
     for value in common:
-        of_value = {file: of[value] for file, of in held.items()}
+        of_value = {file: of[value] for file, of in by_file.items()}
         if len({len(each) for each in of_value.values()}) > 1:
-            said = ", ".join(f"[files.{file}] {len(each)}" for file, each in of_value.items())
+            listed = ", ".join(f"[files.{file}] {len(each)}" for file, each in of_value.items())
             raise FileError(
                 fault(
                     "import.parts-differ",
                     map=m.path.name,
                     split=m.files[m.ticks].split,
                     value=value,
-                    found=said,
+                    found=listed,
                 )
             )
         for split in zip(*of_value.values(), strict=True):
@@ -147,10 +147,10 @@ def _matched(
     return made
 
 
-def _left_out(m: ColumnMap, held: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
+def _left_out(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
     """Return the values that a file lacks: their parts are left out."""
-    for lacking, of in held.items():
-        for file, others in held.items():
+    for lacking, of in by_file.items():
+        for file, others in by_file.items():
             alone = [value for value in others if value not in of]
             if alone:
                 values = _values_of(m, file, alone)
@@ -183,8 +183,10 @@ def _within(source: Source, t_ns: np.ndarray) -> Source:
 
 def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
     """The map's, or that of the file where the map is for many files."""
-    given = [paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)]
-    return given[0].name.split(".csv")[0].split(".bag")[0] if given else m.name
+    paths_given = [
+        paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)
+    ]
+    return paths_given[0].name.split(".csv")[0].split(".bag")[0] if paths_given else m.name
 
 
 def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
@@ -199,14 +201,14 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
         open_names = [name for name, spec in m.files.items() if spec.path is None]
         if not open_names and len({spec.path for spec in m.files.values()}) == 1:
             open_names = list(m.files)
-        given = [path for one in files for path in _expanded(Path(one))]
+        expanded = [path for one in files for path in _expanded(Path(one))]
         shared = [name for name in m.files if name not in open_names]
-        if not open_names or (len(given) > 1 and shared):
+        if not open_names or (len(expanded) > 1 and shared):
             code = "import.file-shared" if open_names else "import.all-with-path"
             raise FileError(
                 fault(code, map=m.path.name, files=m.files, shared=shared[:1], first=next(iter(m.files)))
             )
-        return [_complete(m, dict.fromkeys(open_names, path)) for path in given]
+        return [_complete(m, dict.fromkeys(open_names, path)) for path in expanded]
     for name in by_name:
         if name not in m.files:
             raise FileError(fault("import.file-unknown", map=m.path.name, found=name, known=m.files))
@@ -225,17 +227,17 @@ def _expanded(path: Path) -> list[Path]:
     """The files that a path with * stands for."""
     if not glob.has_magic(str(path)) or path.exists():
         return [path]
-    found = sorted(glob.glob(str(path)))
-    if not found:
+    matches = sorted(glob.glob(str(path)))
+    if not matches:
         raise FileError(fault("import.no-file-like", path=path))
-    return [Path(one) for one in found]
+    return [Path(one) for one in matches]
 
 
 def _complete(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Path]:
-    return {name: by_name[name] if name in by_name else _found(m, spec) for name, spec in m.files.items()}
+    return {name: by_name[name] if name in by_name else _path_of(m, spec) for name, spec in m.files.items()}
 
 
-def _found(m: ColumnMap, spec: FileSpec) -> Path:
+def _path_of(m: ColumnMap, spec: FileSpec) -> Path:
     if spec.path is None:
         raise FileError(
             fault(
@@ -268,16 +270,16 @@ def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
     path = spec.path or ""
     folders = [m.path.parent, *data_folders()]
     for folder in folders:
-        found = _like(folder, path) if glob.has_magic(path) else [folder / path]
-        if found and is_there(found[0]):
-            return found
+        matches = _like(folder, path) if glob.has_magic(path) else [folder / path]
+        if matches and is_there(matches[0]):
+            return matches
     looked = ", ".join(str(folder) for folder in folders)
     raise FileError(
         fault("import.file-absent", map=m.path.name, file=spec.name, missing=path, folders=looked)
     )
 
 
-def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> LogTable:
+def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> LogTable:
     """The rows of a file that `where` asks for, in the order of the file."""
     label, used = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
     if bag.is_bag(path):
@@ -288,7 +290,7 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> LogT
                 fault("import.no-bag", path=path.name, map=m.path.name, file=spec.name, topic=spec.topic)
             )
         table = read_table(path, spec.options, label)
-    found += [
+    doubts += [
         Doubt("cut line", "warning", None, note("doubt.cut-line", table=label, line=line))
         for line in table.cut
     ]
@@ -302,16 +304,16 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, found: list[Doubt]) -> LogT
     return kept._replace(columns={name: kept.columns[name] for name in used})
 
 
-def _source(m: ColumnMap, spec: FileSpec, table: LogTable, found: list[Doubt]) -> Source:
+def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) -> Source:
     """Rows with a time, in its order, the new ones alone."""
-    t_ns, known = times(table, spec, m.start_ns, m.path.name)
-    if not known.any():
+    t_ns, valid = times(table, spec, m.start_ns, m.path.name)
+    if not valid.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
-    if not known.all():
-        why = note("doubt.no-time", table=table.label, count=np.count_nonzero(~known))
-        found.append(Doubt("no time", "warning", None, why))
-        table, t_ns = table.only(known), t_ns[known]
-    keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, found)
+    if not valid.all():
+        why = note("doubt.no-time", table=table.label, count=np.count_nonzero(~valid))
+        doubts.append(Doubt("no time", "warning", None, why))
+        table, t_ns = table.only(valid), t_ns[valid]
+    keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, doubts)
     table, t_ns = table.only(keep), t_ns[keep]
     if spec.new_when is not None:
         new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0
@@ -358,8 +360,8 @@ def _kept(table: LogTable, spec: FileSpec, column: str, what: str, limit: Any) -
     if what in ("is", "not"):
         each = limit if isinstance(limit, list) else [limit]
         if all(isinstance(value, str | int | float) for value in each):
-            found = np.any([table.has(column, value) for value in each], axis=0)
-            return found if what == "is" else ~found
+            matching = np.any([table.has(column, value) for value in each], axis=0)
+            return matching if what == "is" else ~matching
     elif what in ("min", "max") and isinstance(limit, int | float):
         values = table.numbers(column)
         return values >= limit if what == "min" else values <= limit

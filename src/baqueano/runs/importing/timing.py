@@ -35,9 +35,9 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
     shift = start_ns + round(spec.shift_s * NANOSECONDS)
     if spec.rate_hz is not None:
         rows = table.lines - table.lines[0]
-        t_ns, known = np.rint(rows * (NANOSECONDS / spec.rate_hz)).astype(np.int64), rows >= 0
+        t_ns, valid = np.rint(rows * (NANOSECONDS / spec.rate_hz)).astype(np.int64), rows >= 0
     elif spec.time_unit == "iso8601":
-        t_ns, known = _dates(table, spec), np.ones(len(table.lines), dtype=bool)
+        t_ns, valid = _dates(table, spec), np.ones(len(table.lines), dtype=bool)
     else:
         si = unit(spec.time_unit).si  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
         whole = table.integers(spec.time)
@@ -47,18 +47,18 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
             and si < 1.0
             and np.abs(whole.astype(float)).max(initial=0.0) * factor < FARTHEST_NS
         ):
-            t_ns, known = whole * factor, np.ones(len(whole), dtype=bool)
+            t_ns, valid = whole * factor, np.ones(len(whole), dtype=bool)
         else:
             with np.errstate(over="ignore"):  # such a time is not known
                 t = table.numbers(spec.time) * si * NANOSECONDS
-            known = np.abs(t) < FARTHEST_NS
-            t_ns = np.rint(np.where(known, t, 0.0)).astype(np.int64)
+            valid = np.abs(t) < FARTHEST_NS
+            t_ns = np.rint(np.where(valid, t, 0.0)).astype(np.int64)
     if spec.time_rest is not None:
         rest = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
-        known &= np.isfinite(rest)
-        t_ns = t_ns + np.rint(np.where(known, rest, 0.0)).astype(np.int64)
+        valid &= np.isfinite(rest)
+        t_ns = t_ns + np.rint(np.where(valid, rest, 0.0)).astype(np.int64)
     t_ns = t_ns + shift
-    earliest = int(t_ns[known].min()) if known.any() else 0
+    earliest = int(t_ns[valid].min()) if valid.any() else 0
     if earliest < 0:
         zero = start_ns + (-earliest // NANOSECONDS + 1) * NANOSECONDS
         raise FileError(
@@ -70,16 +70,16 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
                 start_ns=zero,
             )
         )
-    if known.any() and t_ns[known].max() >= 2**31 * NANOSECONDS:
+    if valid.any() and t_ns[valid].max() >= 2**31 * NANOSECONDS:
         raise FileError(
             fault(
                 "import.beyond-2038",
                 table=table.label,
-                t_s=t_ns[known].max() / NANOSECONDS,
+                t_s=t_ns[valid].max() / NANOSECONDS,
                 in_unit=spec.time_unit,
             )
         )
-    return t_ns, known
+    return t_ns, valid
 
 
 def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
@@ -103,7 +103,7 @@ def _ns_of(date: str) -> int:
 
 
 def rows_in_order(
-    table: LogTable, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", found: list[Doubt]
+    table: LogTable, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", doubts: list[Doubt]
 ) -> np.ndarray:
     """Return the rows to keep so that time increases."""
     latest = np.maximum.accumulate(t_ns)
@@ -118,13 +118,13 @@ def rows_in_order(
         if spec.backwards != "drop":
             code = "import.steps-back-often" if lost > MANY * len(t_ns) else "import.steps-back"
             raise FileError(fault(code, **of, file=spec.name, map=m.path.name))
-        found.append(Doubt("time steps back", "warning", int(t_ns[i]), note("doubt.steps-back", **of)))
+        doubts.append(Doubt("time steps back", "warning", int(t_ns[i]), note("doubt.steps-back", **of)))
     keep = t_ns >= latest
     keep[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
-    keep = _without_repeats(table, t_ns, keep, spec, used, m, found)
+    keep = _without_repeats(table, t_ns, keep, spec, used, m, doubts)
     step_s = np.diff(t_ns[keep]) / NANOSECONDS
     if len(step_s):
-        _check_steps(table.only(keep), t_ns[keep], step_s, spec, m, found)
+        _check_steps(table.only(keep), t_ns[keep], step_s, spec, m, doubts)
     return keep
 
 
@@ -135,7 +135,7 @@ def _without_repeats(
     spec: "FileSpec",
     used: set[str],
     m: "ColumnMap",
-    found: list[Doubt],
+    doubts: list[Doubt],
 ) -> np.ndarray:
     at = np.flatnonzero(keep)
     same = np.flatnonzero(np.diff(t_ns[at]) == 0)
@@ -161,7 +161,7 @@ def _without_repeats(
                 map=m.path.name,
             )
         )
-    found.append(Doubt("repeats", "warning", int(t_ns[first[0]]), why))
+    doubts.append(Doubt("repeats", "warning", int(t_ns[first[0]]), why))
     keep = keep.copy()
     keep[first if spec.repeats == "last" else second] = False
     return keep
@@ -173,7 +173,7 @@ def _check_steps(
     step_s: np.ndarray,
     spec: "FileSpec",
     m: "ColumnMap",
-    found: list[Doubt],
+    doubts: list[Doubt],
 ) -> None:
     usual = float(np.median(step_s))
     if not SHORTEST_S <= usual <= LONGEST_S:
@@ -192,15 +192,17 @@ def _check_steps(
             )
         )
     if spec.name == m.ticks and not FAST_S <= usual <= SLOW_S:
-        found.append(_rate_of_ticks(table, usual, spec))
+        doubts.append(_rate_of_ticks(table, usual, spec))
     gaps = np.flatnonzero(step_s > GAP * usual)
     for i in gaps[:20]:
         jump = step_s[i] > JUMP_S
         why = note("doubt.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual)
-        found.append(Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), why))
+        doubts.append(
+            Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), why)
+        )
     if len(gaps) > 20:
         why = note("doubt.more-gaps", table=table.label, more=len(gaps) - 20)
-        found.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), why))
+        doubts.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), why))
 
 
 def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:

@@ -59,8 +59,8 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
         text = _beginning(path)
         return _Parser(path, text, _tree(path, text)).map()
     except FileNotFoundError:
-        known = sorted(p.stem for p in maps_folder().glob("*.toml"))
-        near = nearest(str(name_or_path), known)
+        names = sorted(p.stem for p in maps_folder().glob("*.toml"))
+        near = nearest(str(name_or_path), names)
         raise FileError(fault("map.absent", missing=path, found=name_or_path, near=near)) from None
     except ValueError as error:
         if path.suffix.lower() != ".toml" and shipped.is_file():
@@ -98,11 +98,11 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
     return fault("map.recording-or-wrong", fix, path=path, line=int(where[1]), column=int(where[2]))
 
 
-def _expected(found: str, measures: str, derivative: bool) -> Diagnostic:
-    """Return what to write for an entry that measures `found` and has to measure `measures`: another unit, or a key
+def _expected(value: str, measures: str, derivative: bool) -> Diagnostic:
+    """Return what to write for an entry that measures `value` and has to measure `measures`: another unit, or a key
     beside its unit."""
-    rate = "" if derivative else RATES.get(found, "")
-    ways = {ROLLED.get(found): "rolls", rate: "rate", ROLLED.get(rate): "rate-of-rolling"}
+    rate = "" if derivative else RATES.get(value, "")
+    ways = {ROLLED.get(value): "rolls", rate: "rate", ROLLED.get(rate): "rate-of-rolling"}
     way = f"-or-{ways[measures]}" if measures in ways else ""
     return note(f"expect.measures{way}", measures=measures, known=units_of(measures))
 
@@ -202,8 +202,8 @@ class _Parser:
         if not time or "rate_hz" in spec:
             raise self.wrong(f"[{key}] time", time, note("expect.time-of-bag" if in_bag else "expect.time"))
         time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
-        known = unit(time_unit) if time_unit else None
-        if time_unit != "iso8601" and (known is None or known.measures != "time"):
+        unit_of_clock = unit(time_unit) if time_unit else None
+        if time_unit != "iso8601" and (unit_of_clock is None or unit_of_clock.measures != "time"):
             raise self.wrong(
                 f"[{key}] time_unit", time_unit, note("expect.time-unit", known=units_of("time"))
             )
@@ -214,8 +214,13 @@ class _Parser:
         rest = spec.get("time_rest")
         if rest is None:
             return None
-        known = unit(str(rest.get("unit")))
-        if set(rest) != {"column", "unit"} or known is None or known.measures != "time" or "time" not in spec:
+        unit_of_rest = unit(str(rest.get("unit")))
+        if (
+            set(rest) != {"column", "unit"}
+            or unit_of_rest is None
+            or unit_of_rest.measures != "time"
+            or "time" not in spec
+        ):
             raise self.wrong(f"[{key}] time_rest", rest, note("expect.time-rest"))
         return str(rest["column"]), str(rest["unit"])
 
@@ -235,8 +240,8 @@ class _Parser:
 
     def truth(self, spec: Any) -> ColumnSignal:
         """[truth]: three entries, η, or six, η and ν."""
-        known = {"file": str, "eta": list, "nu": list, "sample": str} | KEYS
-        self.keys("truth", self.table("truth", spec), known)
+        kinds = {"file": str, "eta": list, "nu": list, "sample": str} | KEYS
+        self.keys("truth", self.table("truth", spec), kinds)
         pose = self.signal("truth", spec, "eta", ETA, "pose")
         if "nu" not in spec:
             return pose
@@ -303,27 +308,27 @@ class _Parser:
         if name is None:
             wanted = note("expect.unit-of", known=units_of(measures)) if measures else note("expect.unit")
             raise self.wrong(f"{key} unit", None, wanted)
-        known = unit(name)
-        if known is None:
+        unit_ = unit(name)
+        if unit_ is None:
             expected = note("expect.known-unit", near=near_units(name))
             if measures:
-                known = units_of(measures)
-                expected = note("expect.known-unit-of", near=near_units(name), measures=measures, known=known)
+                unit_ = units_of(measures)
+                expected = note("expect.known-unit-of", near=near_units(name), measures=measures, known=unit_)
             raise self.wrong(f"{key} unit", name, expected)
-        if known.measures == "raw" and "scale" not in spec:
+        if unit_.measures == "raw" and "scale" not in spec:
             raise self.wrong(f"{key} scale", None, note("expect.scale"))
-        self.counts(key, known.measures, made)
-        measured = "angle" if known.measures == "counts" else known.measures
-        found = RATES.get(measured) if made.derivative else measured
+        self.counts(key, unit_.measures, made)
+        measured = "angle" if unit_.measures == "counts" else unit_.measures
+        quantity = RATES.get(measured) if made.derivative else measured
         if "radius_m" in spec and measured != "raw":
-            found = ROLLED.get(found or "")
-            if found is None:
+            quantity = ROLLED.get(quantity or "")
+            if quantity is None:
                 raise self.wrong(f"{key} radius_m", spec["radius_m"], note("expect.radius"))
-        if measures and measured != "raw" and found != measures:
+        if measures and measured != "raw" and quantity != measures:
             raise self.wrong(
                 f"{key} unit",
                 name,
-                _expected(found or "", measures, made.derivative),
+                _expected(quantity or "", measures, made.derivative),
             )
         return canonical(name)
 
@@ -374,8 +379,8 @@ class _Parser:
                 raise self.wrong(place, value, note("expect.finite"))
         return spec
 
-    def wrong(self, place: str, found: object, wanted: Diagnostic | str) -> FileError:
+    def wrong(self, place: str, value: object, wanted: Diagnostic | str) -> FileError:
         """Return what to raise: where, what was found, and what to write."""
-        code = "map.missing" if found is None else "map.wrong"
-        shown = repr(found)[:200]
-        return FileError(fault(code, map=self.path.name, place=place, found=shown, expected=wanted))
+        code = "map.missing" if value is None else "map.wrong"
+        value_text = repr(value)[:200]
+        return FileError(fault(code, map=self.path.name, place=place, found=value_text, expected=wanted))

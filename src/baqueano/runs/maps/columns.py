@@ -70,8 +70,8 @@ class Entry(NamedTuple):
         """SI units of one unit of the column; of a count of an encoder the angle."""
         if self.counts_per_turn is not None:
             return 2.0 * math.pi / self.counts_per_turn
-        known = unit(self.unit)
-        return known.si if known else 1.0
+        unit_of_entry = unit(self.unit)
+        return unit_of_entry.si if unit_of_entry else 1.0
 
     @property
     def absent(self) -> bool:

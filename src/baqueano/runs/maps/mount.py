@@ -43,12 +43,12 @@ class Mount(NamedTuple):
         along = nu @ map_from_body(self.heading_rad).T
         return eta, along - nu[:, 2:] * np.array([-left, ahead, 0.0])
 
-    def moved(self, found: "Mount") -> "Mount":
-        """Return this one, with what was `found` on a run that was imported by it.  (3)"""
-        first = map_from_body(found.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
-        ahead, left = np.array(found.lever_arm_m) + first
+    def moved(self, offset: "Mount") -> "Mount":
+        """Return this one, with what was `offset` on a run that was imported by it.  (3)"""
+        first = map_from_body(offset.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
+        ahead, left = np.array(offset.lever_arm_m) + first
         return Mount(
-            self.shift_s + found.shift_s, (float(ahead), float(left)), self.heading_rad + found.heading_rad
+            self.shift_s + offset.shift_s, (float(ahead), float(left)), self.heading_rad + offset.heading_rad
         )
 
 
@@ -66,10 +66,11 @@ def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
     return mount
 
 
-def write_mount(path: Path | str, run: "Run", found: dict[str, float], halves: dict[str, float]) -> Mount:
-    """Write into the map at `path`, by which `run` was imported, what was `found` of its truth: numbers by KEYS, the
-    lever arm as lever_arm_m[0] and lever_arm_m[1], with the half widths of their 95 % intervals. The rest of the file
-    stays as it is. UsageError where the run was imported otherwise."""
+def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halves: dict[str, float]) -> Mount:
+    """Write the calibration `own_mount` of the truth into the map at `path`, by which `run` was imported.
+
+    Numbers go by KEYS, the lever arm as lever_arm_m[0] and lever_arm_m[1], with the half widths of their 95 %
+    intervals. The rest of the file stays as it is. UsageError where the run was imported otherwise."""
     path = Path(path)
     if not path.is_file():
         raise UsageError(fault("map.not-file", "--map MAP.toml", path=path, run=run.name))
@@ -88,21 +89,21 @@ def write_mount(path: Path | str, run: "Run", found: dict[str, float], halves: d
                 run=run.name,
             )
         )
-    lever = found.get("lever_arm_m[0]", 0.0), found.get("lever_arm_m[1]", 0.0)
-    new = Mount(found.get("shift_s", 0.0), lever, found.get("heading_rad", 0.0))
+    lever = own_mount.get("lever_arm_m[0]", 0.0), own_mount.get("lever_arm_m[1]", 0.0)
+    new = Mount(own_mount.get("shift_s", 0.0), lever, own_mount.get("heading_rad", 0.0))
     mount, document = mount_of(before).moved(new), tomlkit.parse(text)
-    for key in (key for key in KEYS if any(name.startswith(key) for name in found)):
+    for key in (key for key in KEYS if any(name.startswith(key) for name in own_mount)):
         errors = ", ".join(f"{half:.2g}" for name, half in halves.items() if name.startswith(key))
         _put(document["truth"], key, getattr(mount, key), f"± {errors} (95 %), runs calibrate {run.name}")
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
     return mount
 
 
-def _put(table: Any, key: str, value: Any, said: str) -> None:
+def _put(table: Any, key: str, value: Any, text: str) -> None:
     """Put a number or two into a table of tomlkit, with a comment where there is room for one."""
     table[key] = [round(x, 5) for x in value] if isinstance(value, tuple) else round(value, 5)
     if type(table).__name__ != "InlineTable":
-        table[key].comment(said)
+        table[key].comment(text)
 
 
 def _truth_of(text: str, name: str) -> "JsonObject":

@@ -87,8 +87,10 @@ def unit(name: str) -> ColumnUnit | None:
 def canonical(name: str) -> str:
     """The one spelling of a unit that is known: "deg/s" of "°/s", "dps" and "Deg/s"."""
     name = name.strip()
-    known = _ALIASES.get(name, name)
-    return known if known in UNITS or len(name) < 3 else _BY_LOWER.get(name.lower(), name)  # MV is not mV
+    full_name = _ALIASES.get(name, name)
+    return (
+        full_name if full_name in UNITS or len(name) < 3 else _BY_LOWER.get(name.lower(), name)
+    )  # MV is not mV
 
 
 def near_units(name: str) -> str:

@@ -43,11 +43,11 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
     bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").exists() else path
     try:
         with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            held = {c.topic: f"{c.topic} ({c.msgtype})" for c in reader.connections}
+            types = {c.topic: f"{c.topic} ({c.msgtype})" for c in reader.connections}
             wanted = [c for c in reader.connections if c.topic == topic]
             if not wanted:
                 code = "bag.topic-unsaid" if topic is None else "bag.no-topic"
-                raise FileError(fault(code, file=label, found=topic, known=held.values()))
+                raise FileError(fault(code, file=label, found=topic, known=types.values()))
             made = {column: array("q" if column in TIMES else "d") for column in {*columns, "bag"}}
             for connection, t_ns, raw in reader.messages(connections=wanted):
                 message = reader.deserialize(raw, connection.msgtype)
@@ -71,8 +71,8 @@ def _check_chunks(path: Path, label: str) -> None:
                         fault(
                             "bag.chunk",
                             file=label,
-                            size=memory_limit.shown(len(packed)),
-                            largest=memory_limit.shown(LARGEST_CHUNK),
+                            size=memory_limit.text_of_size(len(packed)),
+                            largest=memory_limit.text_of_size(LARGEST_CHUNK),
                         )
                     )
     except (Damage, KeyError, *BROKEN):
@@ -105,9 +105,9 @@ def _ros1_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
     while len(size := file.read(4)) == 4:
         head = file.read(int.from_bytes(size, "little"))
         data = int.from_bytes(file.read(4), "little")
-        found = re.search(rb"compression=(\w+)", head)
-        if found:
-            yield found[1].decode(), file.read(data)
+        match = re.search(rb"compression=(\w+)", head)
+        if match:
+            yield match[1].decode(), file.read(data)
         else:
             file.seek(data, 1)
 
@@ -120,9 +120,9 @@ def _number(message: object, path: str, label: str, topic: str) -> int | float:
     try:
         return float(value)
     except (TypeError, ValueError):
-        shown = type(value).__name__.replace("__", "/")
+        type_name = type(value).__name__.replace("__", "/")
         raise FileError(
-            fault("bag.field-not-number", file=label, topic=topic, field=path, found=shown)
+            fault("bag.field-not-number", file=label, topic=topic, field=path, found=type_name)
         ) from None
 
 

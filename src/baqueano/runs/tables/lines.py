@@ -49,7 +49,7 @@ class Lines:
         if self.taken > self.allowed:
             code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
             on_disk, taken, most = map(
-                memory_limit.shown, (self.path.stat().st_size, self.taken, self.allowed)
+                memory_limit.text_of_size, (self.path.stat().st_size, self.taken, self.allowed)
             )
             raise FileError(
                 fault(

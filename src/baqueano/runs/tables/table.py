@@ -210,8 +210,8 @@ def _columns(
         return columns, numbers, (number,)
     if uneven:
         code = "table.commas-between-commas" if delimiter == "," and wrong[1] > width else "table.uneven"
-        line, found = wrong
-        raise FileError(fault(code, file=lines.label, line=line, found=found, expected=width, count=uneven))
+        line, problem = wrong
+        raise FileError(fault(code, file=lines.label, line=line, found=problem, expected=width, count=uneven))
     return columns, numbers, ()
 
 
