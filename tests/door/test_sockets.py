@@ -273,3 +273,9 @@ def test_a_second_service_is_refused_and_the_socket_of_a_dead_one_is_taken_over(
     old.bind(str(dead))
     old.close()
     Door(dead, Operator(), tmp_path).close()
+
+
+@pytest.mark.parametrize("word", ["shake", "again", "pace", "pause"])
+def test_a_robot_takes_no_word_of_a_simulation(person, word):
+    person.say(do=word, kind="sag", part=0.5)
+    assert person.hear()["about"]["code"] == "door.unknown-word"

@@ -1,0 +1,111 @@
+"""Faults in a real browser on a real simulation: push by a drag, cut the IMU, read who noticed, drive again without."""
+
+import os
+
+import pytest
+
+from baqueano.runs import read_run
+from baqueano.worlds.faults.fault import faults_in
+from tests.web.chromium import CHROMIUM, Chromium
+from tests.web.scripted import Scripted
+from tests.web.test_serve import port_of, program
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
+PAGE = "baqueano.page"
+STATE = f"{PAGE}.state.state"
+TRIES = 4  # a busy machine holds up a browser for longer than a driver may be silent
+START = "document.querySelector('.fault-bar .primary')"
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with Chromium() as browser:
+        yield browser
+
+
+def driving(tab):
+    """The vehicle drives and has done so for 2 s: taken, cleared of a stop, begun."""
+    for _ in range(TRIES):
+        if tab.js(f"!{PAGE}.hand.mine"):
+            tab.js("document.getElementById('lease').click()")
+            tab.wait(f"{PAGE}.hand.mine", 20.0)
+        if tab.js(f"{STATE} === 'STOPPED'"):
+            tab.js("document.getElementById('clear').click()")
+        tab.wait(f"{STATE} === 'READY' && !{START}.disabled || !{PAGE}.hand.mine", 30.0)
+        tab.js(f"{START}.click()")
+        tab.wait(f"{STATE} === 'STOPPED' || {STATE} === 'MISSION' && {PAGE}.record.end > 2", 60.0)
+        if tab.js(f"{STATE} === 'MISSION'"):
+            return
+    pytest.skip("this machine is too busy to keep a browser driving")
+
+
+def test_push_cut_read_the_ledger_and_drive_again_without(chromium, tmp_path):
+    for k in range(TRIES):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        with program(
+            "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=folder,
+            env={**os.environ, "BAQUEANO_BACKEND": "python"},
+        ) as page:  # fmt: skip
+            tab = chromium.tab()
+            tab.size(1280, 800)
+            tab.goto(f"http://127.0.0.1:{port_of(page)}/?lang=en")
+            tab.wait(f"{STATE} === 'READY' && {PAGE}.hello.vehicle.world === 'simulated'", 60.0)
+            tab.click("#tab-faults")
+            try:
+                told(tab)
+                break
+            except AssertionError:
+                if k == TRIES - 1 or not tab.js(
+                    "document.body.innerText.includes('no message from the operator')"
+                ):
+                    raise  # else the machine stood still for longer than a driver may be silent
+            finally:
+                assert not tab.errors
+                tab.close()
+    first, twin = (read_run(path) for path in sorted((folder / "runs").glob("*.mcap"))[-2:])
+    found = [faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events) for run in (first, twin)]
+    assert [one.kind for one in found[0]] == ["push", "cut"]
+    assert found[1] == found[0][:1]
+    n = round(found[0][1].at_s * 100)
+    assert (first.truth.eta[:n] == twin.truth.eta[:n]).all()
+
+
+def told(tab):
+    """Push, cut, read, again without."""
+    driving(tab)
+    x, y = tab.middle(".faults .map")
+    tab.mouse("mousePressed", x - 40, y)
+    for step in (20, 60, 100):
+        tab.mouse("mouseMoved", x - 40 + step, y)
+    tab.mouse("mouseReleased", x + 60, y)
+    tab.wait(f"{PAGE}.ledger.some((row) => row.fault.kind === 'push')", 20.0)
+    push = tab.js(f"{PAGE}.ledger[0].fault")
+    assert (push["frame"], push["y"]) == ("map", 0)
+    assert push["x"] == pytest.approx(0.3, abs=0.02)  # 100 px to the right, 0.003 N s each
+    tab.wait(f"{PAGE}.ledger[0].noticed.length > 0", 20.0)
+    tab.click(".breaker [role=switch]")  # the first: the sensor is cut
+    tab.wait(f"{PAGE}.ledger.some((row) => row.fault.kind === 'cut')", 20.0)
+    tab.wait("document.querySelector('.breaker [role=switch]').getAttribute('aria-checked') === 'true'", 5.0)
+    tab.wait("document.querySelector('.ledger').innerText.includes('supervisor after')", 30.0)
+    tab.wait(f"{STATE} === 'STOPPED'", 30.0)
+    tab.js("document.getElementById('clear').click()")
+    tab.wait(f"{STATE} === 'READY' && {PAGE}.hand.mine && !{PAGE}.screens.faults.again.disabled", 30.0)
+    tab.click(".fault-bar .again")  # the last fault: without the cut, with the push
+    tab.wait(f"{PAGE}.screens.faults.ghost !== null", 5.0)
+    cut_s = tab.js(f"{PAGE}.screens.faults.ghost.record.end")
+    tab.wait(f"{STATE} === 'MISSION' && {PAGE}.record.end > {cut_s + 0.5} || {STATE} === 'STOPPED'", 90.0)
+    assert tab.js(STATE) == "MISSION"
+    assert tab.js(f"{PAGE}.ledger.map((row) => row.fault.kind)") == ["push"]
+    tab.js(f"{PAGE}.link.send({{ is: 'end' }})")
+    tab.wait(f"{STATE} === 'READY'", 30.0)
+
+
+def test_a_robot_has_no_such_tab(chromium):
+    with Scripted("live", world="real") as server:
+        tab = chromium.tab()
+        tab.goto(f"{server.url}?lang=en")
+        tab.wait(f"Boolean(globalThis.baqueano?.page?.screen) && {PAGE}.record.length > 0", 30.0)
+        assert tab.js("document.getElementById('tab-faults')") is None
+        assert "faults" not in tab.js(f"Object.keys({PAGE}.screens)")
+        tab.close()
