@@ -27,8 +27,9 @@ export class Identify {
     this.verdict = el("span", { class: "chip" });
     this.about = el("p", { class: "about" });
     this.now = el("b", {});
-    this.curve = follow(el("canvas", this.recorded ? { class: "curve", tabindex: "0", role: "slider", "aria-label": t("replay.scrub"), "aria-valuemin": "0" } : { class: "curve", "aria-hidden": "true" }));
-    this.play = el("button", { type: "button", class: "primary play", onclick: () => this.replay.toggle() });
+    this.curve = follow(el("canvas", { class: "curve", "aria-hidden": "true" })); // the keys of Replay scrub it as well
+    this.play = el("button", { type: "button", class: "primary play", "aria-label": t("replay.play"), onclick: () => this.replay.toggle() });
+    if (this.recorded) for (const name of ["pointerdown", "pointermove"]) this.curve.addEventListener(name, (e) => { if (e.buttons) this.#seek(e); });
     this.next = el("p", {}, el("strong", {}, t("identify.next")), " ", el("span", {}), " ", el("span", { class: "gain" }));
     this.go = el("button", { type: "button", class: "action primary" }, t("identify.experiment", { s: EXPERIMENT_S }));
     moving(this.go, page, () => page.link.send({ is: "mission", kind: "experiment", seconds: EXPERIMENT_S }));
@@ -44,7 +45,6 @@ export class Identify {
         this.map.canvas, this.map.buttons, this.learned),
       el("section", { class: "card curve-card" }, this.recorded ? this.play : null, el("figure", {}, el("figcaption", {}, el("b", {}, t("identify.curve")), " ", el("span", { class: "unit" }, t("identify.rate")), this.now), this.curve)),
       el("section", { class: "card next-card" }, icon("M4 9a6 6 0 1 1 1.8 5.2M4 4v5h5"), this.next, this.go));
-    this.#scrubs();
     this.#clear();
   }
 
@@ -88,7 +88,7 @@ export class Identify {
 
   #make({ parameters }) {
     this.first = parameters[0].path;
-    this.order = "";
+    this.order = null;
     this.rows = parameters.map((one) => {
       const rail = ["past", "bar", "own"].map((kind) => el("i", { class: kind }));
       const value = el("b", {}), error = el("span", {}), needs = el("p", { class: "needs" });
@@ -118,9 +118,8 @@ export class Identify {
     show(this.verdict, Boolean(fit));
     if (fit) { write(this.verdict, fit.verdict); this.verdict.dataset.verdict = fit.verdict_is; }
     write(this.about, fit ? [t("identify.fit", { s: num(fit.t, 1), took: num(fit.took_s, 1) }), fit.why].filter(Boolean).join(" ") : word.why ?? t(word.compiled ? "identify.hollow" : "identify.slow", { s: word.first }));
-    const order = `${word.parameters.length}|${fit?.t}`;
-    if (order !== this.order) {
-      this.order = order;
+    if (fit?.t !== this.order) {
+      this.order = fit?.t;
       const rank = now.map((sd, k) => [fit?.sd[k] ?? sd, k]).sort((a, b) => b[0] - a[0]);
       this.list.replaceChildren(...rank.map(([, k]) => this.rows[k].node));
     }
@@ -142,11 +141,9 @@ export class Identify {
 
   key(event, down) { return mapKey(this.map, event, down) || (this.recorded && this.replay.key(event, down)); }
 
-  #scrubs() {
-    if (!this.recorded) return;
-    const seek = (e) => { const { record } = this.page.opened; this.replay.seek(record.start + (e.offsetX / this.curve.clientWidth) * (record.end - record.start)); };
-    this.curve.addEventListener("pointerdown", (e) => { this.curve.setPointerCapture(e.pointerId); seek(e); });
-    this.curve.addEventListener("pointermove", (e) => { if (e.buttons) seek(e); });
+  #seek({ offsetX }) {
+    const { start, end } = this.page.opened.record;
+    this.replay.seek(start + (offsetX / this.curve.clientWidth) * (end - start));
   }
 
   draw(now_ms) {
@@ -155,8 +152,7 @@ export class Identify {
     const { record } = of, { footprint } = this.recorded ? of.about.vehicle : page.hello.vehicle;
     if (this.recorded) {
       this.replay.advance(now_ms);
-      const sign = this.replay.playing ? "❚❚" : "▶";
-      if (this.play.textContent !== sign) { write(this.play, sign); this.play.setAttribute("aria-label", t(this.replay.playing ? "replay.pause" : "replay.play")); }
+      write(this.play, this.replay.playing ? "❚❚" : "▶");
       if (word) this.#at(this.replay.now_s - record.start);
     } else this.state();
     const i = this.recorded ? record.row(this.replay.now_s) : record.last;
@@ -177,14 +173,13 @@ export class Identify {
     if (!begun) return;
     const [c, w, h] = begun, most = Math.log10(1 + 3 * LOUD), Y = (rate) => h - 2 - (Math.min(Math.log10(1 + rate) / most, 1)) * (h - 6);
     c.font = `${0.75 * colours.rem}px ${colours.font}`;
-    c.textBaseline = "bottom";
+    c.textAlign = "right";
     for (const rate of [1, 10, 100]) {
-      const y = Math.round(Y(rate)) + 0.5;
-      c.strokeStyle = colours.grid;
-      c.lineWidth = 1;
-      c.beginPath(); c.moveTo(0, y); c.lineTo(w, y); c.stroke();
+      c.fillStyle = colours.grid;
+      c.fillRect(0, Math.round(Y(rate)), w, 1);
+      c.fillStyle = colours.muted;
+      c.fillText(rate, w, Y(rate) - 3);
     }
-    const label = () => [1, 10, 100].forEach((rate) => { c.fillStyle = colours.muted; c.textAlign = "right"; c.lineWidth = 4; c.strokeStyle = colours.card; c.strokeText(rate, w - 2, Y(rate) - 1); c.fillText(rate, w - 2, Y(rate) - 1); });
     if (!word?.rate.length) return;
     const from = word.start, end = this.recorded ? record.end : from + word.rate.length * word.dt, X = (s) => ((s - from) / (end - from)) * w;
     c.beginPath();
@@ -196,14 +191,10 @@ export class Identify {
     c.lineTo(X(from + word.rate.length * word.dt), h); c.lineTo(0, h); c.closePath();
     c.fillStyle = colours.band;
     c.fill();
-    label();
     write(this.now, cursor === null ? num(word.rate.at(-1), 1) : `${clock(cursor)} s · ${num(this.#rate(cursor), 1)}`);
     if (cursor === null) return;
-    this.curve.setAttribute("aria-valuemax", end.toFixed(1));
-    this.curve.setAttribute("aria-valuenow", cursor.toFixed(1));
-    c.strokeStyle = colours.ink;
-    c.lineWidth = 2;
-    c.beginPath(); c.moveTo(X(cursor), 0); c.lineTo(X(cursor), h); c.stroke();
+    c.fillStyle = colours.ink;
+    c.fillRect(X(cursor) - 1, 0, 2, h);
   }
 }
 

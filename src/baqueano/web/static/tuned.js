@@ -13,10 +13,10 @@ export class Tuned {
     Object.assign(this, { history, before, cost });
     this.curve = follow(el("canvas", { role: "img", "aria-label": t("tuned.cost") }));
     const head = ["gain", "before", "after"].map((key) => el("th", { scope: "col" }, t(`tuned.${key}`)));
+    const number = (key, value) => el("div", { class: `number ${key}` }, el("span", { class: "of" }, t(`tuned.${key}`)), el("span", { class: "much" }, el("b", {}, three(value)), el("span", {}, "m²")));
     this.node = el("div", { class: "tuned" },
       el("section", { class: "card" }, el("h2", {}, t("tuned.cost")), this.curve),
-      el("section", { class: "card" }, el("div", { class: "number" }, el("span", { class: "of" }, t("tuned.before")), el("span", { class: "much" }, el("b", {}, three(before)), el("span", {}, "m²"))),
-        el("div", { class: "number now" }, el("span", { class: "of" }, t("tuned.after")), el("span", { class: "much" }, el("b", {}, three(cost)), el("span", {}, "m²"))),
+      el("section", { class: "card" }, number("before", before), number("after", cost),
         el("table", { class: "compare" }, el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...gains.map((one) => el("tr", {}, el("th", { scope: "row" }, `${one.name} `, el("small", {}, one.unit)), el("td", {}, three(one.before)), el("td", { class: "better" }, three(one.value))))))));
   }
 
@@ -42,11 +42,5 @@ export class Tuned {
     c.arc(X(shown - 1), Y(history[shown - 1]), 5, 0, 7);
     c.fillStyle = colours.model;
     c.fill();
-    c.font = `${0.85 * colours.rem}px ${colours.font}`;
-    c.fillStyle = colours.muted;
-    if (before > 0) c.fillText(t("tuned.before"), 8, Y(before) - 5);
-    c.textAlign = "right";
-    c.fillText(`${three(history[shown - 1])} m²`, Math.max(X(shown - 1) - 10, 70), Math.max(Y(history[shown - 1]) - 8, 12));
-    c.textAlign = "left";
   }
 }
