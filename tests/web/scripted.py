@@ -252,7 +252,36 @@ def answered(word: dict[str, Any]) -> dict[str, Any]:
             "laps": 23,
             "seconds": 0.2,
         }
+    if word["what"] == "block":
+        return block_of(word["room"])
+    if word["what"] == "check":
+        return {"findings": []}
+    if word["what"] == "compare":
+        cells = [f"{0.01 * (k + 1):.3f}" for k in range(len(word["runs"]))]
+        rows = [{"label": "distance, rms", "unit": "m", "cells": cells, "best": 0}]
+        names = [one["name"] for one in RUNS if one["id"] in word["runs"]]
+        sections = [{"title": "vehicle across its reference, true", "rows": rows * 3}]
+        return {"names": names, "sections": sections, "reasons": []}
     return {}
+
+
+def block_of(room: str) -> dict[str, Any]:
+    """Return what a worker would say of a block."""
+    kinds = {
+        "estimator": ["ekf", "augmented_ekf", "my_blocks.py:MyEkf"],
+        "controller": ["pd", "lqr"],
+        "guide": [],
+    }
+    text = "".join(f"line {k} of a file that is as long as one of ours, and as wide\n" for k in range(150))
+    parameters = [
+        {"name": "k_x", "unit": "1/s", "meaning": "speed per error ahead e_x", "value": [1.0], "shape": ""},
+        {"name": "process_noise_cov", "unit": "m²", "meaning": "R", "value": None, "shape": "6 × 6"},
+    ]
+    return {
+        "room": room, "kind": "augmented_ekf", "of_file": "augmented_ekf", "kinds": kinds.get(room, []),
+        "name": "AugmentedEkf", "ours": True, "parameters": parameters, "file": "estimators/augmented_ekf.py",
+        "text": text, "line": 70, "step_us": 21.4, "tick_us": 1e4, "swapped": None,
+    }  # fmt: skip
 
 
 def lap_of(gains: list[float]) -> dict[str, Any]:
@@ -387,7 +416,7 @@ class Scripted:
         elif word["is"] == "clear":
             self.go("READY")
         elif word["is"] == "open":
-            self._open(guest, word["run"], word.get("ghost"))
+            self._open(guest, word["run"], word.get("ghost"), word.get("filter"))
         elif word["is"] == "identify" and word["on"]:
             guest.send(json.dumps(taught(self._language(guest), live=True)))
         elif word["is"] == "ask":
@@ -416,20 +445,21 @@ class Scripted:
                 )
             )
 
-    def _open(self, guest: ServerConnection, run: str, ghost: str | None) -> None:
-        for stream, key, off in ((1, run, 0.02), (2, ghost, 0.08)):
+    def _open(self, guest: ServerConnection, run: str, ghost: str | None, through: str | None) -> None:
+        for stream, key, off in ((1, run, 0.02), (2, run if through else ghost, 0.08)):
             about = next((one for one in RUNS if one["id"] == key), None)
             if about is None:
                 continue
             events = [
                 {"t": 12.0, "severity": "warning", "text": "gate refused 3 innovations"},
-                {"t": 30.0, "severity": "info", "text": "mark 1"},
+                {"t": 30.0, "severity": "info", "source": "mark", "text": "mark 1"},
             ]
             head = {
                 "is": "answer",
                 "to": "open",
                 "stream": stream,
                 "run": about,
+                "filter": through if stream == 2 else None,
                 "rows": 4160,
                 "seconds": 41.6,
                 "fields": fields(),

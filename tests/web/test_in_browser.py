@@ -107,3 +107,72 @@ def test_gains_are_tuned_applied_and_taken_back_while_it_repeats(chromium, tmp_p
     assert {one["path"] for one in set_to} >= {"controller.k_x", "controller.k_chi"}
     k_x = [float(one["now"]) for one in set_to if one["path"] == "controller.k_x"]
     assert k_x == [pytest.approx(tuned[1]), 1.0]
+
+
+MINE = """from baqueano.controllers import PdFeedforward
+from baqueano.estimators import AugmentedEkf
+
+
+class MyLaw(PdFeedforward):
+    \"\"\"Mine.\"\"\"
+
+
+class MyEkf(AugmentedEkf):
+    \"\"\"Mine.\"\"\"
+"""
+
+
+def test_a_block_of_the_folder_is_swapped_in_and_drives(chromium, tmp_path):
+    from baqueano.guides.shapes import circle
+    from baqueano.runs import read_run
+    from baqueano.runs.route_file import write_route
+
+    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "routes").mkdir()
+    write_route(circle(0.3, 0.2), tmp_path / "routes" / "ring.csv")
+    blocks = "baqueano.page.screens.blocks"
+    with program("baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path) as page:
+        tab = chromium.tab()
+        tab.goto(f"http://127.0.0.1:{port_of(page)}/")
+        tab.wait("baqueano.page.hello?.fields.length > 9", START_S)
+        tab.click("#tab-blocks")
+        tab.js(f"{blocks}.pick('controller')")
+        tab.wait(f"Boolean({blocks}.known.controller?.text)", START_S)
+        tab.js(
+            "(() => { const one = document.querySelector('.other select'); one.value = 'mine.py:MyLaw';"
+            "one.dispatchEvent(new Event('change')); })()"
+        )
+        tab.wait("baqueano.page.hello.swapped?.controller === 'mine.py:MyLaw'", START_S)
+        repeating(tab, "baqueano.page.state.t_s > 0.5")
+        tab.wait("baqueano.page.hello.blocks.controller === 'MyLaw'", START_S)
+        shown(tab, "MyLaw")
+        tab.js(PRESS.format(name="STOP"))
+        shown(tab, "STOPPED")
+        tab.close()
+    run = read_run(max((tmp_path / "runs").glob("*.mcap")))
+    assert run.metadata["controller"].startswith("MyLaw(")
+    assert [e.diagnostic.figures["kind"] for e in run.events if e.source == "swap"] == ["mine.py:MyLaw"]
+
+
+def test_the_same_data_goes_through_another_filter(chromium, tmp_path):
+    from baqueano.drive import repeat
+    from baqueano.guides.shapes import circle
+    from baqueano.runs import write_run
+    from baqueano.vehicle_file import load
+
+    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "runs").mkdir()
+    write_run(repeat(load("small"), circle(0.3, 0.2)), tmp_path / "runs" / "round.mcap")
+    with program("baqueano", "view", "round", "--no-browser", cwd=tmp_path) as page:
+        tab = chromium.tab()
+        tab.goto(f"http://127.0.0.1:{port_of(page)}/")
+        tab.wait("baqueano.page?.screens.replay?.filter?.options.length > 3", START_S)
+        tab.js(
+            "(() => { const one = baqueano.page.screens.replay.filter; one.value = 'mine.py:MyEkf';"
+            "one.dispatchEvent(new Event('change')); })()"
+        )
+        tab.wait("baqueano.page.ghost?.about.filter === 'mine.py:MyEkf'", START_S)
+        shown(tab, "mine.py:MyEkf · same data")
+        tab.wait("document.querySelectorAll('.compare tbody tr').length === 4", START_S)
+        assert not tab.errors
+        tab.close()

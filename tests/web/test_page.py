@@ -312,6 +312,54 @@ def test_a_touch_on_the_landscape_chooses_two_gains(tab, live):
     assert tab.js(f"{TUNE}.values[0]") == 0.5  # the others rest
 
 
+def test_chosen_runs_are_compared_and_the_list_comes_back(tab, live):
+    opened(tab, live, screen="runs")
+    assert tab.js("document.querySelector('.runs footer .primary').disabled")
+    for k in (0, 1):
+        tab.js(f"document.querySelectorAll('.runs [type=checkbox]')[{k}].click()")
+    tab.js("document.querySelector('.runs footer .primary').click()")
+    tab.wait("document.querySelector('.compared .better')?.textContent === '0.010'")
+    assert asked(live, "compare")[0]["runs"] == ["r0", "r1"]
+    tab.js("document.querySelector('.runs header .action').click()")
+    tab.wait("document.querySelectorAll('.runs [type=checkbox]').length === 4")
+
+
+def test_a_long_list_of_runs_has_pages(tab, live):
+    opened(tab, live, screen="runs")
+    many = [{"id": f"m{k}", "name": f"run-{k:03}", "kind": "teach"} for k in range(60)]
+    live.put({"is": "runs", "runs": many})
+    tab.wait("document.querySelectorAll('.runs tbody tr').length === 25")
+    for _ in range(2):
+        tab.js("document.querySelector('.runs footer').lastChild.click()")
+    tab.wait("document.querySelectorAll('.runs tbody tr').length === 10")
+    assert tab.js("document.querySelector('.runs footer').lastChild.disabled")
+
+
+def test_a_block_shows_text_and_parameters_and_is_checked_and_swapped(tab, live):
+    opened(tab, live, screen="blocks")
+    for view, shown in ((1, "process_noise_cov"), (2, "line 70 of a file")):
+        tab.js(f"document.querySelectorAll('.side .choices button')[{view}].click()")
+        tab.wait(f"document.querySelector('.content').textContent.includes({shown!r})")
+    tab.wait("document.querySelector('.content').scrollTop > 500")
+    tab.js("document.querySelector('.side footer .action').click()")
+    tab.wait("document.querySelector('.side footer .good')?.textContent.includes('promises')")
+    tab.js(
+        "(() => { const one = document.querySelector('.other select'); one.value = 'ekf';"
+        "one.dispatchEvent(new Event('change')); })()"
+    )
+    until(lambda: live.words("swap") == [{"is": "swap", "room": "estimator", "kind": "ekf"}])
+
+
+def test_a_ghost_is_paired_by_marks(tab):
+    with Scripted("replay", ghost=True) as server:
+        opened(tab, server)
+        tab.wait(f"Boolean({PAGE}.ghost)")
+        replay = f"{PAGE}.screens.replay"
+        tab.js(f"{PAGE}.ghost.about.events.find((one) => one.source === 'mark').t = 32; {replay}.build()")
+        tab.js("[...document.querySelectorAll('.transport .choices button')].at(-1).click()")
+        tab.wait(f"{replay}.by === 'mark' && {replay}.pairs?.map[3000] === 3200")
+
+
 def asked(live, what):
     return [word for word in live.words("ask") if word["what"] == what]
 

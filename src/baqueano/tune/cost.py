@@ -13,10 +13,11 @@ q [m²] is that price, by default 0.1 (gains.py). For the paper's own cost write
 and aside_m = 0, a start on the route.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.geometry import wrap
 
 
@@ -31,18 +32,18 @@ class Weights(NamedTuple):
 class TickErrors(NamedTuple):
     """The outputs of a tick beside its cost."""
 
-    distance_m: Any  # from the reference
-    heading_rad: Any
-    saturated: Any  # 1.0 where the supervisor or the vehicle's limit cut the command
+    distance_m: Tree  # from the reference
+    heading_rad: Tree
+    saturated: Tree  # 1.0 where the supervisor or the vehicle's limit cut the command
 
 
-def tick_cost(weights: Weights, limit: np.ndarray, heard: Any) -> Any:
+def tick_cost(weights: Weights, limit: np.ndarray, heard: Tree) -> Tree:
     """Return a term of the sum, a scalar [m²].  (2), (3)"""
     cost = path_cost(weights, heard)
     return cost if weights.effort_m2 == 0.0 else cost + weights.effort_m2 * jerk(limit, heard)
 
 
-def path_cost(weights: Weights, heard: Any) -> Any:
+def path_cost(weights: Weights, heard: Tree) -> Tree:
     """Return the cost of the distance from the reference at a tick, a scalar [m²].  (2)"""
     d = heard.record.reference.eta - heard.truth.eta
     k = weights.huber_m
@@ -51,14 +52,14 @@ def path_cost(weights: Weights, heard: Any) -> Any:
     return np.where(r2 <= k * k, 0.5 * r2, beyond)
 
 
-def jerk(limit: np.ndarray, heard: Any) -> Any:
+def jerk(limit: np.ndarray, heard: Tree) -> Tree:
     """Return the squared change of the command at a tick, in parts of its limit; q is its price.  (3)"""
     scale = np.where((limit > 0.0) & np.isfinite(limit), limit, 1.0)
     change = (heard.record.command.u - heard.record.tick.u) / scale
     return np.sum(change * change)
 
 
-def shown(limit: np.ndarray, heard: Any) -> TickErrors:
+def shown(limit: np.ndarray, heard: Tree) -> TickErrors:
     """Distance, heading and saturation of a tick."""
     d = heard.record.reference.eta - heard.truth.eta
     full = (np.abs(heard.record.command.u) >= limit) & (limit > 0.0)

@@ -7,15 +7,17 @@ perfect pose, and begins `aside_m` behind and beside the route, as in `tune`.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.values import Tree
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
 from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
 from baqueano.simulate.open_loop import times
-from baqueano.simulate.system import Input, begin
+from baqueano.simulate.system import Input, SystemState, begin
+from baqueano.symbolic import Scan
 from baqueano.tune.cost import Weights, jerk, path_cost, shown
 from baqueano.tune.gains import (
     ASIDE_M,
@@ -37,15 +39,15 @@ LONGEST_S = 60.0  # of a lap
 class _LapTick(NamedTuple):
     """The outputs of the kernel at a tick."""
 
-    x: Any
-    y: Any
-    path: Any  # its share of C_path
-    jerk: Any  # and of C_jerk
-    distance_m: Any
-    saturated: Any
+    x: Tree
+    y: Tree
+    path: Tree  # its share of C_path
+    jerk: Tree  # and of C_jerk
+    distance_m: Tree
+    saturated: Tree
 
 
-class Lap(NamedTuple):
+class SimulatedLap(NamedTuple):
     """A lap with some gains."""
 
     x: np.ndarray  # (N,) [m]
@@ -66,20 +68,20 @@ class SimulatedLaps:
     seconds: float  # of a lap
     whole: bool  # False: only the first LONGEST_S of it
     _inputs: Input
-    _start: Any
-    _kernel: Any
+    _start: SystemState
+    _kernel: Scan
 
     @property
     def backend(self) -> str:
         """Return the back end of the kernel."""
         return self._kernel.backend
 
-    def lap(self, gains: np.ndarray) -> Lap:
+    def lap(self, gains: np.ndarray) -> SimulatedLap:
         """Return the lap with gains (p,)."""
         _, tick = self._kernel.run(self._inputs, gains, carry=self._start)
         each = float(np.sum(tick.path)), float(np.sum(tick.jerk))
         most, full = float(np.max(tick.distance_m)), float(np.mean(tick.saturated))
-        return Lap(tick.x, tick.y, *each, rms(tick.distance_m), most, full)
+        return SimulatedLap(tick.x, tick.y, *each, rms(tick.distance_m), most, full)
 
     def costs(self, gains: np.ndarray) -> np.ndarray:
         """Return C_path and C_jerk (L, 2) of the laps with gains (L, p)."""
@@ -128,7 +130,7 @@ def simulated_laps(
     lasting = ticks_of(system, rate)
     ticks = min(lasting, round(LONGEST_S * rate))
 
-    def output(heard: Any) -> _LapTick:
+    def output(heard: Tree) -> _LapTick:
         errors = shown(limit, heard)
         eta, cost = heard.truth.eta, path_cost(weights, heard)
         return _LapTick(eta[0], eta[1], cost, jerk(limit, heard), errors.distance_m, errors.saturated)

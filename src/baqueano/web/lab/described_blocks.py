@@ -7,11 +7,12 @@ vehicle file or the one where the page was started. No text comes from a browser
 import ast
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.blocks import ROOMS, kinds, resolve
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
@@ -87,7 +88,7 @@ def _room(cls: ast.ClassDef) -> str:
     return next((room for name, room in ours.items() if name in bases), "")
 
 
-def block_of(room: str, kind: str, file: "VehicleFile") -> Any:
+def block_of(room: str, kind: str, file: "VehicleFile") -> Tree:
     """Return the block of a room with what the file holds for it."""
     from baqueano.guides.shapes import circle
 
@@ -161,7 +162,7 @@ def _parameters(room: str, block: object) -> "list[JsonObject]":
 
     rows = []
     for path, one in all_parameters(block, room):
-        value: Any = block
+        value: Tree = block
         for name in path.split(".")[1:]:
             value = getattr(value, name)
         array = np.asarray(value, dtype=float) if value is not None else np.zeros(0)

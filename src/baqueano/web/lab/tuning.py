@@ -22,7 +22,7 @@ from baqueano.tune.search import UNUSABLE, descend, gains, place
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.guides.route import Route
-    from baqueano.tune.laps import Lap
+    from baqueano.tune.laps import SimulatedLap
     from baqueano.vehicle_file.file import VehicleFile
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # of a shape, as a service draws it
@@ -173,7 +173,7 @@ def _of_run(word: "JsonObject") -> "Route | None":
     return Route(seconds(t_ns, t_ns[0]), ref.eta[good], ref.nu[good], False)
 
 
-def drawn(lap: "Lap") -> "JsonObject":
+def drawn(lap: "SimulatedLap") -> "JsonObject":
     """Return a lap as it is drawn."""
     every = 1 + len(lap.x) // POINTS
     figures = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]

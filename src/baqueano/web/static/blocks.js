@@ -1,7 +1,7 @@
 // The diagram of the blocks, alive: on each wire what travels there now, in each block who sits there.
 
 import { begin, colours, follow } from "./canvas.js";
-import { el, write } from "./dom.js";
+import { choices, el, write } from "./dom.js";
 import { Strip } from "./strips.js";
 import { num, t, three } from "./strings.js";
 
@@ -9,6 +9,8 @@ const SPAN = 10; // s, on a wire
 // Where each stands is a matter of the style sheet: `at-…`.
 const BLOCKS = ["vehicle", "sensors", "estimator", "guide", "controller", "supervisor"];
 const WIRES = [["vehicle", "sensors"], ["sensors", "estimator"], ["estimator", "guide"], ["guide", "controller"], ["estimator", "controller"], ["controller", "supervisor"], ["supervisor", "vehicle"]];
+const LOOP = BLOCKS.slice(2); // whose step a tick pays for
+const VIEWS = ["signals", "parameters", "text"];
 const ON_WIRE = ["measured", "estimate", "reference", "asked", "command"];
 
 export class Blocks {
@@ -18,6 +20,8 @@ export class Blocks {
     this.page = page;
     this.node = el("div", { class: "blocks" });
     this.picked = "estimator";
+    this.view = 0;
+    this.known = {};
     this.build();
   }
 
@@ -27,15 +31,32 @@ export class Blocks {
     return open ? { record: page.opened?.record, vehicle: page.opened?.about.vehicle, blocks: page.opened?.about.blocks } : { record: page.record, vehicle: page.hello.vehicle, blocks: page.hello.blocks };
   }
 
-  opened() { this.build(); }
+  get run() { return this.page.hello.mode === "replay" ? { run: this.page.opened?.about.run.id } : {}; }
+  opened() { this.known = {}; this.build(); }
+  blocks() { this.known = {}; this.build(); if (this.page.screen === this) this.shown(); }
+  shown() { if (this.wires) for (const key of LOOP) this.#learn(key); }
+
+  /** Ask what a block is, once. */
+  #learn(key) {
+    const { known } = this;
+    if (known[key] !== undefined) return;
+    known[key] = null;
+    this.page.link.ask("block", { ...this.run, room: key }, (word) => {
+      if (known !== this.known) return;
+      known[key] = word;
+      if (word.step_us) write(this.costs[key], `${three(word.step_us)} µs`);
+      if (key === this.picked) this.#show();
+    });
+  }
 
   build() {
     const { record, vehicle, blocks } = this.source;
     if (!record) { this.node.replaceChildren(el("section", { class: "card empty" }, el("h2", {}, t("replay.none")))); return; }
     this.wires = follow(el("canvas", { class: "wires", "aria-hidden": "true" }));
     const names = { vehicle: blocks?.model ?? vehicle.name, sensors: [...new Set(record.channels.map((one) => one.replace(/[.[].*$/, "")))].join(", "), estimator: blocks?.estimator, guide: blocks?.guide, controller: blocks?.controller, supervisor: t("block.supervisor-does") };
+    this.costs = Object.fromEntries(BLOCKS.map((key) => [key, el("i", {}, this.known[key]?.step_us ? `${three(this.known[key].step_us)} µs` : "")]));
     this.boxes = Object.fromEntries(BLOCKS.map((key) => {
-      const box = el("button", { type: "button", class: `block at-${key}`, "aria-pressed": String(key === this.picked), onclick: () => this.pick(key) }, el("b", {}, t(`block.${key}`)), el("span", {}, names[key] ?? t("block.none")));
+      const box = el("button", { type: "button", class: `block at-${key}`, "aria-pressed": String(key === this.picked), onclick: () => this.pick(key) }, el("b", {}, t(`block.${key}`)), el("span", {}, names[key] ?? t("block.none")), this.costs[key]);
       return [key, box];
     }));
     const lines = this.#lines(record, vehicle);
@@ -77,7 +98,42 @@ export class Blocks {
       controller: commands, supervisor: commands,
     }[key];
     this.strips = specs.map((one) => ({ ...one, traces: one.traces.filter(({ name }) => record.has(name)) })).filter((one) => one.traces.length).slice(0, 5).map((one) => new Strip(one));
-    this.side.replaceChildren(el("h2", {}, t(`block.${key}`)), el("p", { class: "who" }, this.names[key] ?? t("block.none")), el("p", {}, t(`block.${key}-about`)), el("div", { class: "strip-list" }, ...this.strips.map((one) => one.node)));
+    this.content = el("div", { class: "content", tabindex: "0", role: "region", "aria-label": t(`block.${key}`) });
+    this.other = el("div", { class: "other" });
+    this.foot = el("footer", {});
+    this.side.replaceChildren(el("h2", {}, t(`block.${key}`)), el("p", { class: "who" }, this.names[key] ?? t("block.none")), el("p", {}, t(`block.${key}-about`)), this.other, choices(t("block.views"), VIEWS.map((one) => t(`block.${one}`)), this.view, (k) => { this.view = k; this.#show(); }), this.content, this.foot);
+    this.#show();
+    this.#learn(key);
+  }
+
+  /** Show signals, parameters or text of the block that is picked, what its step costs, and what may take its place. */
+  #show() {
+    const about = this.known[this.picked], { content, picked, page } = this, wait = el("p", {}, about?.no ?? t("block.asking"));
+    content.classList.toggle("strip-list", this.view === 0);
+    if (this.view === 0) content.replaceChildren(...this.strips.map((one) => one.node));
+    else if (!about?.text) content.replaceChildren(wait);
+    else if (this.view === 1) content.replaceChildren(about.parameters.length ? el("table", {}, ...about.parameters.map(({ name, unit, meaning, value, shape }) => el("tr", {}, el("th", { scope: "row" }, name, el("small", {}, meaning)), el("td", {}, value ? value.map(three).join(" ") : shape, " ", el("small", {}, unit))))) : el("p", {}, t("block.no-parameters")));
+    else {
+      const text = el("pre", {}, about.text);
+      content.replaceChildren(text);
+      content.scrollTop = (about.line / about.text.split("\n").length) * text.scrollHeight;
+    }
+    if (!about?.text) return;
+    const line = (what, node) => el("p", {}, el("span", {}, what), node), result = el("button", { type: "button", class: "action", onclick: () => this.#check(result) }, t("block.check"));
+    this.foot.replaceChildren(el("p", { class: "file" }, about.file), about.step_us ? line(t("block.step", { of: num(about.tick_us / 1000, 0) }), el("b", {}, `${three(about.step_us)} µs`)) : "", line("blocks check", result));
+    if (!about.kinds.length || page.hello.mode !== "live") return;
+    const select = el("select", { "aria-label": t("block.swap"), disabled: page.hello.role !== "drive" }, ...about.kinds.map((one) => el("option", { value: one, selected: one === about.kind }, one)));
+    select.addEventListener("change", () => page.link.send({ is: "swap", room: picked, kind: select.value }));
+    this.other.replaceChildren(el("label", { class: "pick" }, t("block.swap"), select), page.hello.swapped?.[picked] ? el("span", { class: "chip gold" }, t("block.next")) : "");
+  }
+
+  #check(result) {
+    const { kind } = this.known[this.picked];
+    write(result, t("block.checking"));
+    this.page.link.ask("check", { ...this.run, room: this.picked, kind }, ({ findings, no }) => {
+      const good = findings?.length === 0;
+      result.replaceWith(good ? el("b", { class: "good" }, t("block.sound")) : el("span", { class: "bad" }, no ?? findings.join(" ")));
+    });
   }
 
   draw() {

@@ -104,8 +104,8 @@ function rebuilt() {
   told();
 }
 
-function openRun(run, ghost) {
-  page.link.send(ghost ? { is: "open", run, ghost } : { is: "open", run });
+function openRun(run, ghost, filter) {
+  page.link.send({ is: "open", run, ...(ghost ? { ghost } : {}), ...(filter ? { filter } : {}) });
   open("replay");
 }
 

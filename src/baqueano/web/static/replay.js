@@ -20,7 +20,7 @@ export class Opened {
     this.estimate = new Trail(record, "eta.x", "eta.y", step, true);
     this.path = new Trail(record, "eta.x", "eta.y", step);
     this.truth = new Trail(record, "truth.x", "truth.y", step);
-    this.label = about.run.name;
+    this.label = about.filter ? t("replay.through", { name: about.filter }) : about.run.name;
   }
 }
 
@@ -88,21 +88,34 @@ export class Replay {
     this.happened = el("p", { class: "happened" });
     this.other = el("select", { "aria-label": t("replay.ghost") });
     this.beside = el("label", { class: "pick" }, t("replay.ghost"), this.other);
+    this.filter = el("select", { "aria-label": t("replay.filter") }, el("option", { value: "" }, t("replay.no-filter")));
+    this.through = el("label", { class: "pick" }, t("replay.filter"), this.filter);
+    this.filters();
     this.runs();
     this.other.addEventListener("change", () => page.openRun(this.run.about.run.id, this.other.value || null));
-    const ways = ["distance", "time"];
+    this.filter.addEventListener("change", () => page.openRun(this.run.about.run.id, null, this.filter.value || null));
+    const ways = ["distance", "time", ...(this.ghost && this.#marks().every((one) => one.length) ? ["mark"] : [])];
     const pairing = choices(t("replay.pair"), ways.map((one) => t(`replay.by-${one}`)), ways.indexOf(this.by), (k) => { this.by = ways[k]; this.pairs = null; });
     return el("section", { class: "card transport", "aria-label": t("replay.controls") },
       el("div", { class: "line" }, this.play, this.scrub, el("span", { class: "when" }, this.when, this.whole)),
-      el("div", { class: "line" }, this.rates, this.happened, this.beside,
+      el("div", { class: "line" }, this.rates, this.happened, this.beside, this.through,
         this.ghost ? el("div", { class: "pick" }, el("span", {}, t("replay.pair")), pairing) : null));
   }
+
+  /** List the filters through which the same data may go: those of its room, and the project's own. */
+  filters() {
+    const id = this.run.about.run.id, fill = (kinds) => this.filter.append(...kinds.map((one) => el("option", { value: one, selected: one === this.ghost?.about.filter }, one)));
+    if (this.kinds?.of === id) fill(this.kinds.list);
+    else this.page.link.ask("block", { run: id, room: "estimator" }, ({ kinds }) => { this.kinds = { of: id, list: kinds ?? [] }; show(this.through, this.kinds.list.length > 0); fill(this.kinds.list); });
+  }
+
+  #marks() { return [this.run, this.ghost].map(({ about }) => about.events.filter((one) => one.source === "mark").map((one) => one.t)); }
 
   /** List what may stand beside the run. */
   runs() {
     if (!this.run) return;
     const others = this.page.runs.filter((one) => one.id !== this.run.about.run.id), ghost = this.ghost?.about.run.id;
-    this.other.replaceChildren(el("option", { value: "" }, t("replay.no-ghost")), ...others.map((one) => el("option", { value: one.id, selected: one.id === ghost }, one.name)));
+    this.other.replaceChildren(el("option", { value: "" }, t("replay.no-ghost")), ...others.map((one) => el("option", { value: one.id, selected: !this.ghost?.about.filter && one.id === ghost }, one.name)));
     show(this.beside, others.length > 0);
   }
 
@@ -149,8 +162,9 @@ export class Replay {
   #paired() {
     const { run, ghost } = this;
     if (this.pairs && this.pairs.rows === run.record.length && this.pairs.others === ghost.record.length) return this.pairs;
+    const marks = this.by === "mark" ? this.#marks() : null;
     const key = this.by === "distance" && [run, ghost].every((one) => Number.isFinite(one.record.value("progress", one.record.last))) ? "progress" : "t";
-    const mine = run.record.column(key), theirs = ghost.record.column(key), map = new Int32Array(run.record.length);
+    const mine = marks ? run.record.t.map((s) => aligned(s, ...marks)) : run.record.column(key), theirs = ghost.record.column(key), map = new Int32Array(run.record.length);
     for (let i = 0, j = 0; i < map.length; i++) {
       while (j + 1 < ghost.record.length && !(theirs[j] >= mine[i])) j++;
       map[i] = mine[i] > theirs[ghost.record.last] ? -1 : j;
@@ -260,6 +274,13 @@ export class Replay {
       el("thead", {}, el("tr", {}, el("td", {}), el("th", { scope: "col" }, el("i", { class: "dot estimate" }), run.label), el("th", { scope: "col" }, el("i", { class: "dot ghosted" }), ghost.label))),
       el("tbody", {}, ...rows.map(([name, shown, sign]) => el("tr", {}, el("th", { scope: "row" }, t(`compare.${name}`)), cell(a[name], b[name], shown, sign), cell(b[name], a[name], shown, sign)))));
   }
+}
+
+/** Return the time of the other run that a time of this one is paired with: marks pair, between them time runs evenly. */
+function aligned(s, mine, theirs) {
+  const last = Math.min(mine.length, theirs.length) - 1, k = Math.min(mine.findLastIndex((one) => one <= s), last);
+  if (k < 0) return theirs[0] + s - mine[0];
+  return k < last ? theirs[k] + ((s - mine[k]) * (theirs[k + 1] - theirs[k])) / (mine[k + 1] - mine[k]) : theirs[k] + s - mine[k];
 }
 
 /** Return what the table compares. */
