@@ -14,6 +14,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
+from tests.web.scripted_answers import GAINS, RUNS, answered, route
 from tests.web.scripted_ledger import ledger
 from tests.web.taught import taught
 
@@ -89,43 +90,6 @@ SENTENCES = {
         "STOPPED": ("DETENIDO", "Una persona lo detuvo. Vuelve a andar cuando se levante el alto."),
     },
 }
-GAINS = [
-    {
-        "name": name,
-        "unit": unit,
-        "meaning": meaning,
-        "low": 0.0,
-        "high": high,
-        "file": own,
-        "value": own,
-        "best": best,
-    }
-    for name, unit, meaning, high, own, best in (
-        ("k_i", "1/s", "share of the error a second", 10.0, 0.5, 0.6),
-        ("k_x", "1/s", "speed per error ahead e_x", 10.0, 1.0, 1.4),
-        ("k_chi", "1/s", "turn per error of the course e_χ", 20.0, 4.0, 6.0),
-        ("join_m", "m", "way L in which the path is joined", 10.0, 0.25, 0.2),
-    )
-]
-RUNS = [
-    {
-        "id": f"r{k}",
-        "name": name,
-        "kind": kind,
-        "when": "2026-03-02 10:15",
-        "seconds": 41.6,
-        "laps": laps,
-        "report": True,
-    }
-    for k, (name, kind, laps) in enumerate(
-        [
-            ("0042-repeat", "repeat", 3),
-            ("0039-repeat", "repeat", 3),
-            ("0038-teach", "teach", None),
-            ("0037-experiment", "experiment", None),
-        ]
-    )
-]
 
 
 def fields() -> list[dict[str, str]]:
@@ -192,108 +156,6 @@ def packed(number: int, first: int, count: int, off: float = 0.02) -> bytes:
     rows = [row(tick, off) for tick in range(first, first + count)]
     flat = [value for one in rows for value in one]
     return struct.pack("<IId", number, count, first / RATE) + struct.pack(f"<{len(flat)}f", *flat)
-
-
-def route() -> dict[str, Any]:
-    angles = [2 * math.pi * k / 120 for k in range(120)]
-    return {
-        "name": "lab",
-        "closed": True,
-        "x": [math.sin(a) for a in angles],
-        "y": [1 - math.cos(a) for a in angles],
-    }
-
-
-def answered(word: dict[str, Any]) -> dict[str, Any]:
-    """Return what a worker would say to a question, on paper."""
-    if word["what"] == "tune":
-        about = {
-            "gains": GAINS,
-            "controller": "PdFeedforward",
-            "routes": ["lab", "sinuous-circle"],
-            "route": "lab",
-        }
-        return about | {
-            "price": 0.1,
-            "seconds": 20.8,
-            "whole": True,
-            "ticks": 2081,
-            "path": route(),
-            "file": "vehicle.toml",
-        }
-    if word["what"] == "lap":
-        return lap_of(word["gains"])
-    if word["what"] == "landscape":
-        k = [one["name"] for one in GAINS]
-        side, a, b = word["side"], k.index(word["a"]), k.index(word["b"])
-        costs = []
-        for j in range(side):
-            for i in range(side):
-                gains = list(word["gains"])
-                for axis, at in ((a, i), (b, j)):
-                    gains[axis] = GAINS[axis]["high"] * math.expm1(7 * at / (side - 1)) / math.expm1(7)
-                lap = lap_of(gains)
-                costs.append([lap["cost"], lap["jerk"]])
-        return {"side": side, "costs": costs, "seconds": 0.4}
-    if word["what"] == "downhill":
-        best = [one["best"] for one in GAINS]
-        way = [
-            [g + part * (w - g) for g, w in zip(word["gains"], best, strict=True)]
-            for part in (0, 0.4, 0.8, 1)
-        ]
-        places = [[math.log1p(g / one["high"] * math.expm1(7)) / 7 for g, one in zip(gains, GAINS, strict=True)]
-                  for gains in way]  # fmt: skip
-        costs = [lap_of(gains)["cost"] for gains in way]
-        return {
-            "way": way,
-            "places": places,
-            "cost": costs[-1],
-            "before": costs[0],
-            "laps": 23,
-            "seconds": 0.2,
-        }
-    if word["what"] == "block":
-        return block_of(word["room"])
-    if word["what"] == "check":
-        return {"findings": []}
-    if word["what"] == "compare":
-        cells = [f"{0.01 * (k + 1):.3f}" for k in range(len(word["runs"]))]
-        rows = [{"label": "distance, rms", "unit": "m", "cells": cells, "best": 0}]
-        names = [one["name"] for one in RUNS if one["id"] in word["runs"]]
-        sections = [{"title": "vehicle across its reference, true", "rows": rows * 3}]
-        return {"names": names, "sections": sections, "reasons": []}
-    return {}
-
-
-def block_of(room: str) -> dict[str, Any]:
-    """Return what a worker would say of a block."""
-    kinds = {
-        "estimator": ["ekf", "augmented_ekf", "my_blocks.py:MyEkf"],
-        "controller": ["pd", "lqr"],
-        "guide": [],
-    }
-    text = "".join(f"line {k} of a file that is as long as one of ours, and as wide\n" for k in range(150))
-    parameters = [
-        {"name": "k_x", "unit": "1/s", "meaning": "speed per error ahead e_x", "value": [1.0], "shape": ""},
-        {"name": "process_noise_cov", "unit": "m²", "meaning": "R", "value": None, "shape": "6 × 6"},
-    ]
-    return {
-        "room": room, "kind": "augmented_ekf", "of_file": "augmented_ekf", "kinds": kinds.get(room, []),
-        "name": "AugmentedEkf", "ours": True, "parameters": parameters, "file": "estimators/augmented_ekf.py",
-        "text": text, "line": 70, "step_us": 21.4, "tick_us": 1e4, "swapped": None,
-    }  # fmt: skip
-
-
-def lap_of(gains: list[float]) -> dict[str, Any]:
-    """Return a lap that is the farther from its circle the farther the gains are from their best."""
-    off = sum(math.log((g + 0.1) / (one["best"] + 0.1)) ** 2 for g, one in zip(gains, GAINS, strict=True))
-    far = 0.01 + 0.02 * off
-    angles = [math.tau * k / 300 for k in range(300)]
-    return {
-        "x": [(1 + far * math.cos(3 * a)) * math.sin(a) for a in angles],
-        "y": [1 - (1 + far * math.cos(3 * a)) * math.cos(a) for a in angles],
-        "cost": 0.2 + 4.0 * off, "jerk": 0.1 + gains[0] / 10, "rms": 0.7 * far, "most": far, "full": 0.03, "ms": 2.1,
-    }  # fmt: skip
 
 
 class Scripted:
