@@ -17,7 +17,6 @@ SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder, to look at what the tests 
 FRAME_MS = 8.0
 READY = "Boolean(globalThis.baqueano?.page?.screen)"
 PAGE = "baqueano.page"
-TUNE = f"{PAGE}.screens.tune"
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
@@ -263,105 +262,6 @@ def test_a_ghost_is_paired_by_distance_or_by_time(tab):
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4")
         assert tab.js("document.querySelector('.compare tbody td.better').textContent").startswith("2.")
         tab.wait(f"{PAGE}.screens.replay.pairs.map[2000] === 2000")
-
-
-def tuned(tab, live):
-    opened(tab, live, screen="tune")
-    tab.press("l", "KeyL", "l")
-    tab.wait(f"{PAGE}.hand.mine && Boolean({TUNE}.lap)")
-
-
-def test_a_slider_simulates_a_lap_at_each_move_and_a_descent_is_shown(tab, live):
-    tuned(tab, live)
-    laps, far = len(asked(live, "lap")), tab.js(f"{TUNE}.lap.rms")
-    tab.js("document.querySelectorAll('.gain input')[2].focus()")
-    for _ in range(4):
-        tab.press("PageDown")
-    tab.wait(f"{TUNE}.lap.rms > 1.2 * {far}")
-    assert len(asked(live, "lap")) > laps
-    assert not live.words("set")  # nothing that drives has changed
-    tab.js(f"{TUNE}.do.downhill.click()")
-    tab.wait(f"{TUNE}.values.every((x, k) => Math.abs(x - [0.6, 1.4, 6, 0.2][k]) < 1e-6)")
-
-
-def test_gains_are_applied_by_the_holder_and_taken_back(tab, live):
-    tuned(tab, live)
-    assert tab.js(f"{TUNE}.do.apply.disabled")
-    tab.js(f"{TUNE}.jump([0.5, 2, 8, 0.25])")
-    tab.wait(f"!{TUNE}.do.apply.disabled")
-    tab.js(f"{TUNE}.do.apply.click()")
-    until(lambda: len(live.words("set")) == 2)
-    assert {word["path"]: word["value"] for word in live.words("set")} == {
-        "controller.k_x": 2,
-        "controller.k_chi": 8,
-    }
-    tab.wait(f"{TUNE}.do.apply.disabled && {TUNE}.state.textContent === 'in force'")
-    tab.js(f"{TUNE}.do.undo.click()")
-    until(lambda: live.gains == {"controller.k_i": 0.5, "controller.k_x": 1, "controller.k_chi": 4,
-                                 "controller.join_m": 0.25})  # fmt: skip
-    tab.wait(f"{TUNE}.do.undo.disabled")
-
-
-def test_a_touch_on_the_landscape_chooses_two_gains(tab, live):
-    tuned(tab, live)
-    tab.wait(f"Boolean({TUNE}.land)")
-    x, y = tab.middle(".land")
-    tab.mouse("mousePressed", x, y)
-    tab.mouse("mouseReleased", x, y)
-    tab.wait(f"{TUNE}.values[2] > 0.1 && {TUNE}.values[2] < 1")
-    assert tab.js(f"{TUNE}.values[0]") == 0.5  # the others rest
-
-
-def test_chosen_runs_are_compared_and_the_list_comes_back(tab, live):
-    opened(tab, live, screen="runs")
-    assert tab.js("document.querySelector('.runs footer .primary').disabled")
-    for k in (0, 1):
-        tab.js(f"document.querySelectorAll('.runs [type=checkbox]')[{k}].click()")
-    tab.js("document.querySelector('.runs footer .primary').click()")
-    tab.wait("document.querySelector('.compared .better')?.textContent === '0.010'")
-    assert asked(live, "compare")[0]["runs"] == ["r0", "r1"]
-    tab.js("document.querySelector('.runs header .action').click()")
-    tab.wait("document.querySelectorAll('.runs [type=checkbox]').length === 4")
-
-
-def test_a_long_list_of_runs_has_pages(tab, live):
-    opened(tab, live, screen="runs")
-    many = [{"id": f"m{k}", "name": f"run-{k:03}", "kind": "teach"} for k in range(60)]
-    live.put({"is": "runs", "runs": many})
-    tab.wait("document.querySelectorAll('.runs tbody tr').length === 25")
-    for _ in range(2):
-        tab.js("document.querySelector('.runs footer').lastChild.click()")
-    tab.wait("document.querySelectorAll('.runs tbody tr').length === 10")
-    assert tab.js("document.querySelector('.runs footer').lastChild.disabled")
-
-
-def test_a_block_shows_text_and_parameters_and_is_checked_and_swapped(tab, live):
-    opened(tab, live, screen="blocks")
-    for view, shown in ((1, "process_noise_cov"), (2, "line 70 of a file")):
-        tab.js(f"document.querySelectorAll('.side .choices button')[{view}].click()")
-        tab.wait(f"document.querySelector('.content').textContent.includes({shown!r})")
-    tab.wait("document.querySelector('.content').scrollTop > 500")
-    tab.js("document.querySelector('.side footer .action').click()")
-    tab.wait("document.querySelector('.side footer .good')?.textContent.includes('promises')")
-    tab.js(
-        "(() => { const one = document.querySelector('.other select'); one.value = 'ekf';"
-        "one.dispatchEvent(new Event('change')); })()"
-    )
-    until(lambda: live.words("swap") == [{"is": "swap", "room": "estimator", "kind": "ekf"}])
-
-
-def test_a_ghost_is_paired_by_marks(tab):
-    with Scripted("replay", ghost=True) as server:
-        opened(tab, server)
-        tab.wait(f"Boolean({PAGE}.ghost)")
-        replay = f"{PAGE}.screens.replay"
-        tab.js(f"{PAGE}.ghost.about.events.find((one) => one.source === 'mark').t = 32; {replay}.build()")
-        tab.js("[...document.querySelectorAll('.transport .choices button')].at(-1).click()")
-        tab.wait(f"{replay}.by === 'mark' && {replay}.pairs?.map[3000] === 3200")
-
-
-def asked(live, what):
-    return [word for word in live.words("ask") if word["what"] == what]
 
 
 def test_what_others_named_is_text(tab):

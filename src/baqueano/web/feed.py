@@ -112,3 +112,13 @@ class Feed:
     def _forget(self) -> None:
         self._ring.clear()
         self._rows, self._last = 0, ()
+
+
+def group_of(name: str, commands: list[str]) -> str:
+    """Return the family of a column; of a command its name."""
+    first, _, rest = name.partition(".")
+    if first in ("u", "asked"):
+        return commands[int(rest)] if rest.isdecimal() and int(rest) < len(commands) else rest
+    if first in ("z", "model", "innov", "S"):
+        return rest.partition("[")[0]
+    return "route" if name in ("progress", "cross") else first

@@ -5,21 +5,38 @@
     token    128 bits of a role, in the fragment of the address, compared in constant time;
              FAILURES a minute from an address, then none is looked at                                         (3)
 
+A mission of a browser says what MISSIONS lists, and nothing else.
+
 On loopback nobody needs a token; with `--share` everybody does.
 """
 
 import hmac
+import math
 import secrets
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
 from enum import IntEnum
+from typing import TYPE_CHECKING
+
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.printable import one_line
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
 
 FAILURES = 5  # wrong tokens of an address
 MINUTE_S = 60.0
 ADDRESSES = 1024  # that are remembered
 HOLDS_S = 12 * 3600.0  # a token
 LOOPBACK = ("127.0.0.1", "::1")
+LONGEST = 60  # letters of a name in a word
+MISSIONS: "dict[str, dict[str, type]]" = {  # what a mission of a kind may say beside
+    "teach": {"name": str, "shape": str, "size_m": float, "speed_m_s": float, "closed": bool},
+    "repeat": {"route": str, "laps": float}, "experiment": {"seconds": float, "signal": str}, "drive": {},
+    "first drive": {},
+}  # fmt: skip
 
 
 class Role(IntEnum):
@@ -109,3 +126,28 @@ def bracketed(address: str) -> str:
     ('[::1]', '192.168.4.1')
     """
     return f"[{address}]" if ":" in address else address
+
+
+def mission_of(word: "JsonObject") -> "tuple[str, JsonObject]":
+    """Return kind and options of the mission that a browser asks for. UsageError for another."""
+    kind = str(word["kind"])
+    if kind not in MISSIONS:
+        raise UsageError(fault("web.no-such-mission", kind=one_line(kind)[:LONGEST], known=[*MISSIONS]))
+    kinds = MISSIONS[kind]
+    return kind, {name: _of_kind(word[name], kinds[name]) for name in kinds if name in word}
+
+
+def finite(x: object) -> bool:
+    """Return True for a number that is finite."""
+    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+
+
+def _of_kind(value: object, kind: type) -> object:
+    """Return a value of a mission as what it must be. UsageError where it is something else."""
+    if kind is float and finite(value):
+        return value
+    if kind is str and isinstance(value, str) and len(value) <= LONGEST:
+        return value
+    if kind is bool and isinstance(value, bool):
+        return value
+    raise UsageError(fault("web.not-understood", error=one_line(repr(value))[:LONGEST]))

@@ -18,9 +18,9 @@ from baqueano.errors import BaqueanoError, SafetyStop, UsageError
 from baqueano.language import within
 from baqueano.messages import text
 from baqueano.printable import one_line, typed
-from baqueano.web.feed import Feed
+from baqueano.web.feed import Feed, group_of
 from baqueano.web.foxglove.bridge import Foxglove
-from baqueano.web.guard import Role
+from baqueano.web.guard import LONGEST, Role, finite, mission_of
 from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
 from baqueano.web.sentence import described, ledger_rows
@@ -35,12 +35,6 @@ STATE_S = 0.4  # between states
 ODD_S = 15.0  # of driving, for which an event stays in the sentence
 EVENTS = 40  # that a late browser gets: fewer than its queue holds
 COMMANDS = 8
-LONGEST = 60  # letters of a name
-MISSIONS: "dict[str, dict[str, type]]" = {  # what a mission of a kind may say beside
-    "teach": {"name": str, "shape": str, "size_m": float, "speed_m_s": float, "closed": bool},
-    "repeat": {"route": str, "laps": float}, "experiment": {"seconds": float, "signal": str}, "drive": {},
-    "first drive": {},
-}  # fmt: skip
 
 
 class Live:
@@ -53,9 +47,7 @@ class Live:
         self.robot = secrets.token_hex(4)  # the id that each word of who drives names
         self.known = asyncio.Event()  # vehicle and columns have come
         self.on_done: Callable[[], None] = lambda: None
-        self.pack: Callable[[str, JsonObject], Awaitable[str]] | None = (
-            None  # of a robot: kind, options → JSON
-        )
+        self.pack: Callable[[str, JsonObject], Awaitable[str]] | None = None  # a robot's mission as JSON
         self.say_hello: Callable[[Visitor], None] = lambda visitor: None
         self._state: JsonObject = {"is": "state", "state": "DISARMED"}
         self._vehicle: JsonObject = {}
@@ -102,9 +94,8 @@ class Live:
             state = self._described()
         about = {k: v for k, v in self._vehicle.items() if k not in ("is", "blocks", "file")}
         return {
-            "robot": self.robot,
-            "vehicle": about or None, "blocks": self._vehicle.get("blocks", {}), "swapped": self._blocks,
-            "fields": self._fields,
+            "robot": self.robot, "vehicle": about or None, "blocks": self._vehicle.get("blocks", {}),
+            "swapped": self._blocks, "fields": self._fields,
             "driver": getattr(self.lease.holder, "name", None), "state": state, "route": self._route,
             "routes": [route["name"] for route in self._routes],
         }  # fmt: skip
@@ -124,8 +115,7 @@ class Live:
             raise UsageError(fault("web.other-robot"))
         word = {name: value for name, value in word.items() if name != "robot"}
         if word["is"] == "mission" and self.pack is not None:
-            await self._whole_mission(visitor, word)
-            return
+            return await self._whole_mission(visitor, word)
         do = {
             "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give,
             "mission": self._mission, "pause": self._pass_on, "go": self._pass_on, "mark": self._pass_on,
@@ -134,7 +124,7 @@ class Live:
         }.get(word["is"])  # fmt: skip
         if do is None:
             raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:LONGEST]))
-        do(visitor, word)
+        return do(visitor, word)
 
     def left(self, visitor: Visitor) -> None:
         """A browser has gone. The holder's silence stops the vehicle by itself."""
@@ -147,13 +137,10 @@ class Live:
         if self.lease.holder is not None:
             self.lease.check(visitor)
 
-    def swapped(self, room: str, blocks: dict[str, str]) -> None:
-        """Take another block in this room from the next mission on, and tell everybody."""
+    def swapped(self, room: str, kind: str, blocks: dict[str, str]) -> None:
+        """Take a block of this kind in a room from the next mission on, and tell everybody."""
         self._blocks = dict(blocks)
-        if room in blocks:
-            self._on_event({"said": note("web.swapped", room=room, kind=blocks[room])})
-        else:
-            self._on_event({"said": note("web.swapped-back", room=room)})
+        self._on_event({"said": note("web.swapped", room=room, kind=kind)})
         self._tell_blocks()
 
     def _stop(self, visitor: Visitor, word: "JsonObject") -> None:
@@ -163,7 +150,7 @@ class Live:
 
     def _beat(self, visitor: Visitor, word: "JsonObject") -> None:
         u = word["u"]
-        if not isinstance(u, list) or len(u) > COMMANDS or not all(_finite(x) for x in u):
+        if not isinstance(u, list) or len(u) > COMMANDS or not all(finite(x) for x in u):
             raise UsageError(fault("web.not-understood", error="u"))
         age_s = self.feed.age_s(int(word["seen"]))
         if self.lease.beat(visitor, int(word["n"]), age_s, visitor.way_s):
@@ -206,18 +193,14 @@ class Live:
     def _checked(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
         """Return kind and options of a mission that the holder asks for."""
         self.lease.check(visitor)
-        kind = str(word["kind"])
-        if kind not in MISSIONS:
-            raise UsageError(fault("web.no-such-mission", kind=one_line(kind)[:LONGEST], known=[*MISSIONS]))
-        kinds = MISSIONS[kind]
-        own = {"blocks": self._blocks} if kind == "repeat" and self._blocks else {}
-        return kind, own | {name: _of_kind(word[name], kinds[name]) for name in kinds if name in word}
+        kind, said = mission_of(word)
+        return kind, said | ({"blocks": self._blocks} if kind == "repeat" and self._blocks else {})
 
     def _pass_on(self, visitor: Visitor, word: "JsonObject") -> None:
         self.lease.check(visitor)
         self._asked = visitor
         more = (
-            {"ticks": max(0, min(1000, int(word["ticks"])))} if word["is"] == "go" and "ticks" in word else {}
+            {"ticks": max(0, min(1000, int(word["ticks"])))} if "ticks" in word and word["is"] == "go" else {}
         )
         self._link.say(word["is"], **more)
 
@@ -294,8 +277,8 @@ class Live:
     def _set_gain(self, said: Diagnostic) -> None:
         """Keep the gain that is in force now, and tell everybody."""
         with suppress(KeyError, TypeError, ValueError):
-            gains = self._vehicle.get("gains", {}) | {said.figures["path"]: float(said.figures["now"])}
-            self._vehicle = self._vehicle | {"gains": gains}
+            now = {said.figures["path"]: float(said.figures["now"])}
+            self._vehicle |= {"gains": self._vehicle.get("gains", {}) | now}
             self._tell_blocks()
 
     def _on_no(self, word: "JsonObject") -> None:
@@ -321,7 +304,7 @@ class Live:
             commands = [str(one["name"]) for one in self._vehicle.get("command", [])]
             pairs = zip(names, units, strict=False)
             self._fields = [
-                {"name": str(n), "unit": "" if u == "1" else str(u), "group": _group(str(n), commands)}
+                {"name": str(n), "unit": "" if u == "1" else str(u), "group": group_of(str(n), commands)}
                 for n, u in pairs
             ]
             for visitor in self._all():
@@ -415,28 +398,3 @@ class Live:
     def _say_event(self, visitor: Visitor, t_s: float, said: Diagnostic) -> None:
         with within(visitor.language):
             visitor.say({"is": "event", "t": t_s, "severity": str(said.severity), "text": text(said)})
-
-
-def _group(name: str, commands: list[str]) -> str:
-    """Return the family of a column; of a command its name."""
-    first, _, rest = name.partition(".")
-    if first in ("u", "asked"):
-        return commands[int(rest)] if rest.isdecimal() and int(rest) < len(commands) else rest
-    if first in ("z", "model", "innov", "S"):
-        return rest.partition("[")[0]
-    return "route" if name in ("progress", "cross") else first
-
-
-def _finite(x: object) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-
-
-def _of_kind(value: object, kind: type) -> object:
-    """Return a value of a mission as what it must be. UsageError where it is something else."""
-    if kind is float and _finite(value):
-        return value
-    if kind is str and isinstance(value, str) and len(value) <= LONGEST:
-        return value
-    if kind is bool and isinstance(value, bool):
-        return value
-    raise UsageError(fault("web.not-understood", error=one_line(repr(value))[:LONGEST]))

@@ -66,8 +66,8 @@ class VehicleSide(Protocol):
         """Refuse who may not change what the next mission does."""
         ...
 
-    def swapped(self, room: str, blocks: dict[str, str]) -> None:
-        """Another block takes a room from the next mission on."""
+    def swapped(self, room: str, kind: str, blocks: dict[str, str]) -> None:
+        """A block of this kind takes a room from the next mission on; `blocks` are all that do."""
         ...
 
 
@@ -194,8 +194,8 @@ class BrowserPage:
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="swap"))
         self.live.may_change(visitor)
-        await self.questions.swap(str(word["room"]), str(word.get("kind") or ""))
-        self.live.swapped(str(word["room"]), self.questions.blocks)
+        kind = await self.questions.swap(str(word["room"]), str(word.get("kind") or ""))
+        self.live.swapped(str(word["room"]), kind, self.questions.blocks)
 
     async def _write(self, visitor: Visitor, word: "JsonObject") -> None:
         """Write gains into the vehicle file: who may change what the next mission does may."""

@@ -16,7 +16,6 @@ TEMPLATES: dict[str, str] = {
     "web.no-kind": "{found} is not in the list of blocks for the room {room}: {known}.",
     "web.no-swap": "The block of the room {room} stays as it is; estimator, guide and controller can be swapped.",
     "web.swapped": "From the next mission on, {kind} is the {room}",
-    "web.swapped-back": "From the next mission on, the {room} is that of the vehicle file again",
     "web.tuned": "The gains stand in {file} now",
     "web.recorded": "Recorded: {name}, {kind}, {seconds:.1f} s, with {events} events.",
     "web.unknown-word": 'The word "{word}" is unknown here.',

@@ -156,9 +156,9 @@ class Questions:
         )
         return said
 
-    async def swap(self, room: str, kind: str) -> None:
-        """Let the next missions take another block; "" takes that of the file again. UsageError for one that is not
-        in the list of its room."""
+    async def swap(self, room: str, kind: str) -> str:
+        """Let the next missions take another block; "" takes that of the file again. Return its kind. UsageError
+        for one that is not in the list of its room."""
         said, _ = await self.slow.ask(
             "block", **self.about({}), room=room[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
         )
@@ -168,6 +168,7 @@ class Questions:
             self.blocks.pop(room, None)
         else:
             self.blocks[room] = said["kind"]
+        return said["kind"]
 
     def path_of(self, word: str) -> Path:
         """Return the run of a word of the list."""
