@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import sys
 import time
 
@@ -14,6 +15,7 @@ from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.web.lab import identification as module
+from baqueano.web.lab.drives import Drives
 from baqueano.web.lab.identification import DriveIdentification, label_of
 from baqueano.web.lab.recorded import recorded
 from tests.web.fake_vehicle import live_page, until
@@ -87,10 +89,10 @@ def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
     guess, _, run = driven
     began = []
 
-    def slow(*_):
+    def slow(given):
         began.append(time.monotonic())
         time.sleep(0.6)
-        return real(drive, drive.run())
+        return real(drive, given)
 
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
@@ -246,3 +248,22 @@ def test_a_vehicle_that_stands_is_not_fitted_again_and_again(driven, monkeypatch
     drive.again()
     assert drive.state()["fit"] is None
     drive.close()
+
+
+def test_a_vehicle_file_that_was_written_again_is_read_again_with_the_next_drive(tmp_path, driven):
+    guess, small, run = driven
+    names, rows = rows_of(run)
+    path, drives = tmp_path / "own.toml", Drives()
+    path.write_text(guess.text, encoding="utf-8")
+
+    def guessed(drive: int) -> float:
+        word = {"vehicle": str(path), "drive": drive, "names": names, "rows": rows[:20]}
+        said, _ = drives.answer(word)
+        k = [one["path"] for one in said["parameters"]].index("actuator_matrix[0,0]")
+        return said["parameters"][k]["guess"]
+
+    assert guessed(1) == 2.0
+    path.write_text(small.text, encoding="utf-8")
+    os.utime(path, ns=(1, 1))
+    assert guessed(1) == 2.0  # a drive goes on with the file that it began with
+    assert guessed(2) == float(small.value("model.actuator_matrix[0,0]"))

@@ -15,7 +15,8 @@ class Drives:
     """The drive that goes on, and the answers on runs."""
 
     def __init__(self) -> None:
-        self._vehicle, self._number = "", 0
+        self._vehicle: tuple[str, int] | None = None
+        self._number = 0
         self._drive: DriveIdentification | None = None
         self._answers: dict[tuple[str, int], JsonObject] = {}
 
@@ -23,12 +24,16 @@ class Drives:
         """Take rows of the drive `drive` of a vehicle; return what it has taught."""
         from baqueano.web.lab.identification import DriveIdentification
 
-        if self._drive is None or word["vehicle"] != self._vehicle:
+        anew = word["drive"] != self._number
+        if self._drive is None or (anew and _version(word["vehicle"]) != self._vehicle):
             if self._drive is not None:
                 self._drive.close()
-            self._vehicle, self._drive = word["vehicle"], DriveIdentification(_file(word["vehicle"]))
+            self._vehicle, self._drive = (
+                _version(word["vehicle"]),
+                DriveIdentification(_file(word["vehicle"])),
+            )
             self._drive.warm()
-        elif word["drive"] != self._number:
+        elif anew:
             self._drive.again()
         self._number = word["drive"]
         if word["rows"]:
@@ -53,6 +58,12 @@ class Drives:
             while len(self._answers) > KEPT:
                 del self._answers[next(iter(self._answers))]
         return self._answers[key], b""
+
+
+def _version(source: str) -> tuple[str, int]:
+    """Return what changes where the file of a vehicle has been written again."""
+    path = Path(source)
+    return source, path.stat().st_mtime_ns if path.is_file() else 0
 
 
 def _file(source: str) -> "VehicleFile":
