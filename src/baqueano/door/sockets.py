@@ -232,6 +232,8 @@ class Door:
             self._do(guest, said, said["do"])
         except BaqueanoError as error:
             self._refuse(guest, error.diagnostic, error.exit_code)
+        except Invalid as error:
+            self._refuse(guest, error.diagnostic, UsageError.exit_code)
         except Exception as error:  # any line may come, and this thread is the only reader of the service
             self._refuse(guest, note("door.not-understood", Severity.ERROR, error=named(error)), 2)
 
