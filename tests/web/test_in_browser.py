@@ -174,5 +174,44 @@ def test_the_same_data_goes_through_another_filter(chromium, tmp_path):
         tab.wait("baqueano.page.ghost?.about.filter === 'mine.py:MyEkf'", START_S)
         shown(tab, "mine.py:MyEkf · same data")
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4", START_S)
+
+
+def test_a_route_is_taught_repeated_scrubbed_and_the_tab_lost_and_come_back_to(chromium, tmp_path):
+    with program(
+        "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path,
+        env={**os.environ, "BAQUEANO_BACKEND": "python"},
+    ) as page:  # fmt: skip
+        port = port_of(page)
+        tab = chromium.tab()
+        tab.goto(f"http://127.0.0.1:{port}/")
+        shown(tab, "nobody drives")
+        tab.js(PRESS.format(name="Take the wheel"))
+        shown(tab, "you drive")
+        tab.js(PRESS.format(name="Teach"))
+        shown(tab, "TEACHING")
+        tab.down("w", "KeyW")
+        tab.wait("baqueano.page.record.value('eta.x') > 0.4", START_S)
+        tab.up("w", "KeyW")
+        tab.js(PRESS.format(name="End"))
+        tab.wait("baqueano.page.state.state === 'READY' && baqueano.page.screens.drive.route.value", START_S)
+        tab.js(PRESS.format(name="Repeat"))
+        shown(tab, "REPEATING")
+        shown(tab, "from its route")
+        tab.close()  # the tab is lost while it drives
+        tab = chromium.tab()
+        tab.goto(f"http://127.0.0.1:{port}/")
+        shown(tab, "STOPPED")
+        assert tab.js("baqueano.page.record.length") > 10  # the last minute is there
+        tab.js(PRESS.format(name="Take the wheel"))
+        shown(tab, "you drive")
+        tab.js("document.getElementById('clear').click()")
+        tab.wait("baqueano.page.state.state === 'READY'", START_S)
+        tab.wait("baqueano.page.runs.filter((one) => one.seconds).length === 2", START_S)
+        tab.js("baqueano.page.openRun(baqueano.page.runs.find((one) => one.kind === 'teach').id)")
+        tab.wait("baqueano.page.opened", START_S)
+        tab.press("End")
+        at_end = tab.js("baqueano.page.screens.replay.now_s")
+        tab.press("Home")
+        assert tab.js("baqueano.page.screens.replay.now_s") < at_end
         assert not tab.errors
         tab.close()
