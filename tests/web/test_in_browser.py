@@ -12,7 +12,7 @@ from tests.web.test_serve import port_of, program
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
 PRESS = "[...document.querySelectorAll('button')].find((one) => one.innerText.startsWith({name!r})).click()"
 TEXT = "document.body.innerText.includes({text!r})"
-START_S = 60.0
+START_S, TRIES = 60.0, 6
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +23,15 @@ def chromium():
 
 def shown(tab, text):
     tab.wait(TEXT.format(text=text), START_S)
+
+
+def take(tab):
+    """Take the wheel, again where a busy machine has lost it."""
+    end = time.monotonic() + START_S
+    while not tab.js("baqueano.page.hand?.mine"):
+        assert time.monotonic() < end, tab.js("document.body.innerText")
+        tab.js("document.getElementById('lease').click()")
+        time.sleep(0.3)
 
 
 def test_a_run_and_its_ghost_are_shown(chromium, tmp_path):
@@ -45,8 +54,7 @@ def test_a_vehicle_is_taken_driven_and_stopped(chromium, tmp_path):
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         shown(tab, "nobody drives")
-        tab.js(PRESS.format(name="Take the wheel"))
-        shown(tab, "you drive")
+        take(tab)
         tab.js(PRESS.format(name="By hand"))
         shown(tab, "BY HAND")
         shown(tab, "m/s ahead")
@@ -185,13 +193,22 @@ def test_a_route_is_taught_repeated_scrubbed_and_the_tab_lost_and_come_back_to(c
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port}/")
         shown(tab, "nobody drives")
-        tab.js(PRESS.format(name="Take the wheel"))
-        shown(tab, "you drive")
-        tab.js(PRESS.format(name="Teach"))
-        shown(tab, "TEACHING")
-        tab.down("w", "KeyW")
-        tab.wait("baqueano.page.record.value('eta.x') > 0.4", START_S)
-        tab.up("w", "KeyW")
+        taught = False
+        for _ in range(TRIES):  # a machine that stalls loses the wheel, and so the vehicle
+            take(tab)
+            tab.js("document.getElementById('clear').click()")
+            tab.wait("baqueano.page.state.state === 'READY'", START_S)
+            tab.js(PRESS.format(name="Teach"))
+            tab.wait("['MANUAL', 'STOPPED'].includes(baqueano.page.state.state)", START_S)
+            tab.down("w", "KeyW")
+            tab.wait(
+                "baqueano.page.record.value('eta.x') > 0.4 || baqueano.page.state.state === 'STOPPED'",
+                START_S,
+            )
+            tab.up("w", "KeyW")
+            if taught := tab.js("baqueano.page.state.state === 'MANUAL'"):
+                break
+        assert taught
         tab.js(PRESS.format(name="End"))
         tab.wait("baqueano.page.state.state === 'READY' && baqueano.page.screens.drive.route.value", START_S)
         tab.js(PRESS.format(name="Repeat"))
@@ -202,11 +219,10 @@ def test_a_route_is_taught_repeated_scrubbed_and_the_tab_lost_and_come_back_to(c
         tab.goto(f"http://127.0.0.1:{port}/")
         shown(tab, "STOPPED")
         assert tab.js("baqueano.page.record.length") > 10  # the last minute is there
-        tab.js(PRESS.format(name="Take the wheel"))
-        shown(tab, "you drive")
+        take(tab)
         tab.js("document.getElementById('clear').click()")
         tab.wait("baqueano.page.state.state === 'READY'", START_S)
-        tab.wait("baqueano.page.runs.filter((one) => one.seconds).length === 2", START_S)
+        tab.wait("baqueano.page.runs.filter((one) => one.seconds).length >= 2", START_S)
         tab.js("baqueano.page.openRun(baqueano.page.runs.find((one) => one.kind === 'teach').id)")
         tab.wait("baqueano.page.opened", START_S)
         tab.press("End")
