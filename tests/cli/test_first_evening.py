@@ -161,6 +161,36 @@ def test_a_vehicle_that_was_measured_begins_a_project_without_being_called_a_gue
     assert "model" not in load(tmp_path / "mylab" / "vehicle.toml").provenance
 
 
+def test_the_simulation_of_a_project_of_ones_own_vehicle_is_not_its_guess(baqueano, tmp_path):
+    mine = load("small").with_values({"model.mass_kg": 0.7})
+    mine.save(tmp_path / "mine.toml")
+    assert baqueano("new", "mylab", "--vehicle", "mine.toml").code == 0
+    project = load(tmp_path / "mylab" / "vehicle.toml")
+    key = "model.friction.linear"
+    assert project.value(key).tolist() == mine.value(key).tolist()
+    ratio = project.truth.value(key) / project.value(key)
+    assert ((ratio > 0.5) & (ratio < 2.0) & (abs(ratio - 1.0) > 1e-3)).all()
+    assert project.truth.value("model.mass_kg") == 0.7, "a scale tells it"
+
+
+def test_simulate_drives_the_truth_of_a_project_and_its_model_on_demand(baqueano, tmp_path, monkeypatch):
+    assert baqueano("new", "mylab").code == 0
+    monkeypatch.chdir(tmp_path / "mylab")
+    ended = [
+        baqueano("simulate", "--seconds", "1", "-o", f"{k}.mcap", *more)
+        for k, more in enumerate(((), ("--model",)))
+    ]
+    truth, model = (read_run(tmp_path / "mylab" / f"{k}.mcap") for k in range(2))
+    assert "simulated: small" in ended[0].err
+    assert "simulated: small" not in ended[1].err
+    assert abs(truth.truth.nu[-1, 0] - model.truth.nu[-1, 0]) > 1e-4
+    assert (
+        truth.vehicle_text
+        == model.vehicle_text
+        == (tmp_path / "mylab" / "vehicle.toml").read_text(encoding="utf-8")
+    )
+
+
 def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_path):
     end = baqueano("teach", "r", "--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "3")
     assert end.code == 1

@@ -11,6 +11,8 @@ import pytest
 
 from baqueano import language
 from baqueano.cli import main
+from baqueano.messages import in_english
+from baqueano.runs import read_run
 
 ENGLISH = (
     "the|of|and|with|without|from|to|is|are|was|were|not|by|its|it|than|for|at|in|on|no|error|speed|laps?|heading|run|"
@@ -34,10 +36,39 @@ VERBS = [
     "simulate --vehicle small --seconds 0.3 -o tiny.mcap",
     "blocks ls --vehicle small",
     "blocks check ekf",
+    "runs import w.toml log.csv -o imported.mcap",
+    "runs show cut.mcap",
+    "runs recover cut.mcap",
+    "runs noise 1",
+    "runs wear 1 2",
+    "runs cut 1 --from 0 --to 2",
+    "runs export 1 --to csv",
+    "tune --vehicle small --route lab --help",
+    "study first-drives --seeds 1",
+    "robot doctor",
+    "robot settings",
+    "runs import log.csv",
+    "new project --vehicle small",
+    "serve --help",
+    "drive --help",
+    "robot settings --help",
+    "runs import --help",
+    "compare nothing",
     "study --help",
     "runs show nothing",
     "identify 1 --vehicle small --set model.mass_kg=heavy",
 ]
+MAP = """format = 1
+name = "w"
+[files.log]
+time = "t_ms"
+time_unit = "ms"
+[command]
+in_force = "from"
+wheels = [{ column = "left", unit = "raw", scale = 0.0039 }, { column = "right", unit = "raw", scale = 0.0039 }]
+[sensors.imu]
+z = [{ column = "ax", unit = "m/s^2" }, { column = "ay", unit = "m/s^2" }, { column = "gyro", unit = "rad/s" }]
+"""
 
 
 def strange(words: str) -> str:
@@ -83,6 +114,11 @@ def in_lab(lab: Path, tmp_path: Path, monkeypatch) -> None:
     for path in lab.rglob("*"):
         there = tmp_path / path.relative_to(lab)
         there.mkdir(exist_ok=True) if path.is_dir() else there.write_bytes(path.read_bytes())
+    first = next((tmp_path / "runs").glob("0001*")).read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(first[: 2 * len(first) // 3])
+    rows = (f"{20 * k},{k % 50 * 5},{k % 37 * 6},{k % 7},{k % 5},{k % 11 * 3}" for k in range(400))
+    (tmp_path / "log.csv").write_text("t_ms,left,right,ax,ay,gyro\n" + "\n".join(rows), encoding="utf-8")
+    (tmp_path / "w.toml").write_text(MAP, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
 
 
@@ -121,3 +157,28 @@ def test_files_and_json_keep_points_and_english(in_lab, capsys):
     assert '"verdict": "' in reply
     assert re.search(r"\d\.\d", reply)
     assert not re.search(r": -?\d+,\d", reply)
+
+
+def test_the_steps_on_the_vehicle_speak_the_language_of_the_laptop(in_strange_letters):
+    from baqueano.robot.setup.install import steps_in_this_language
+
+    with language.within("es"):
+        text = steps_in_this_language()
+    scope: dict = {"__name__": "steps"}
+    exec(compile(text, "steps.py", "exec"), scope)
+    assert scope["_"]("{user} is in {groups}", user="ana", groups="i2c") == f"ana {strange('is in')} i2c"
+
+
+def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
+    try:
+        said_by("runs import w.toml log.csv -o imported.mcap", capsys)
+        run = read_run("imported.mcap")
+        found = [one for one in run.events if one.source == "import" and one.level == "warning"]
+        assert found
+        for one in found:
+            assert one.diagnostic.figures["cause"].code.startswith("doubt.")
+            assert one.text == in_english(one.diagnostic)
+            with language.within("es"):
+                assert one.sentence != one.text
+    finally:
+        language.choose("")

@@ -253,3 +253,9 @@ def test_the_voltage_drives_motors_and_no_servo():
     assert car.drivetrain.servos == 1
     np.testing.assert_allclose(car.drivetrain.static(np.array([0.4, 0.4])), [0.2, 0.4])
     np.testing.assert_allclose(car.drivetrain.inverse(np.array([0.2, 0.4])), [0.4, 0.4])
+
+
+def test_a_time_constant_beyond_the_floating_point_numbers_is_refused():
+    with refused("drivetrain.lag-tiny"):
+        Drivetrain(lag_s=5e-324)
+    assert Drivetrain(lag_s=1e-3).has_lag

@@ -1,19 +1,32 @@
 """`new` makes the folder of a project."""
 
+import re
+import zlib
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
+
 from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
+from baqueano.errors import BaqueanoError, UsageError
 from baqueano.printable import typed
 from baqueano.project.notebook import notebook
 from baqueano.vehicle_file import VehicleFile, load, parse
+from baqueano.vehicle_file.garage import names
 
 BLOCKS = ("my_estimator.py", "my_guide.py", "my_controller.py")
 NOTEBOOK = "first_evening.ipynb"
 GUESSED = (
     Path(__file__).parent / "guesses"
 )  # of the vehicles of the garage, what a person would write of them
+TRUTH = "simulated.toml"
+OFF = 0.15  # of each number of the vehicle that a simulation drives
+UNKNOWN = (  # without an experiment
+    "model.actuator_matrix", "model.friction.linear", "model.friction.coulomb", "model.drivetrain.dead_zone_forward",
+    "model.drivetrain.dead_zone_backward", "model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2",
+    "model.steering_gain", "model.cornering_drag",
+)  # fmt: skip
 GUESSES = """{text}
 
 # Nobody measured your vehicle yet. `baqueano identify last --update` writes what it measures below this table.
@@ -32,7 +45,7 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
         Where to make it; an empty or absent folder.
     vehicle : str or path
         The vehicle with which it begins: a name of the garage, whose project holds guesses and simulates the one
-        of the garage, or a file.
+        of the garage, or a file. Beside a file of guesses stands the vehicle that its simulation drives.
 
     Returns
     -------
@@ -56,12 +69,42 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
         raise UsageError(fault("cli.folder-not-empty", typed("new", f"{folder}-2"), folder=folder))
     file = guess_of(vehicle)
     folder.mkdir(parents=True, exist_ok=True)
+    if file.guessed and file.simulation.truth not in names():
+        others_than(file).save(folder / TRUTH)
+        file = with_truth(file)
     file.save(folder / "vehicle.toml")
     for block in BLOCKS:
         text = files("baqueano.project").joinpath(block).read_text(encoding="utf-8")
         (folder / block).write_text(text, encoding="utf-8", newline="\n")
     (folder / NOTEBOOK).write_text(notebook(folder.name), encoding="utf-8", newline="\n")
     return folder
+
+
+def with_truth(file: VehicleFile) -> VehicleFile:
+    """Return the file, its simulation that of the vehicle beside it."""
+    text = file.text if "[simulation]" in file.text else f"{file.text}\n[simulation]\n"
+    text = re.sub(r"^truth *=.*\n", "", text, flags=re.MULTILINE)
+    text = text.replace(
+        "[simulation]\n", f'[simulation]\ntruth = "{TRUTH}"   # a fit is to find its numbers\n', 1
+    )
+    return parse(text, file.label, file.path, file.layers, file.on_disk)
+
+
+def others_than(file: VehicleFile) -> VehicleFile:
+    """Return a vehicle whose motors and friction are others than the guesses: each number times exp N(0, OFF²).
+
+    >>> mine = load("small")
+    >>> other = others_than(mine)
+    >>> bool(np.all(other.value("model.friction.linear") != mine.value("model.friction.linear")))
+    True
+    """
+    draw, truth = np.random.default_rng(zlib.crc32(file.name.encode())), file.truth
+    values: dict[str, object] = {}
+    for key in UNKNOWN:
+        with suppress(BaqueanoError):  # another kind of vehicle lacks the key
+            guessed = np.asarray(truth.value(key), float)
+            values[key] = (guessed * np.exp(OFF * draw.standard_normal(guessed.shape))).round(6).tolist()
+    return truth.with_values(values)
 
 
 def guess_of(vehicle: str | Path = "small") -> VehicleFile:

@@ -27,6 +27,7 @@ from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, check_delay, felt, with_newest
 from baqueano.vehicles.effort import Effort, with_lag, without_lag
 
+LEAST_LAG_S = 1e-100  # a tick over a smaller one is beyond the floating-point numbers
 MIXINGS = ("none", "two_wheels")
 SMALLEST_DUTY = 1e-3  # keeps (6) finite where nothing is commanded
 RESERVE = 0.02  # of a wheel's range, kept for the turn
@@ -172,6 +173,8 @@ class Drivetrain:
         self._check_channels()
         if self.has_lag and self.lag_s == 0.0:
             raise Invalid(fault("drivetrain.lag"))
+        if 0.0 < self.lag_s < LEAST_LAG_S:
+            raise Invalid(fault("drivetrain.lag-tiny", lag_s=self.lag_s))
         if self.lag_s > 0.0:
             object.__setattr__(self, "has_lag", True)
 

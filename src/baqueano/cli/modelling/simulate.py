@@ -1,5 +1,6 @@
 """baqueano simulate."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -22,13 +23,16 @@ from baqueano.diagnostics import note
     show_default=True,
     help="More than 1: drawn from the covariance of the fit.",
 )
+@click.option(
+    "--model", is_flag=True, help="The vehicle of the file itself, also where [simulation] names another."
+)
 @options.seed
 @options.backend
 @options.runs_folder
 @options.out
 @options.as_json
 def command(
-    vehicle: str | None, settings: tuple[str, ...], signal: str, seconds: float, vehicles: int, seed: int,
+    vehicle: str | None, settings: tuple[str, ...], signal: str, seconds: float, vehicles: int, model: bool, seed: int,
     backend: str, folder: str, out: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.design.signals import excitation
@@ -43,8 +47,11 @@ def command(
             many = simulate_many(file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend)
         answer(many, as_json)
         return
+    driven = file if model else file.truth
+    if driven is not file:
+        talk(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
     with busy(note("cli.simulating", seconds=seconds)):
-        run = simulate(file, u, seed, backend=backend)
+        run = replace(simulate(driven, u, seed, backend=backend), vehicle_text=file.text)
         path = write_run(run, options.run_path(out, folder, "simulation"))
     talk(note("cli.run", path=path))
     answer(show(options.find_runs((str(path),), folder)[0]), as_json)

@@ -62,6 +62,10 @@ TEMPLATES: dict[str, str] = {
         "{name}.delay_s = {delay_s:g} s but delay_slots = 0, so no past is kept to read it from: give "
         "delay_slots = delay_s · rate_hz rounded up, {slots} at 100 Hz."
     ),
+    "drivetrain.lag-tiny": (
+        "Drivetrain.lag_s = {lag_s:.3g} s is too small to compute with: give 0 for motors that follow at once, or "
+        "their time constant, usually 0.01 to 0.2 s."
+    ),
     "drivetrain.mixing": "Drivetrain.mixing = {found}: expected one of {known}.",
     "drivetrain.battery": "Drivetrain.battery = {found}: expected one of {known}.",
     "drivetrain.commands": "Drivetrain.commands = {commands}: two_wheels mixes three, (u_x, u_y, u_psi).",
