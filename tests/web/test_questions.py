@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from baqueano.drive import repeat
+from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.runs import write_run
 from baqueano.vehicle_file import load
+from baqueano.web.lab.tuning import TuningBench
 from tests.web.page_client import browser, folder_of, recorded_page, run_page
 
 EKF = '''from baqueano.estimators import AugmentedEkf
@@ -196,3 +198,17 @@ def test_a_stop_does_not_wait_for_a_long_question(folder):
         assert asyncio.get_running_loop().time() - began < 0.5
 
     served(folder, job)
+
+
+def test_gains_are_written_into_a_file_of_ones_own_and_not_into_the_garage(tmp_path):
+    path = load("small").save(tmp_path / "vehicle.toml")
+    bench = TuningBench()
+    word = {"route": "circle", "gains": [0.25, 1.5, 6.0, 0.2]}
+    assert bench.write(word | {"vehicle": str(path)}) == {"file": "vehicle.toml"}
+    written = load(path)
+    assert written.value("controller.k_chi") == 6.0
+    assert written.value("controller.join_m") == 0.2
+    assert written.provenance["controller.k_x"].run == "tune, page"
+    with pytest.raises(UsageError) as no:
+        bench.write(word | {"vehicle": "small"})
+    assert no.value.diagnostic.code == "web.tune-garage"
