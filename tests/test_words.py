@@ -42,14 +42,29 @@ def test_a_docstring_begins_with_a_verb_or_with_the_thing():
     assert not riddles, f'"Return …", or the noun itself: {riddles}'
 
 
+VERBS = {"said", "told", "asked", "known", "seen", "found", "held", "heard", "felt", "believed", "foretold"}
+SETTLED = (  # rooms without a local or module-level name of that kind; others join one by one
+    "compare", "controllers", "estimators", "guides", "identify", "report", "routes", "runs", "sensors",
+    "vehicle_file", "vehicles",
+)  # fmt: skip
+STILL_THERE = 28  # definitions in the rooms above
+
+
+def defined_names(node: ast.AST) -> list[str]:
+    """Return the names that a node defines: a variable that is set, an argument, a function, a class."""
+    if isinstance(node, ast.Name):
+        return [node.id] if isinstance(node.ctx, ast.Store) else []
+    return [
+        name for name in (getattr(node, "arg", None), getattr(node, "name", None)) if isinstance(name, str)
+    ]
+
+
 def test_no_name_is_a_verb_of_saying():
-    names = {
-        f"{file}: {name}"
-        for file, node in nodes()
-        if (name := getattr(node, "id", getattr(node, "arg", getattr(node, "name", ""))))
-        in ("told", "foretold")
-    }
-    assert not names, f"name what it holds: {names}"
+    said = [(file, name) for file, node in nodes() for name in defined_names(node)
+            if name.lstrip("_") in VERBS and not isinstance(node, ast.keyword | ast.alias)]  # fmt: skip
+    assert not {one for one in said if one[1] in ("told", "foretold")}, "name what it holds"
+    here = sorted(f"{file}: {name}" for file, name in said if file.split("/")[0] in SETTLED)
+    assert len(here) <= STILL_THERE, f"name what it holds: {here}"
 
 
 PARTICIPLE = re.compile(r"_?[A-Z][a-z]+(ed|aught|old|eld|een|own|awn)")  # a word alone, which lacks its noun

@@ -125,8 +125,8 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     >>> resolve("controller", "pd").__name__
     'Pd'
     """
-    known = kinds(room)
-    if kind in known:
+    names = kinds(room)
+    if kind in names:
         module, name = ROOMS[room][kind].split(":")
         return getattr(importlib.import_module(module), name)
     file, colon, name = kind.rpartition(":")
@@ -134,7 +134,7 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
         return _class_of(_find(file, folder), name)
     if kind.endswith(".py") and _there(kind, folder) is not None:
         raise FileError(fault("block.without-class", found=kind, holds=classes_in(kind, folder)))
-    raise FileError(fault("block.unknown", room=room, found=kind, near=nearest(kind, known)))
+    raise FileError(fault("block.unknown", room=room, found=kind, near=nearest(kind, names)))
 
 
 @contextmanager
@@ -223,9 +223,9 @@ def check_room(room: str, block: object) -> None:
 
 
 def _find(file: str, folder: Path | str | None) -> Path:
-    path, found = Path(file).expanduser(), _there(file, folder)
-    if found is not None:
-        return found
+    path, there = Path(file).expanduser(), _there(file, folder)
+    if there is not None:
+        return there
     tried = _places(path, folder)
     beside = sorted(p.name for p in tried[0].parent.glob("*.py")) if tried[0].parent.is_dir() else []
     near = nearest(path.name, beside)
@@ -260,13 +260,13 @@ def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
 def _class_of(path: Path, name: str) -> type:
     module = _module(path)
     own = _own(module)
-    found = getattr(module, name, None)
-    if found is None:
+    member = getattr(module, name, None)
+    if member is None:
         near = nearest(name, own)
         raise FileError(fault("block.class-unknown", file=path.name, found=name, near=near))
-    if not inspect.isclass(found):
-        raise FileError(fault("block.not-class", file=path.name, found=name, kind=type(found).__name__))
-    return found
+    if not inspect.isclass(member):
+        raise FileError(fault("block.not-class", file=path.name, found=name, kind=type(member).__name__))
+    return member
 
 
 def _module(path: Path) -> ModuleType:

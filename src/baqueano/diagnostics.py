@@ -43,9 +43,9 @@ class Verdict(StrEnum):
         >>> Verdict.of([note("gyro.unit", Severity.ERROR)])
         <Verdict.REFUSED: 'REFUSED'>
         """
-        found = {one.severity for one in reasons}
+        severities = {one.severity for one in reasons}
         grave = {Severity.ERROR: cls.REFUSED, Severity.WARNING: cls.WARN, Severity.UNKNOWN: cls.CANNOT_TELL}
-        return next((verdict for severity, verdict in grave.items() if severity in found), cls.USABLE)
+        return next((verdict for severity, verdict in grave.items() if severity in severities), cls.USABLE)
 
 
 class StopReason(StrEnum):

@@ -85,14 +85,14 @@ def number(value: Shown) -> Shown:
     """
     if current() == "en":
         return value
-    found: object = value
+    shown_value: object = value
     if isinstance(value, list | tuple):
-        found = type(value)(map(number, value))
+        shown_value = type(value)(map(number, value))
     elif isinstance(value, float):
-        found = _Float(value)
+        shown_value = _Float(value)
     elif isinstance(value, int) and not isinstance(value, bool):
-        found = _Int(value)
-    return cast("Shown", found)
+        shown_value = _Int(value)
+    return cast("Shown", shown_value)
 
 
 N_ = marked

@@ -263,9 +263,11 @@ def _entry(field: "dataclasses.Field[object]") -> str:
     bounds = [f"at least {p.low:g}"] if p.low > -FAR else []
     bounds += [f"at most {p.high:g}"] if p.high < FAR else []
     limits = f"; {', '.join(bounds)}" if bounds else ""
-    shown = "" if default is dataclasses.MISSING else f" Default {_shown(default)}."
-    return f"{field.name} : {kind} [{p.unit}]\n    {p.meaning[:1].upper()}{p.meaning[1:]}{limits}.{shown}"
+    default_text = "" if default is dataclasses.MISSING else f" Default {_default_text(default)}."
+    return (
+        f"{field.name} : {kind} [{p.unit}]\n    {p.meaning[:1].upper()}{p.meaning[1:]}{limits}.{default_text}"
+    )
 
 
-def _shown(default: object) -> str:
+def _default_text(default: object) -> str:
     return str(default.tolist()) if isinstance(default, np.ndarray) else str(default)

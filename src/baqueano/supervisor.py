@@ -74,10 +74,10 @@ class Supervisor:
         p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
         spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
         position_std = np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + spread, 0.0))  # along the longest axis
-        believed = np.concatenate([eta, nu, cov.reshape(-1)])
+        numbers = np.concatenate([eta, nu, cov.reshape(-1)])
         faults = (  # in the order of REASONS
             np.sum(np.isfinite(command.u)) < len(self.limit),
-            np.sum(np.isfinite(believed)) < len(believed),
+            np.sum(np.isfinite(numbers)) < len(numbers),
             np.hypot(*np.minimum(np.abs(nu[:2]), SQUARABLE)) > self.max_speed_m_s,
             np.abs(nu[2]) > self.max_yaw_rate_rad_s,
             position_std > self.max_position_std_m,
@@ -146,7 +146,7 @@ class GuardedBlock:
         except BaseException as error:
             raise self._fault(error) from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
-            raise self._returned(_shown(result), "(state, output)")
+            raise self._returned(_text_of(result), "(state, output)")
         if wrong := _wrong(result[1], self.kind, self.zeros):
             raise self._returned(*wrong)
         return result
@@ -199,7 +199,7 @@ def _wrong(output: Tree, kind: type, zeros: dict[str, np.ndarray]) -> tuple[str,
     """Return what is wrong with `output` and what was expected; None if nothing is."""
     if not isinstance(output, kind):
         fields = ", ".join(f for f in kind.__annotations__ if not f.startswith(("innovation", "weight")))
-        return f"{_shown(output)} as its output", f"{kind.__name__}({fields})"
+        return f"{_text_of(output)} as its output", f"{kind.__name__}({fields})"
     for field, zero in zeros.items():
         value, shape = getattr(output, field), zero.shape
         plain = type(value) is np.ndarray and value.shape == shape and value.dtype is zero.dtype
@@ -219,7 +219,7 @@ def _finite(value: Value) -> bool:
         return False
 
 
-def _shown(value: object) -> str:
+def _text_of(value: object) -> str:
     if type(value) is tuple:
         return f"a tuple of {len(value)}"
     return "nothing" if value is None else type(value).__name__

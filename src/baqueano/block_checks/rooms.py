@@ -150,14 +150,14 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
 
 def _steer(trial: Trial, n: int, moved: np.ndarray, turn: float) -> np.ndarray:
     """Commands (81, n) along a circle laid into the map at the pose `moved`; a repeated tick at the end."""
-    state, found = trial.ask("init", AT_START), []
+    state, commands_ = trial.ask("init", AT_START), []
     for k in [*range(80), 79]:
         t_ns, psi = (k + 1) * TICK_NS, TURN * DT_S * k
         here = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
         there = here + np.array([0.02, 0.01, 0.15])
         estimate = Estimate(t_ns, _laid(here, moved, 0.0), np.array([0.25, 0.0, TURN]), 1e-4 * np.eye(6))
         reference = Reference(t_ns, _laid(there, moved, turn), np.array([0.25, 0.0, TURN]), 0.0)
-        when = CIRCLE if k < 79 or len(found) < 80 else REPEATED
+        when = CIRCLE if k < 79 or len(commands_) < 80 else REPEATED
         state, command = trial.step(when, state, reference, estimate)
         if not isinstance(command, Command):
             trial.say(
@@ -165,8 +165,8 @@ def _steer(trial: Trial, n: int, moved: np.ndarray, turn: float) -> np.ndarray:
             )
             raise GaveUp
         trial.stamped(command, t_ns, "estimate", when)
-        found.append(trial.expect("Command.u", command.u, (n,), when))
-    return np.array(found[:80])
+        commands_.append(trial.expect("Command.u", command.u, (n,), when))
+    return np.array(commands_[:80])
 
 
 def _laid(eta: np.ndarray, moved: np.ndarray, turn: float) -> np.ndarray:
@@ -263,9 +263,9 @@ def _supervise(trial: Trial, sensors: SensorBlocks, n: int, what: str, u: float,
     state = trial.ask("init", AT_START)
     for k in range(21):
         bad = k == 10
-        given = np.full(n, u if bad else 0.1)
+        u_given = np.full(n, u if bad else 0.1)
         state, out = _let_through(
-            trial, sensors, state, k, given, eta if bad else 0.0, note("when.around-nan", what=what)
+            trial, sensors, state, k, u_given, eta if bad else 0.0, note("when.around-nan", what=what)
         )
         if bad and np.any(out):
             trial.say("check.lets-through", "step", u=str(out.tolist()), what=what)
@@ -322,11 +322,11 @@ def _answers(trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: i
         estimate = Estimate(t_ns, eta, nu, 1e-6 * np.eye(6))
         reference = Reference(t_ns, eta + np.array([0.02, 0.01, 0.15]), nu, 0.0)
         tick = Tick(t_ns, np.full(n, 0.2), heard(sensors, k))
-        given = {
+        inputs = {
             "estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
             "supervisor": (Command(t_ns, np.full(n, 0.2)), tick, estimate),
         }[room]  # fmt: skip
-        state, out = trial.step(when, state, *given)
+        state, out = trial.step(when, state, *inputs)
         trial.stamped(out, t_ns, "input", when)
         rows.append(_numbers(out))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}

@@ -31,7 +31,7 @@ def doors(kind: type) -> list[Diagnostic]:
         tree = ast.parse(file.read_text(encoding="utf-8"))
     except (OSError, TypeError, SyntaxError):
         return []
-    found = [
+    faults = [
         fault(
             f"outside.{what}",
             subject=kind.__name__,
@@ -42,7 +42,7 @@ def doors(kind: type) -> list[Diagnostic]:
         for node in ast.walk(tree)
         for line, what, name, instead in _through(node)
     ]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(faults))
 
 
 def _through(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]:

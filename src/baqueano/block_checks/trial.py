@@ -31,9 +31,9 @@ class Trial:
     def __init__(self, block: object, verbs: tuple[str, ...] = ("init", "step")) -> None:
         self.block = block
         self.kind = type(block)
-        self.found = dict.fromkeys(doors(self.kind))
+        self.faults = dict.fromkeys(doors(self.kind))
         self._own = _frozen(_fields(block))
-        self._asked: dict[tuple[str, Diagnostic], int] = {}
+        self._calls_of: dict[tuple[str, Diagnostic], int] = {}
         if not _is_frozen_dataclass(self.kind):
             self.say("check.not-frozen")
         for verb in verbs:
@@ -43,13 +43,13 @@ class Trial:
     @property
     def lacking(self) -> bool:
         """Return whether the block has not all that its trial asks for."""
-        return any(one.code in LACKING for one in self.found)
+        return any(one.code in LACKING for one in self.faults)
 
     def say(self, code: str, verb: str = "", **figures: Any) -> None:
         """Keep a diagnostic for the author, with the place that it speaks of."""
         at = place(getattr(self.kind, verb, self.kind)) if verb else place(self.kind)
         name = f"{self.kind.__name__}.{verb}()" if verb else self.kind.__name__
-        self.found[fault(code, subject=name, place=at, **figures)] = None
+        self.faults[fault(code, subject=name, place=at, **figures)] = None
 
     def ask(self, verb: str, when: Diagnostic, *arguments: object) -> Any:
         """The result of a call, made twice. GaveUp if it raised."""
@@ -68,7 +68,7 @@ class Trial:
 
     def _again(self, verb: str, when: Diagnostic) -> bool:
         """Return True where a call is to be repeated: the first calls, then some of them."""
-        count = self._asked[verb, when] = self._asked.get((verb, when), 0) + 1
+        count = self._calls_of[verb, when] = self._calls_of.get((verb, when), 0) + 1
         return count <= 5 or count % 10 == 0
 
     def step(self, when: Diagnostic, *arguments: object) -> tuple[Any, Any]:
@@ -102,9 +102,9 @@ class Trial:
 
     def stamped(self, output: object, t_ns: int, of: str, when: Diagnostic) -> None:
         """The output carries the time of what it answers."""
-        found = getattr(output, "t_ns", None)
-        if found is None or int(found) != t_ns:
-            self.say("check.stamp", "step", found=found, of=of, t_ns=t_ns, when=when)
+        stamp = getattr(output, "t_ns", None)
+        if stamp is None or int(stamp) != t_ns:
+            self.say("check.stamp", "step", found=stamp, of=of, t_ns=t_ns, when=when)
 
     def wrapped(self, what: str, psi: float, when: Diagnostic) -> None:
         """An angle that leaves a block lies within [−π, π]."""
@@ -125,7 +125,7 @@ class Trial:
 
     def done(self) -> list[Diagnostic]:
         """Return what was found, MOST at most."""
-        return list(self.found)[:MOST]
+        return list(self.faults)[:MOST]
 
     def _call(self, verb: str, when: Diagnostic, arguments: tuple[Any, ...]) -> Any:
         try:
@@ -158,8 +158,8 @@ def _is_frozen_dataclass(kind: type) -> bool:
 def _fields(block: object) -> Any:
     """All that an object holds, in slots or in a dict."""
     names = [n for c in type(block).__mro__ for n in getattr(c, "__slots__", ()) if not n.startswith("__")]
-    held = {n: getattr(block, n, None) for n in names}
-    return held | dict(getattr(block, "__dict__", {}))
+    values = {n: getattr(block, n, None) for n in names}
+    return values | dict(getattr(block, "__dict__", {}))
 
 
 def _frozen(value: object) -> Any:

@@ -104,9 +104,9 @@ class RunComparison:
             ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
             ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
         )  # fmt: skip
-        known = [text(note(code, cm=100.0 * m)) for code, m in errors if np.isfinite(m)]
+        sentences = [text(note(code, cm=100.0 * m)) for code, m in errors if np.isfinite(m)]
         return [
-            f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(known)}",
+            f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(sentences)}",
             *(f"  {one}" for one in self.sentences),
         ]
 
@@ -165,10 +165,10 @@ class Comparison(Result):
         """CONSISTENT, INCONSISTENT with reasons, CANNOT TELL of some run, or NOT REPORTED."""
         if self.reasons:
             return Verdict.INCONSISTENT
-        found = {judged.verdict for judged in self.runs} - {"not reported"}
-        if not found:
+        verdicts = {judged.verdict for judged in self.runs} - {"not reported"}
+        if not verdicts:
             return Verdict.NOT_REPORTED
-        return Verdict.CONSISTENT if found == {"consistent"} else Verdict.CANNOT_TELL
+        return Verdict.CONSISTENT if verdicts == {"consistent"} else Verdict.CANNOT_TELL
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
@@ -283,7 +283,7 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
         raise UsageError(fault("compare.of-run", run=run.name, cause=cause_of(error))) from error
     off = errors.absolute(eta, eta_true)
     drift = errors.relative(est.t_ns, eta, eta_true, over_s)
-    known = off.position_m[np.isfinite(off.position_m)]
+    finite = off.position_m[np.isfinite(off.position_m)]
     e_nu = est.nu - nu_true
     return {
         "ate_m": errors.rms(off.position_m),
@@ -292,7 +292,7 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
         "rpe_heading_rad": errors.rms(drift.heading_rad),
         "speed_error_m_s": errors.rms(np.hypot(e_nu[:, 0], e_nu[:, 1])),
         "yaw_rate_error_rad_s": errors.rms(e_nu[:, 2]),
-        "end_error_m": float(known[-1]) if known.size else float("nan"),
+        "end_error_m": float(finite[-1]) if finite.size else float("nan"),
     }
 
 
@@ -303,8 +303,8 @@ def _across(log: Any, run: "Run") -> Path:
         return UNKNOWN
     if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: nobody asked for a path
         return UNKNOWN
-    asked = _while_asked(log.t_ns, ref)
-    return _path(errors.cross_track(log.t_ns[asked], log.eta[asked, :2], ref.t_ns, ref.eta[:, :2]))
+    driven = _while_asked(log.t_ns, ref)
+    return _path(errors.cross_track(log.t_ns[driven], log.eta[driven, :2], ref.t_ns, ref.eta[:, :2]))
 
 
 def _pace(log: Any, run: "Run") -> "Pace":
@@ -313,8 +313,8 @@ def _pace(log: Any, run: "Run") -> "Pace":
     if log is None or ref is None or not len(ref.t_ns):
         return evenness.UNKNOWN
     k = _while_asked(log.t_ns, ref)
-    asked = at_times(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
-    return evenness.pace(log.t_ns[k], log.nu[k, 0], asked)
+    reference_speed = at_times(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
+    return evenness.pace(log.t_ns[k], log.nu[k, 0], reference_speed)
 
 
 def _commanded(run: "Run") -> dict[str, float]:

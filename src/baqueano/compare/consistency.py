@@ -43,8 +43,8 @@ class Band(NamedTuple):
             return "too sure"
         if self.mean < min(self.low, 1.0 / CLOSE):
             return "too cautious"
-        known = self.high <= FAR * self.mean and self.mean <= FAR * self.low
-        return "consistent" if known else "cannot tell"
+        is_narrow = self.high <= FAR * self.mean and self.mean <= FAR * self.low
+        return "consistent" if is_narrow else "cannot tell"
 
 
 NOT_REPORTED = Band(float("nan"), float("nan"), float("nan"), 0, 0.0)
@@ -69,10 +69,10 @@ def nis(innovation: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def band(squared: np.ndarray, freedom: np.ndarray | int, false_alarm: float = FALSE_ALARM) -> Band:
     """Return NEES or NIS (N,) with their degrees of freedom (N,) against their band.  (3), (4)"""
     freedom = np.broadcast_to(freedom, squared.shape)
-    known = np.isfinite(squared) & (freedom > 0)
-    if not np.any(known):
+    finite = np.isfinite(squared) & (freedom > 0)
+    if not np.any(finite):
         return NOT_REPORTED
-    squared, freedom = squared[known], freedom[known].astype(float)
+    squared, freedom = squared[finite], freedom[finite].astype(float)
     ratio, mean = squared / freedom, float(np.sum(squared) / np.sum(freedom))
     samples = independent(ratio)
     if samples < FEW:

@@ -88,8 +88,8 @@ def corridor_row(found: Corridor | None) -> dict[str, float]:
     names = ("corridor_across_m", "corridor_area_m2", "corridor_heading_rad")
     if found is None:
         return dict.fromkeys((*names, "lost_s"), float("nan"))
-    known = len(found.t_s) > 0 and not np.isfinite(found.lost_s)
-    last = [x[-1] if known else np.nan for x in (found.across_m, found.area_m2, found.heading_rad)]
+    is_bounded = len(found.t_s) > 0 and not np.isfinite(found.lost_s)
+    last = [x[-1] if is_bounded else np.nan for x in (found.across_m, found.area_m2, found.heading_rad)]
     return dict(zip(names, map(float, last), strict=True)) | {"lost_s": found.lost_s}
 
 

@@ -120,8 +120,8 @@ def corridor_ahead(
     """
     laps = laps if route.closed else 1
     run = simulate_loop(vehicle_file, route, laps=laps, noise=False, name="forecast", backend=backend)
-    found = corridor_of(run)
-    if found is None:
+    corridor = corridor_of(run)
+    if corridor is None:
         kind = vehicle_file.data["estimator"].get("kind", N_("of this vehicle"))
         raise AnswerNo(fault("forecast.no-covariance", "--set estimator.kind=augmented_ekf", estimator=kind))
-    return CorridorAhead(found, laps, float(route.t_s[-1]), run)
+    return CorridorAhead(corridor, laps, float(route.t_s[-1]), run)

@@ -36,10 +36,10 @@ def diverged_s(run: Run) -> float:
     off = np.hypot(*(p - p[0]).T)
     if run.truth is not None and len(run.truth.t_ns) > 1:
         true = poses_at(log.t_ns, run.truth.t_ns, run.truth.eta)[:, :2]
-        known = true[np.isfinite(true).all(axis=1)]
-        if len(known):
-            size = float(np.hypot(*np.ptp(known, axis=0)))
-            aside = np.hypot(*(p - true - (p[0] - known[0])).T)  # the map of a recording begins elsewhere
+        finite = true[np.isfinite(true).all(axis=1)]
+        if len(finite):
+            size = float(np.hypot(*np.ptp(finite, axis=0)))
+            aside = np.hypot(*(p - true - (p[0] - finite[0])).T)  # the map of a recording begins elsewhere
             off, limit = np.where(np.isfinite(aside), aside, off), FAR * max(1.0, size) * np.ones(len(t_s))
     lost = ~(off <= limit)  # NaN is lost too
     return float(t_s[np.argmax(lost)]) if lost.any() else float("nan")
@@ -59,9 +59,9 @@ def no_covariance(run: Run) -> NoCovariance | None:
     log = run.estimate
     if log is None or not len(log.t_ns):
         return None
-    known = np.asarray(np.isfinite(log.cov).all(axis=(1, 2)))
-    values = np.linalg.eigvalsh(np.where(known[:, None, None], log.cov, 0.0))
-    wrong = np.logical_not(known) | (values[:, 0] < -ROUNDING * np.abs(values).max(axis=1))
+    finite = np.asarray(np.isfinite(log.cov).all(axis=(1, 2)))
+    values = np.linalg.eigvalsh(np.where(finite[:, None, None], log.cov, 0.0))
+    wrong = np.logical_not(finite) | (values[:, 0] < -ROUNDING * np.abs(values).max(axis=1))
     if not wrong.any():
         return None
     return NoCovariance(int(wrong.sum()), len(wrong), float(seconds(log.t_ns, run.t_ns[0])[np.argmax(wrong)]))

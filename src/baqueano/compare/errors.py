@@ -37,18 +37,18 @@ def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> n
     if alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", found=alignment, known=ALIGNMENTS))
     there = np.isfinite(eta) & np.isfinite(eta_true)
-    known = np.all(there[:, :2], axis=1)
-    if alignment == "none" or not np.any(known):
+    valid = np.all(there[:, :2], axis=1)
+    if alignment == "none" or not np.any(valid):
         return eta
     if alignment == "start":
-        known &= there[:, 2]
-        if not np.any(known):
+        valid &= there[:, 2]
+        if not np.any(valid):
             raise UsageError(fault("compare.no-first-heading", "--align rigid"))
-        first = int(np.argmax(known))
+        first = int(np.argmax(valid))
         angle = eta_true[first, 2] - eta[first, 2]
         shift = eta_true[first, :2] - _turned(eta[first : first + 1, :2], angle)[0]
     else:
-        angle, shift = align(eta[known, :2], eta_true[known, :2])
+        angle, shift = align(eta[valid, :2], eta_true[valid, :2])
     return np.column_stack([_turned(eta[:, :2], angle) + shift, wrap(eta[:, 2] + angle)])
 
 
@@ -90,8 +90,8 @@ def cross_track(
 
 def rms(x: np.ndarray) -> float:
     """Return the root mean square of the finite values; NaN without any."""
-    known = x[np.isfinite(x)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+    finite = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
 
 
 def _nearest(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:

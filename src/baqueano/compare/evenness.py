@@ -56,10 +56,10 @@ def pace(t_ns: np.ndarray, speed: np.ndarray, asked: np.ndarray, after_s: float 
         return UNKNOWN
     e = speed - asked
     late = seconds(t_ns, t_ns[0]) >= after_s
-    known = late & np.isfinite(e)
-    if not np.any(asked[known]):
+    finite = late & np.isfinite(e)
+    if not np.any(asked[finite]):
         return UNKNOWN
-    scale = float(np.mean(np.abs(asked[known])))
+    scale = float(np.mean(np.abs(asked[finite])))
     return Pace(rms(e[late]), rms(e[late]) / scale, rms(about_mean(t_ns, e)[late]) / scale)
 
 
@@ -81,8 +81,8 @@ def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
     Within ± `DEAD_BAND` of the largest command of the drive it has none: a pause, or noise around exactly 0, is not a
     change, and forwards, 0, forwards is not one either; forwards, 0, backwards is one.
     """
-    known = np.isfinite(forward)
-    t_ns, forward = t_ns[known], forward[known]
+    finite = np.isfinite(forward)
+    t_ns, forward = t_ns[finite], forward[finite]
     if len(t_ns) < 2:
         return float("nan")
     size = np.abs(forward)
@@ -105,8 +105,8 @@ def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
     if limits is None or u.shape[1] != len(limits.command):
         return float("nan")
     full = at_limit(u, limits)
-    known = full[np.isfinite(full)]
-    return float(np.mean(known)) if known.size else float("nan")
+    finite = full[np.isfinite(full)]
+    return float(np.mean(finite)) if finite.size else float("nan")
 
 
 def limits_of(vehicle_text: str) -> Limits | None:

@@ -63,14 +63,14 @@ class FilterConsistency:
         figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst(verdict)}
         figure = "NIS" if name == "nis" else "NEES"
         first = note(f"consistency.{verdict.replace(' ', '-')}", figure=figure, of=JOINT[name], **figures)
-        said = (first, self._unknown(verdict), self._correlated())
-        return " ".join(f"{text(one)}." for one in said if one is not None)
+        sentences = (first, self._unknown(verdict), self._correlated())
+        return " ".join(f"{text(one)}." for one in sentences if one is not None)
 
     @property
     def correlation(self) -> float:
         """The largest lag-1 autocorrelation; NaN where nothing arrived."""
-        known = [one for one in self.correlations if np.isfinite(one)]
-        return max(known, key=abs) if known else float("nan")
+        finite = [one for one in self.correlations if np.isfinite(one)]
+        return max(finite, key=abs) if finite else float("nan")
 
     def row(self) -> "JsonObject":
         """Flat, for a machine."""
@@ -100,17 +100,17 @@ class FilterConsistency:
     def _decided(self) -> tuple[str, str, Band | None]:
         """Verdict, the joint figure that it is by, and its band."""
         truth = [(name, getattr(self, name)) for name in ("nees_pose", "nees_velocity")]
-        known = [(name, band) for name, band in truth if band.verdict != "not reported"]
-        off = [*known, ("nis", self.nis)]
+        bands = [(name, band) for name, band in truth if band.verdict != "not reported"]
+        off = [*bands, ("nis", self.nis)]
         for word in ("too sure", "too cautious"):
-            for name, band in off if not _all(known, "consistent") else ():
+            for name, band in off if not _all(bands, "consistent") else ():
                 if band.verdict == word:
                     return word, name, band
-        known = known or [("nis", self.nis)]
-        if known[0][1].verdict == "not reported":
+        bands = bands or [("nis", self.nis)]
+        if bands[0][1].verdict == "not reported":
             return "not reported", "", None
-        right = [one for one in known if one[1].verdict == "consistent"]
-        name, band = max(right or known, key=lambda one: one[1].samples)
+        right = [one for one in bands if one[1].verdict == "consistent"]
+        name, band = max(right or bands, key=lambda one: one[1].samples)
         return "consistent" if right else "cannot tell", name, band
 
     def _worst(self, verdict: str) -> Diagnostic | str:
@@ -164,9 +164,9 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         correlations = consistency.whiteness(y, S)
         arrived = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
         limit = float(1.96 / np.sqrt(arrived)) if arrived else limit
-    known = [name for name, (squared, _) in series.items() if np.isfinite(squared).any()]
+    names = [name for name, (squared, _) in series.items() if np.isfinite(squared).any()]
     bands = dict.fromkeys(JOINT, NOT_REPORTED)
-    bands |= {name: consistency.band(*series[name], FALSE_ALARM / len(known)) for name in known}
+    bands |= {name: consistency.band(*series[name], FALSE_ALARM / len(names)) for name in names}
     return FilterConsistency(
         **bands, states=states, channels=channels, correlations=tuple(correlations.tolist()),
         correlation_limit=limit,

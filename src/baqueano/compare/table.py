@@ -43,7 +43,7 @@ def table(found: "Comparison") -> str:
         for title, lines in _sections(found)
     ]
     rows = [row for _, lines in sections for row in lines if any(cell != "-" for cell in row[2])]
-    left = max((len(label) for label, _, _ in rows), default=0) + 2
+    label_width = max((len(label) for label, _, _ in rows), default=0) + 2
     unit = max((len(unit) for _, unit, _ in rows), default=0)
     heads = [wrap(one.name, COLUMN) or [""] for one in found.runs]
     wide = [
@@ -53,17 +53,17 @@ def table(found: "Comparison") -> str:
 
     def line(label: str, its_unit: str, cells: Sequence[str], part: Sequence[int]) -> str:
         columns = "".join(f"  {cell:>{wide[k]}}" for k, cell in zip(part, cells, strict=True))
-        return f"{label:{left}} {its_unit:{unit}}{columns}".rstrip()
+        return f"{label:{label_width}} {its_unit:{unit}}{columns}".rstrip()
 
     blocks = []
-    for part in _parts(wide, WIDTH - left - 1 - unit):
+    for part in _parts(wide, WIDTH - label_width - 1 - unit):
         high = max(len(heads[k]) for k in part)
         top = [[""] * (high - len(heads[k])) + heads[k] for k in part]
         lines = [line("", "", [head[row] for head in top], part) for row in range(high)]
         for title, its in sections:
-            shown = [(f"  {a}" if title else a, b, [cells[k] for k in part]) for a, b, cells in its]
-            shown = [row for row in shown if any(cell != "-" for cell in row[2])]
-            lines += [title] * bool(title and shown) + [line(*row, part) for row in shown]
+            lines_of = [(f"  {a}" if title else a, b, [cells[k] for k in part]) for a, b, cells in its]
+            lines_of = [row for row in lines_of if any(cell != "-" for cell in row[2])]
+            lines += [title] * bool(title and lines_of) + [line(*row, part) for row in lines_of]
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
 
@@ -196,14 +196,14 @@ def _of_the_filter(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
     )
     names = dict.fromkeys(one.name for judged in found.runs for one in judged.refusals)
     yield _("refused by the estimator"), [TableLine(k, "", lambda j, k=k: _refused(j, k)) for k in names]
-    known = [one.verdict for one in found.runs if one.verdict != "not reported"]
-    yield _("covariance"), [TableLine(_("verdict"), "", lambda j: _(j.verdict))] if known else []
+    verdicts = [one.verdict for one in found.runs if one.verdict != "not reported"]
+    yield _("covariance"), [TableLine(_("verdict"), "", lambda j: _(j.verdict))] if verdicts else []
 
 
 def _refused(judged: "RunComparison", name: str) -> str:
     """ "540 of 1501" of a number; "-" where the estimator does not count, or none arrived."""
-    found = [one for one in judged.refusals if one.name == name and one.arrived]
-    return _("{refused} of {arrived}", **found[0]._asdict()) if found else "-"
+    refusals = [one for one in judged.refusals if one.name == name and one.arrived]
+    return _("{refused} of {arrived}", **refusals[0]._asdict()) if refusals else "-"
 
 
 def _of_channel(judged: "RunComparison", k: int) -> str:

@@ -163,16 +163,25 @@ class AugmentedEkf:
         quiet_s = np.where(innovations.refused > 0.0, 0.0, quiet_s)
         overruled = np.abs(x.mean[6:SCALES]) > self.gate_sigma * self.disturbance_std
         against = np.where(overruled, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)
-        found = doubted(belief.doubt, layout(self).slope, innovations, against, x.mean[2], row.dt_s)
-        x = x._replace(cov=x.cov + block_diagonal([found.of_pose, np.zeros((len(x.mean) - 3,) * 2)]))
+        innovated = doubted(belief.doubt, layout(self).slope, innovations, against, x.mean[2], row.dt_s)
+        x = x._replace(cov=x.cov + block_diagonal([innovated.of_pose, np.zeros((len(x.mean) - 3,) * 2)]))
         gap, place_doubt = innovations[:2]
-        after = AugmentedBelief(tick.t_ns, *x, model_nu, gap, found.doubt, place_doubt, quiet_s, drivetrain)
+        after = AugmentedBelief(
+            tick.t_ns, *x, model_nu, gap, innovated.doubt, place_doubt, quiet_s, drivetrain
+        )
         after = chosen(row.new, after, belief)
-        shown, of_nu = _pose_and_velocity(after.mean), found.of_nu + beside_wheels(self, after.mean[3], gain)
+        pose_and_velocity, of_nu = (
+            _pose_and_velocity(after.mean),
+            innovated.of_nu + beside_wheels(self, after.mean[3], gain),
+        )
         out = jacobian(_pose_and_velocity)(after.mean)
         cov = mirrored(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), of_nu])
         return after, Estimate(
-            tick.t_ns, shown[:3], shown[3:], cov, *(innovations[3:] if len(innovations.gap) else ())
+            tick.t_ns,
+            pose_and_velocity[:3],
+            pose_and_velocity[3:],
+            cov,
+            *(innovations[3:] if len(innovations.gap) else ()),
         )
 
     @property

@@ -101,9 +101,9 @@ class Complementary:
         eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))
         quick = belief.nu + (motion.nu - belief.model.nu) + np.array([0.0, 0.0, belief.bias])
-        shown = velocity(self.readings, self.sensors, tick.sensors, quick)
-        omega = shown[2] - belief.bias
-        v = quick[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (shown[0] - quick[0])
+        measured = velocity(self.readings, self.sensors, tick.sensors, quick)
+        omega = measured[2] - belief.bias
+        v = quick[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (measured[0] - quick[0])
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + dt_s)
         learnt = np.where((rest_s > 1.0) & (np.abs(omega) < 0.1), 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
         nu = self.vehicle.init(eta, np.array([v, 0.0, omega])).nu  # a car's ν_y follows from its turning

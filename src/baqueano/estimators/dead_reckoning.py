@@ -102,9 +102,9 @@ class DeadReckoning:
         object.__setattr__(self, "process_noise_cov", cov)
         readings = readings_of(self.sensors, self.use)
         gyro = [r for r in readings if r.is_gyro][:1]
-        shown = [one for r in gyro for one in uncertain(self.sensors, r.name, r.rows, np.zeros(3))]
+        uncertainties = [one for r in gyro for one in uncertain(self.sensors, r.name, r.rows, np.zeros(3))]
         object.__setattr__(self, "readings", readings)
-        object.__setattr__(self, "gyro_bias", tuple(one for one in shown if one.walk))
+        object.__setattr__(self, "gyro_bias", tuple(one for one in uncertainties if one.walk))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> DeadReckoningBelief:
         """At rest at the origin, unless another start is given."""
@@ -131,10 +131,10 @@ class DeadReckoning:
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
         noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
-        known = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])
+        augmented = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])
         ages_s, since_s = self._times(belief, tick, row.moved_s)
         before = effort, row.moved_s, tick.sensors, ages_s, belief.since_s
-        F, mean = jacobian(self._travel)(known, *before), self._travel(known, *before)
+        F, mean = jacobian(self._travel)(augmented, *before), self._travel(augmented, *before)
         walk = sum((one.of(self.sensors, one.walk) ** 2 * row.dt_s for one in self.gyro_bias), 0.0)
         walk = np.diag(np.array([walk, 0.0, 0.0]))
         more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])

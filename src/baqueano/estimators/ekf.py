@@ -212,13 +212,13 @@ class Ekf:
         z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
         came = arrived(sensor, slot)
         y = difference(sensor, np.where(came, slot.z, z_bar), z_bar)
-        found = correct(cov, y, H, Q)
+        update = correct(cov, y, H, Q)
         limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
-        take = came if limit == INF else came & (np.sum(found.e**2) <= limit)
-        mean = np.where(take, moved(mean, found.move), mean)
+        take = came if limit == INF else came & (np.sum(update.e**2) <= limit)
+        mean = np.where(take, moved(mean, update.move), mean)
         S = mirrored(H @ cov @ H.T + Q)
         y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
-        return mean, np.where(take, found.cov, cov), y, S, w
+        return mean, np.where(take, update.cov, cov), y, S, w
 
     def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
         """Return the age of the measurement [s]; None where all are new."""

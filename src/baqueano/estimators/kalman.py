@@ -71,8 +71,8 @@ def correct(
     P, move, e, s = cov, np.zeros(cov.shape[0]), [], []
     for c in range(H.shape[0]):
         PH = P @ H[c]
-        known = H[c] @ PH
-        s.append(known + q[c])
+        cross = H[c] @ PH
+        s.append(cross + q[c])
         gap = y[c] - H[c] @ move
         e.append(gap / np.sqrt(s[c]))
         w = 1.0 if weight is None else weight(c, e[c], s[c])
@@ -80,7 +80,7 @@ def correct(
         K = K if E is None else E[c] * K
         move = move + K * gap
         D = P - K[:, None] * PH[None, :]
-        noise = q[c] * K if weight is None else PH * (1.0 - known * (w / s[c]))  # (q_c + s (1/w − 1)) K
+        noise = q[c] * K if weight is None else PH * (1.0 - cross * (w / s[c]))  # (q_c + s (1/w − 1)) K
         noise = noise if weight is None or E is None else E[c] * noise
         P = mirrored(D + (noise - D @ H[c])[:, None] * K[None, :])
     return Correction(move, P, np.array(e), np.array(s))
@@ -91,18 +91,18 @@ def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray
     if Q.ndim == 1:
         return y, H, Q
     m = len(y)
-    left, q = [[Q[i, j] for j in range(m)] for i in range(m)], []
+    remainder, q = [[Q[i, j] for j in range(m)] for i in range(m)], []
     values, rows = [y[i] for i in range(m)], [H[i] for i in range(m)]
     for k in range(m):
-        q.append(left[k][k])
+        q.append(remainder[k][k])
         for i in range(k + 1, m):
-            part = left[i][k] / q[k]
+            part = remainder[i][k] / q[k]
             if isinstance(part, float) and part == 0.0:
                 continue
             values[i] = values[i] - part * values[k]
             rows[i] = rows[i] - part * rows[k]
             for j in range(k + 1, m):
-                left[i][j] = left[i][j] - part * left[k][j]
+                remainder[i][j] = remainder[i][j] - part * remainder[k][j]
     return np.array(values), np.stack(rows), np.array(q)
 
 

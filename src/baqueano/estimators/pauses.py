@@ -65,14 +65,18 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     at = np.cumsum(counts) - 1
     times = np.repeat(t_ns, counts)
     times[np.setdiff1d(np.arange(len(times)), at)] = [t for gap in gaps for t in gap]
-    heard = np.zeros(len(times))
-    heard[at] = 1.0
+    has_reading = np.zeros(len(times))
+    has_reading[at] = 1.0
 
     def repeated(x: Value) -> Value:
         return np.repeat(np.broadcast_to(x, (len(t_ns), *np.shape(x)[1:])), counts, axis=0)
 
     slots = (
-        Slot(heard * repeated(slot.has), heard[:, None] * repeated(slot.z), heard * repeated(slot.age_s))
+        Slot(
+            has_reading * repeated(slot.has),
+            has_reading[:, None] * repeated(slot.z),
+            has_reading * repeated(slot.age_s),
+        )
         for slot in ticks.sensors
     )
     columns: Value = (times, repeated(ticks.u), type(ticks.sensors)(*slots))

@@ -83,8 +83,8 @@ def backward(passed: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
     P, P_bar = passed.cov[:-1], passed.ahead_cov[1:]
     GP = G @ P
     C = np.swapaxes(_inverse(P_bar) @ GP, 1, 2)
-    left, R = np.eye(mean.shape[1]) - C @ G, P_bar - GP @ np.swapaxes(G, 1, 2)
-    alone = left @ P @ np.swapaxes(left, 1, 2) + C @ R @ np.swapaxes(C, 1, 2)
+    remainder, R = np.eye(mean.shape[1]) - C @ G, P_bar - GP @ np.swapaxes(G, 1, 2)
+    alone = remainder @ P @ np.swapaxes(remainder, 1, 2) + C @ R @ np.swapaxes(C, 1, 2)
     for k in reversed(range(len(C))):
         gap = mean[k + 1] - passed.ahead[k + 1]
         gap[HEADING] = wrap(gap[HEADING])
@@ -98,7 +98,7 @@ def _inverse(P: np.ndarray) -> np.ndarray:
     sd = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
     scale = np.where(sd > 0.0, 1.0 / np.where(sd > 0.0, sd, 1.0), 0.0)
     values, vectors = np.linalg.eigh(P * scale[:, :, None] * scale[:, None, :])
-    known = values > CERTAIN * values[:, -1:]
-    inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+    positive = values > CERTAIN * values[:, -1:]
+    inverse = np.where(positive, 1.0 / np.where(positive, values, 1.0), 0.0)
     half = vectors * scale[:, :, None]
     return (half * inverse[:, None, :]) @ np.swapaxes(half, 1, 2)

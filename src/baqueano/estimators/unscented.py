@@ -141,17 +141,17 @@ class Unscented:
             eta, nu, _ = self.vehicle.advance(eta, nu, effort, row.moved_s)
             eta = eta + map_from_body(eta[2]) @ (0.5 * row.moved_s**2 * a_d)
             nu = nu + row.moved_s * a_d
-            left = np.exp(-row.moved_s / self.disturbance_time_s)
-            return np.concatenate([eta, nu, f(nu, effort.last, eta[2]) + left * a_d])
+            fade = np.exp(-row.moved_s / self.disturbance_time_s)
+            return np.concatenate([eta, nu, f(nu, effort.last, eta[2]) + fade * a_d])
 
         centre = g(belief.mean)
-        seen = spread(lambda x: _apart(g(x), centre), Gaussian(belief.mean, belief.cov))
+        spread_points = spread(lambda x: _apart(g(x), centre), Gaussian(belief.mean, belief.cov))
         noise = [
             unmoved_cov(row, belief.mean, belief.cov),
             self.process_noise_cov * (row.dt_s * self.rate_hz),
         ]
-        cov = mirrored(seen.odd @ seen.odd.T + seen.even @ seen.even.T)
-        return Gaussian(moved(centre, seen.mean), cov + block_diagonal(noise))
+        cov = mirrored(spread_points.odd @ spread_points.odd.T + spread_points.even @ spread_points.even.T)
+        return Gaussian(moved(centre, spread_points.mean), cov + block_diagonal(noise))
 
     def _correct(
         self, name: str, x: Gaussian, slot: Slot
@@ -166,16 +166,18 @@ class Unscented:
             return sensor.h(Motion(eta + way, nu - old_s * nu_dot, nu_dot, self.vehicle.gravity(eta[2])))
 
         centre = h(x.mean)
-        seen = spread(lambda x: difference(sensor, h(x), centre), x)
+        spread_points = spread(lambda x: difference(sensor, h(x), centre), x)
         came = arrived(sensor, slot)
-        y = np.where(came, difference(sensor, np.where(came, slot.z, centre), centre) - seen.mean, 0.0)
-        Q = mirrored(sensor.cov + seen.even @ seen.even.T)
-        found = correct(np.eye(9), y, seen.odd, Q)
-        take = came & (np.sum(found.e**2) <= gate(self.gate_sigma, len(y)))
-        mean = np.where(take, moved(x.mean, seen.root @ found.move), x.mean)
-        cov = np.where(take, mirrored(seen.root @ found.cov @ seen.root.T), x.cov)
+        y = np.where(
+            came, difference(sensor, np.where(came, slot.z, centre), centre) - spread_points.mean, 0.0
+        )
+        Q = mirrored(sensor.cov + spread_points.even @ spread_points.even.T)
+        update = correct(np.eye(9), y, spread_points.odd, Q)
+        take = came & (np.sum(update.e**2) <= gate(self.gate_sigma, len(y)))
+        mean = np.where(take, moved(x.mean, spread_points.root @ update.move), x.mean)
+        cov = np.where(take, mirrored(spread_points.root @ update.cov @ spread_points.root.T), x.cov)
         y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
-        return Gaussian(mean, cov), y, mirrored(seen.odd @ seen.odd.T + Q), w
+        return Gaussian(mean, cov), y, mirrored(spread_points.odd @ spread_points.odd.T + Q), w
 
 
 def _apart(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -86,8 +86,8 @@ def text(said: "Diagnostic | str | None", argument: Callable[[str], object] = Ar
             return before + sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
         pass
-    shown = ", ".join(f"{name} = {value}" for name, value in figures.items())
-    return f"{before}{said.code}{f' ({shown})' if shown else ''}{f'. Type: {said.fix}' if said.fix else ''}"
+    listed = ", ".join(f"{name} = {value}" for name, value in figures.items())
+    return f"{before}{said.code}{f' ({listed})' if listed else ''}{f'. Type: {said.fix}' if said.fix else ''}"
 
 
 def in_english(said: "Diagnostic | str | None") -> str:
@@ -121,9 +121,9 @@ def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherw
     >>> verdict_line(Verdict.WARN, ["the run is short", "the floor is soft"])
     'WARN: the run is short; the floor is soft'
     """
-    said = "; ".join(texts(reasons)) or otherwise
+    sentences = "; ".join(texts(reasons)) or otherwise
     word = language.translated(str(verdict))
-    return f"{word}: {said}" if said else word
+    return f"{word}: {sentences}" if sentences else word
 
 
 def grouped(found: Sequence[Diagnostic]) -> list[str]:

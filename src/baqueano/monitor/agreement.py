@@ -100,9 +100,9 @@ class Agreement:
 
         G = mirrored(K @ model.cov[3:6, 3:6] @ K.T)
         G = np.where(its.inertial & ~its.turning, np.diag(r), G * r / (np.diag(G) + TINY))
-        heard = np.where(good & ~its.pose & ~(its.inertial & (same_s >= FROZEN_S)), 1.0, 0.0)
+        usable = np.where(good & ~its.pose & ~(its.inertial & (same_s >= FROZEN_S)), 1.0, 0.0)
         kept = np.exp(-dt_s / MEMORY_S)
-        evidence = was.evidence * kept + np.where(far, dt_s, 0.0) * log_odds(r, C + N, G, heard, its.groups)
+        evidence = was.evidence * kept + np.where(far, dt_s, 0.0) * log_odds(r, C + N, G, usable, its.groups)
         evidence = np.where(doubt_s > 0.0, np.clip(evidence, -LARGEST, LARGEST), 0.0)
 
         gain = np.where(still & good & ~off & (its.bias_std > 0.0), p / (p + np.diag(N) + TINY), 0.0)
@@ -123,9 +123,9 @@ class Agreement:
         """h (m,) by the model alone, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with ν̇ held."""
         vehicle = self.model.vehicle
         _, effort = vehicle.drivetrain.step(before.drivetrain, row.u, row.moved_s)
-        eta, nu, nu_dot, held = model.mean[:3], model.mean[3:6], None, np.zeros(3)
+        eta, nu, nu_dot, constant = model.mean[:3], model.mean[3:6], None, np.zeros(3)
         if not is_dynamic(vehicle):
-            nu_dot = held = vehicle.advance(before.mean[:3], before.mean[3:6], effort, row.moved_s)[2]
+            nu_dot = constant = vehicle.advance(before.mean[:3], before.mean[3:6], effort, row.moved_s)[2]
         values, slopes, kinematic = [], [], []
         for name in self.numbers.sensors:
             sensor = getattr(self.model.sensors, name)
@@ -136,7 +136,7 @@ class Agreement:
             values.append(h(model.mean))
             slopes.append(jacobian(h)(model.mean))
             kinematic.append(
-                jacobian(lambda nu, sensor=sensor: sensor.h(Motion(eta, nu, held, np.zeros(2))))(nu)
+                jacobian(lambda nu, sensor=sensor: sensor.h(Motion(eta, nu, constant, np.zeros(2))))(nu)
             )
         return np.concatenate(values), np.concatenate(slopes), np.concatenate(kinematic)
 

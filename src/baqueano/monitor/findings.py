@@ -64,11 +64,11 @@ class Finding:
         """Return it as a message."""
         off = note(f"sensor.off-{self.off}", fix="baqueano identify last" if self.off == MODEL else "")
         figures = {"reading": self.reading, "expected": self.expected, "ratio": self.ratio, "off": off}
-        said = note(f"sensor.{self.looks}", subject=self.name, **figures)
+        message = note(f"sensor.{self.looks}", subject=self.name, **figures)
         return (
-            note("sensor.degraded", Severity.WARNING, subject=self.name, cause=said)
+            note("sensor.degraded", Severity.WARNING, subject=self.name, cause=message)
             if self.degraded
-            else said
+            else message
         )
 
 

@@ -56,15 +56,15 @@ def numbers_of(model: AugmentedEkf) -> Numbers:
 def _bias(sensors: SensorBlocks, name: str, number: int) -> tuple[float, float]:
     """Deviation and walk of the bias that a number shows; (0, −1) without one."""
     sensor = getattr(sensors, name)
-    found = [one for one in uncertain(sensors, name, (number,), np.zeros(3)) if one.walk]
+    biases = [one for one in uncertain(sensors, name, (number,), np.zeros(3)) if one.walk]
     slope = [
         (put(sensor, one.path, get(sensor, one.path) + STEP).h(REST) - sensor.h(REST))[number] / STEP
-        for one in found
+        for one in biases
     ]
     std, walk = (
         np.sqrt(
-            sum((s * float(one.of(sensors, path(one)))) ** 2 for s, one in zip(slope, found, strict=True))
+            sum((s * float(one.of(sensors, path(one)))) ** 2 for s, one in zip(slope, biases, strict=True))
         )
         for path in (lambda one: one.std, lambda one: one.walk)
     )
-    return float(std), float(walk) if found else -1.0
+    return float(std), float(walk) if biases else -1.0

@@ -38,12 +38,12 @@ class Walls(Protocol):
 
     @property
     def free(self) -> np.ndarray:
-        """How far from the middle the body's origin may come (2,) [m]."""
+        """Return the largest distance (2,) [m] of the body's origin from the middle."""
         ...
 
     @property
     def start(self) -> tuple[float, float, float]:
-        """Where the route begins, from the middle: x, y [m], ψ [rad]."""
+        """Return the pose at the start of the route, from the middle: x, y [m], ψ [rad]."""
         ...
 
 

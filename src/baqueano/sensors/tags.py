@@ -113,5 +113,5 @@ class Tags:
         has: Value = np.max(read)
         away = np.min(np.sum(now**2, axis=1)) > self.radius_m**2
         ready = np.where(away, 1.0, np.where(has > 0.0, 0.0, state.ready))
-        shown = place if self.sees_offset else read @ self.points_m / np.maximum(np.sum(read), 1.0)
-        return TagsState(place, ready), Slot(has, np.where(has > 0.0, shown + self.noise_std * noise, 0.0))
+        measured = place if self.sees_offset else read @ self.points_m / np.maximum(np.sum(read), 1.0)
+        return TagsState(place, ready), Slot(has, np.where(has > 0.0, measured + self.noise_std * noise, 0.0))

@@ -125,12 +125,14 @@ class Ensemble(Result):
     def reasons(self) -> tuple[Diagnostic | str, ...]:
         """Return what went wrong with some of the vehicles."""
         lost, vehicles = int(np.sum(~self._finite)), len(self.theta)
-        found: list[Diagnostic | str] = list(self.outside)
+        messages: list[Diagnostic | str] = list(self.outside)
         if lost:
-            found.append(note("simulate.lost", Severity.WARNING, lost=lost, vehicles=vehicles))
+            messages.append(note("simulate.lost", Severity.WARNING, lost=lost, vehicles=vehicles))
         if self.clipped:
-            found.append(note("simulate.clipped", Severity.WARNING, clipped=self.clipped, vehicles=vehicles))
-        return tuple(found)
+            messages.append(
+                note("simulate.clipped", Severity.WARNING, clipped=self.clipped, vehicles=vehicles)
+            )
+        return tuple(messages)
 
     @property
     def _finite(self) -> np.ndarray:
@@ -291,8 +293,8 @@ def bounds(system: System, path: str) -> tuple[float, float]:
     """The allowed range of a parameter, as its field says."""
     parent, _, name = path.rpartition(".")
     block = get(system, parent)
-    found = dict(parameters(block)).get(name.partition("[")[0]) if is_dataclass(block) else None
-    return (found.low, found.high) if found is not None else (-np.inf, np.inf)
+    field = dict(parameters(block)).get(name.partition("[")[0]) if is_dataclass(block) else None
+    return (field.low, field.high) if field is not None else (-np.inf, np.inf)
 
 
 def _chunks(vehicles: int, process_noise: bool, ticks: int) -> list[slice]:

@@ -110,15 +110,15 @@ def simulate(
     kernel = open_loop(system.model, system.sensors, rate, noise, backend)
     world = world_init(system.model, system.sensors)
     world = world._replace(vehicle=system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0")))
-    _, said = kernel.run(OpenLoopState(u, drawn), carry=world)
+    _, outputs = kernel.run(OpenLoopState(u, drawn), carry=world)
     t_ns = times(len(u), rate)
     run = Run(
         name,
         None,
         t_ns,
         u,
-        sensors=channels(t_ns, said.slots),
-        truth=TruthLog(t_ns, said.truth.eta, said.truth.nu, said.truth.nu_dot),
+        sensors=channels(t_ns, outputs.slots),
+        truth=TruthLog(t_ns, outputs.truth.eta, outputs.truth.nu, outputs.truth.nu_dot),
         vehicle_text=vehicle_file.text,
         metadata=metadata("simulate", seed, rate, kernel.backend, noise),
     )
@@ -149,8 +149,10 @@ def open_loop(
 
 def draw(sensors: SensorBlocks, seed: int, ticks: int) -> DrawnNoise:
     """Unit normals for `ticks` ticks, leading axis (ticks,): a stream for the vehicle, one per sensor."""
-    said = zip(sensors._fields, sensors, strict=True)
-    each = tuple(unit_normals(seed, f"sensor.{name}", ticks, sensor.noise_size) for name, sensor in said)
+    sensors_by_name = zip(sensors._fields, sensors, strict=True)
+    each = tuple(
+        unit_normals(seed, f"sensor.{name}", ticks, sensor.noise_size) for name, sensor in sensors_by_name
+    )
     return DrawnNoise(unit_normals(seed, PROCESS, ticks, 3), each)
 
 

@@ -87,10 +87,10 @@ def sizes(system: System, paths: Sequence[str]) -> list[int]:
 def value(system: System, path: str) -> np.ndarray:
     """The number or array at `path`, as it is now."""
     try:
-        found = np.asarray(get(system, path), dtype=float)
+        array = np.asarray(get(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         raise UsageError(fault("simulate.no-number", path=path, cause=cause_of(error))) from error
-    return found
+    return array
 
 
 def flat(system: System, paths: Sequence[str]) -> np.ndarray:

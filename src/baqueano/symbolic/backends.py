@@ -35,10 +35,10 @@ class Runner:
             return
         from baqueano.symbolic.c_code import c, compile
 
-        found = compile.find()
+        compiler = compile.find()
         self._kernel = c.make_kernel(program)
-        if self._may_change and found.compiler is None:
-            self._give_up_c(found.why)
+        if self._may_change and compiler.compiler is None:
+            self._give_up_c(compiler.why)
 
     @property
     def source(self) -> str:

@@ -25,21 +25,28 @@ class Lanes(NamedTuple):
     @classmethod
     def of(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Lanes":
         """Return them from trees whose leaves may lead with a lane axis, by the number of their axes."""
-        given = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
-        own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in given]
+        leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
+        own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
         start = scan.example if carry is None else carry
         begin = list(zip(leaves(scan.carry_shape), values(scan.carry_shape, start), strict=True))
         many = [np.ndim(value) == len(leaf.shape) + 1 for leaf, value in begin]
-        counts = {len(value) for (_, value), is_own in zip(given + begin, own + many, strict=True) if is_own}
+        counts = {
+            len(value)
+            for (_, value), is_own in zip(leaves_and_values + begin, own + many, strict=True)
+            if is_own
+        }
         counts |= {len(theta)} if theta.ndim == 2 else set()
         ticks = {
-            np.shape(v)[is_own] for (_, v), is_own in zip(given, own, strict=True) if np.ndim(v) > is_own
+            np.shape(v)[is_own]
+            for (_, v), is_own in zip(leaves_and_values, own, strict=True)
+            if np.ndim(v) > is_own
         }
         if len(counts) != 1 or len(ticks) != 1:
             raise Invalid(fault("engine.lanes", lanes=_listed(counts), ticks=_listed(ticks)))
         (count,), (n,) = counts, ticks
         columns = [
-            _columns(leaf, v, (count, n) if o else (n,)) for (leaf, v), o in zip(given, own, strict=True)
+            _columns(leaf, v, (count, n) if o else (n,))
+            for (leaf, v), o in zip(leaves_and_values, own, strict=True)
         ]
         shared = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
         parts = [c for c in columns if c.ndim == 3]  # where there is but one, it is read where it stands

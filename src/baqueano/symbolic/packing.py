@@ -57,13 +57,13 @@ def caller(
     state, count = state_of(shapes, shape), size(shapes[0]) if shapes else 0
     if state is not None:
         space |= {"last": [(object(), None)], "front": row[:count]}
-        known = [
+        constants = [
             "state, numbers_of_it = last[0]",
             "if a0 is state:",
             "    front[...] = numbers_of_it",
             "else:",
         ]
-        packs[0] = [*known, *(f"    {line}" for line in packs[0])]
+        packs[0] = [*constants, *(f"    {line}" for line in packs[0])]
     inside = [line for lines in packs for line in lines]
     head = f"def call({', '.join(f'a{k}' for k in range(len(shapes)))}):"
     text = [
@@ -142,11 +142,13 @@ def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, T
 
 def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree]) -> list[str]:
     """Lines that return the tree of a row. NumPy takes the row apart in one call, as a record."""
-    found = list(leaves(shape))
-    space["record"] = np.dtype([(f"x{k}", "f8", leaf.shape) for k, leaf in enumerate(found)])
-    names = iter(f"x{k}" for k in range(len(found)))
+    shapes = list(leaves(shape))
+    space["record"] = np.dtype([(f"x{k}", "f8", leaf.shape) for k, leaf in enumerate(shapes)])
+    names = iter(f"x{k}" for k in range(len(shapes)))
     lines = (
-        [f"{''.join(f'x{k}, ' for k in range(len(found)))}= ndarray((), record, row).item()"] if found else []
+        [f"{''.join(f'x{k}, ' for k in range(len(shapes)))}= ndarray((), record, row).item()"]
+        if shapes
+        else []
     )
     if state is None or not isinstance(shape, Branch):
         return [*lines, f"return {_tree(shape, names, space)}"]
@@ -195,8 +197,8 @@ def _array(leaf: Leaf, value: Tree) -> np.ndarray:
 def _wrong(shape: Shape, tree: Tree) -> None:
     """Tells what is wrong, if it is: a text may be equal and yet another object."""
     try:
-        found = values(shape, tree)
+        flat = values(shape, tree)
     except ValueError as error:
         raise ShapeMismatch(cause_of(error)) from None
-    if len(found) != sum(1 for _ in leaves(shape)):
+    if len(flat) != sum(1 for _ in leaves(shape)):
         raise ShapeMismatch(fault("tree.another", path=shape.path))

@@ -63,9 +63,9 @@ def _index(text: str, path: str) -> tuple[int, ...]:
 def _child(tree: Tree, step: Tree, path: str) -> Tree:
     if isinstance(step, tuple):
         return tree[step[0] if len(step) == 1 else step]
-    known = tree if isinstance(tree, dict) else _names(type(tree))
-    if step not in known:
-        near = nearest(step, map(str, known))
+    names = tree if isinstance(tree, dict) else _names(type(tree))
+    if step not in names:
+        near = nearest(step, map(str, names))
         raise NoSuchName(
             fault("path.no-such-name", path=path, kind=type(tree).__name__, found=step, near=near)
         )

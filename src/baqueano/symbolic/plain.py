@@ -88,25 +88,28 @@ class PlainScan(Scan):
         for k in range(lanes.lanes):
             rows[:, ~mask] = own[k]
             start = None if lanes.start is None else tree_of(self.carry_shape, lanes.start[k])
-            last, said = self.run(
+            last, outputs_of = self.run(
                 tree_of(self.input_shape, rows), None if self.parameters is None else lanes.theta[k], start
             )
             carry_shape = shape_of(last, "carry")
             ends.append(flat_row(carry_shape, last))
-            every.append(said)
+            every.append(outputs_of)
         if not outputs:
             return tree_of(carry_shape, np.array(ends)), None
         shape = shape_of(every[0], "output")
-        stacked = [np.stack(found) for found in zip(*(values(shape, said) for said in every), strict=True)]
+        stacked = [
+            np.stack(column)
+            for column in zip(*(values(shape, outputs_of) for outputs_of in every), strict=True)
+        ]
         return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacked))
 
     def _loop(self, inputs: Tree, theta: np.ndarray | TracedArray, carry: Tree) -> tuple[Tree, list[Tree]]:
-        given = () if self.parameters is None else (theta,)
+        theta_of = () if self.parameters is None else (theta,)
         if carry is None:
-            carry = self.carry_function(*given) if self.carry_function else self.example
+            carry = self.carry_function(*theta_of) if self.carry_function else self.example
         outputs = []
         for x in self._ticks(inputs):
-            carry, output = self.step(*given, carry, x)
+            carry, output = self.step(*theta_of, carry, x)
             outputs.append(output)
         if not outputs:
             raise Invalid(fault("engine.no-ticks"))
@@ -114,8 +117,8 @@ class PlainScan(Scan):
 
     def _ticks(self, inputs: Tree) -> Iterator[Tree]:
         n = count_ticks(self.input_shape, inputs)
-        found = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
-        columns = [(leaf, as_floats(leaf, value, (n,))) for leaf, value in found]
+        pairs = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
+        columns = [(leaf, as_floats(leaf, value, (n,))) for leaf, value in pairs]
         for k in range(n):
             yield build(self.input_shape, iter([restored(leaf, column[k]) for leaf, column in columns]))
 

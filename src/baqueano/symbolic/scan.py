@@ -255,8 +255,8 @@ class TracedScan(Scan):
         self._need_theta()
         theta, rows = self._theta(theta), self._rows(inputs)
         (_, runner), start = self._prepared(False, carry)
-        found = runner.call("normal_equations", len(rows), theta, start, rows, huber)
-        return NormalEquations(*found)
+        sums = runner.call("normal_equations", len(rows), theta, start, rows, huber)
+        return NormalEquations(*sums)
 
     def lanes(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
@@ -326,8 +326,8 @@ class TracedScan(Scan):
             if fits and inputs.flags.c_contiguous and inputs.flags.aligned:
                 return inputs.reshape(len(inputs), shape.size)
         n = count_ticks(self.input_shape, inputs)
-        found = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
-        parts = [as_floats(leaf, value, (n,)).reshape(n, leaf.size) for leaf, value in found]
+        pairs = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
+        parts = [as_floats(leaf, value, (n,)).reshape(n, leaf.size) for leaf, value in pairs]
         if len(parts) == 1:
             return np.require(parts[0], requirements=["C", "A"])
         columns = [column for part in parts for column in part.T]
@@ -339,8 +339,8 @@ class TracedScan(Scan):
 
 def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
     """The numbers of a tree as one row."""
-    found = zip(leaves(shape), values(shape, tree), strict=True)
-    return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in found)])
+    pairs = zip(leaves(shape), values(shape, tree), strict=True)
+    return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in pairs)])
 
 
 def tree_of(shape: Shape, rows: np.ndarray) -> Tree:

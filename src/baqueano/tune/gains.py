@@ -110,9 +110,11 @@ def tune(
     (True, '1/s')
     """
     rehearsal = rehearse(vehicle_file, route, **options)
-    asked = rehearsal.asked
-    own = [asked.before] if np.all(np.isfinite(asked.before)) else []
-    descents = search(rehearsal.cost, rehearsal.cost_and_gradient, asked.low, asked.high, own, starts, polish)
+    sought = rehearsal.asked
+    own = [sought.before] if np.all(np.isfinite(sought.before)) else []
+    descents = search(
+        rehearsal.cost, rehearsal.cost_and_gradient, sought.low, sought.high, own, starts, polish
+    )
     return _tuned(vehicle_file, rehearsal, descents, own)
 
 
@@ -227,18 +229,18 @@ def rms(x: np.ndarray) -> float:
 def _tuned(
     vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list, own: list[np.ndarray]
 ) -> TuneResult:
-    asked, best = rehearsal.asked, descents[0]
+    sought, best = rehearsal.asked, descents[0]
     if best.cost >= UNUSABLE:
         raise UsageError(fault("tune.all-run-away", vehicle=vehicle_file.name))
-    limits = at_limit(best.gains, asked.low, asked.high)
-    found = tuple(_gain(rehearsal, k, best, int(limits[k])) for k in range(len(asked.names)))
+    limits = at_limit(best.gains, sought.low, sought.high)
+    gains_ = tuple(_gain(rehearsal, k, best, int(limits[k])) for k in range(len(sought.names)))
     rows = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
     return TuneResult(
         vehicle_file,
-        found,
+        gains_,
         best.cost,
         rehearsal.cost(own[0]) if own else float("nan"),
-        rehearsal.cost(np.zeros(len(asked.low))),
+        rehearsal.cost(np.zeros(len(sought.low))),
         rehearsal.weights,
         rehearsal.drive(best.gains),
         tuple(descents),
@@ -251,13 +253,13 @@ def _tuned(
 
 def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int) -> Gain:
     """Gain k, with the cost when it alone is smaller and larger."""
-    asked, around = rehearsal.asked, []
+    sought, around = rehearsal.asked, []
     for factor in (0.8, 1.25):
         g = best.gains.copy()
         g[k] *= factor
         around.append(rehearsal.cost(g) / best.cost)
-    named = asked.names[k], asked.units[k], float(best.gains[k]), float(asked.before[k])
-    return Gain(*named, float(asked.low[k]), float(asked.high[k]), limit, *around)
+    named = sought.names[k], sought.units[k], float(best.gains[k]), float(sought.before[k])
+    return Gain(*named, float(sought.low[k]), float(sought.high[k]), limit, *around)
 
 
 def sought(

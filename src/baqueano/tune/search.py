@@ -55,8 +55,8 @@ def search(
     `polish`, searches without slopes follow where the cost turns out to be rough."""
     minimize = _minimize()
     points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
-    seen = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
-    begin = [np.clip(g, low, high) for g in own] + [points[k] for _, k in seen[:starts]]
+    ranked = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
+    begin = [np.clip(g, low, high) for g in own] + [points[k] for _, k in ranked[:starts]]
     ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < UNUSABLE and ends[0].slope > SLOPE:
@@ -94,13 +94,13 @@ def _descend(
     options = {"maxfun": EVALUATIONS, "ftol": 1e-10, "gtol": 1e-8}
     x0 = place(start, low, high)
     way = [np.array(start, dtype=float)]
-    found = minimize(
+    optimum = minimize(
         f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options,
         callback=lambda x: way.append(gains(x, low, high)),
     )  # fmt: skip
-    better = found.fun <= first * scale
-    x, least = (found.x, float(found.fun / scale)) if better else (x0, first)
-    return Descent(start, gains(x, low, high), least, np.array(costs), _slope(found, x), tuple(way))
+    better = optimum.fun <= first * scale
+    x, least = (optimum.x, float(optimum.fun / scale)) if better else (x0, first)
+    return Descent(start, gains(x, low, high), least, np.array(costs), _slope(optimum, x), tuple(way))
 
 
 def _slope(found: Any, x: np.ndarray) -> float:
@@ -124,11 +124,11 @@ def _polished(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, hig
         x0 + SIZE * np.vstack([np.zeros(len(x0)), np.diag(np.where(x0 > 0.5, -1.0, 1.0))]), 0.0, 1.0
     )
     options = {"maxfev": SIMPLEX, "initial_simplex": around, "xatol": 1e-6, "fatol": 1e-9 * end.cost}
-    found = minimize(f, x0, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(x0), options=options)
+    optimum = minimize(f, x0, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(x0), options=options)
     all_costs = np.concatenate([end.costs, costs])
-    if not found.fun < end.cost:
+    if not optimum.fun < end.cost:
         return end._replace(costs=all_costs)
-    return end._replace(gains=gains(found.x, low, high), cost=float(found.fun), costs=all_costs)
+    return end._replace(gains=gains(optimum.x, low, high), cost=float(optimum.fun), costs=all_costs)
 
 
 def gains(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -119,17 +119,17 @@ class TuneResult(Result):
         if not self.cost < 0.5 * self.cost_standing:
             far_m = self.drive.distance_rms_m
             return (note("tune.uncontrolled", Severity.ERROR, distance_m=far_m),)
-        found = []
+        messages = []
         for gain in (g for g in self.gains if g.limit and g.high > g.low):
             code, end = (
                 ("tune.at-lower-limit", gain.low) if gain.limit < 0 else ("tune.at-upper-limit", gain.high)
             )
-            found.append(note(code, Severity.WARNING, subject=gain.name, limit=end, unit=gain.unit))
+            messages.append(note(code, Severity.WARNING, subject=gain.name, limit=end, unit=gain.unit))
         if len(self.descents) > 1 and self.agreed == 1:
-            found.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
+            messages.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
         if self.drive.saturated > 0.2:
-            found.append(note("tune.saturated", Severity.WARNING, percent=100 * self.drive.saturated))
-        return tuple(found)
+            messages.append(note("tune.saturated", Severity.WARNING, percent=100 * self.drive.saturated))
+        return tuple(messages)
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row per gain."""

@@ -110,9 +110,9 @@ def _lacks_noise(sensor: Tree) -> bool:
 
 
 def _usual(sensor: Tree) -> Tree:
-    known = np.diag(sensor.cov) > 0.0
-    Q = np.where(known[:, None] & known[None, :], sensor.cov, 0.0)
-    usual = np.where(known, 0.0, np.array(sensor.usual_std))
+    positive = np.diag(sensor.cov) > 0.0
+    Q = np.where(positive[:, None] & positive[None, :], sensor.cov, 0.0)
+    usual = np.where(positive, 0.0, np.array(sensor.usual_std))
     return replace(sensor, measurement_noise_cov=Q + np.diag(usual**2))
 
 
@@ -150,18 +150,18 @@ def room(
     the other block has them: they were written for another block."""
     path = (name,)
     own = table.get("kind", DEFAULT_KIND[name]) if isinstance(table, dict) else DEFAULT_KIND[name]
-    said = {**table, "kind": kind} if kind else table
-    found = _kind(sheet, path, name, said, DEFAULT_KIND[name], around, typed=kind is not None)
-    if found is None:
+    sheet_table = {**table, "kind": kind} if kind else table
+    block = _kind(sheet, path, name, sheet_table, DEFAULT_KIND[name], around, typed=kind is not None)
+    if block is None:
         return None
-    keys = keys_of(found, {*DERIVED, *given, *(ROUTE if name == "guide" else ())})
+    keys = keys_of(block, {*DERIVED, *given, *(ROUTE if name == "guide" else ())})
     if kind is not None and kind != own:
         table = {k: v for k, v in table.items() if k in keys}
     values = arguments(sheet, path, keys, table)
     values |= {k: v for k, v in fallback.items() if k in keys and k not in values}
     lacking = missing(keys, values)
-    values |= {k: v for k, v in given.items() if k in asks_for(found)}
-    return BlockRoom(found, values, [k for k in lacking if k not in table])
+    values |= {k: v for k, v in given.items() if k in asks_for(block)}
+    return BlockRoom(block, values, [k for k in lacking if k not in table])
 
 
 def construct(
@@ -222,9 +222,9 @@ def _kind(
     if not isinstance(name, str):
         sheet.wrong((*path, "kind"), "vehicle.kind-not-text", found=repr(name), known=kinds(room))
         return None
-    found = resolve if typed else resolve_named
+    kind_of = resolve if typed else resolve_named
     try:
-        return found(room, name, around.folder)
+        return kind_of(room, name, around.folder)
     except FileError as error:
         sheet.wrong((*path, "kind"), "vehicle.kind", kind=name, cause=error.diagnostic)
         return None

@@ -81,9 +81,9 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
         )
     if room not in CHECKS:
         raise UsageError(fault("cli.block-room", found=room, near=nearest(room, CHECKS)))
-    found = block_checks.check(room, _built(room, block, file), file.sensors, file.vehicle.commands)
+    diagnostics = block_checks.check(room, _built(room, block, file), file.sensors, file.vehicle.commands)
     name = block if isinstance(block, str) else (kind if isinstance(kind, type) else type(kind)).__name__
-    return CheckedBlock(name, room, tuple(found))
+    return CheckedBlock(name, room, tuple(diagnostics))
 
 
 def _room_with(kind: str) -> str:

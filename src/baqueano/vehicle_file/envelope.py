@@ -101,10 +101,10 @@ class Watch:
         inside, out = self.envelope, []
         part = self._beyond / np.maximum(self._seen, 1)
         for k in np.flatnonzero(part > SHOWN):
-            seen = {"least": self._least[k], "most": self._most[k], "beyond_percent": 100.0 * part[k]}
+            figures = {"least": self._least[k], "most": self._most[k], "beyond_percent": 100.0 * part[k]}
             fitted = {"low": inside.low[k], "high": inside.high[k]}
             name = inside.names[k]
-            out.append(note("envelope.left", Severity.WARNING, subject=name, run=run, **seen, **fitted))
+            out.append(note("envelope.left", Severity.WARNING, subject=name, run=run, **figures, **fitted))
         return tuple(out)
 
     def _flush(self) -> None:
@@ -148,10 +148,10 @@ def _are_names(names: object, commands: Sequence[str], sensors: "SensorBlocks") 
     """Return whether names are the commands and then channels, which the sensors of the file have."""
     if not isinstance(names, list) or names[: len(commands)] != list(commands):
         return False
-    known = {name: sensor.size for name, sensor in sensors._asdict().items()}
+    sizes = {name: sensor.size for name, sensor in sensors._asdict().items()}
     for name in names[len(commands) :]:
-        found = _CHANNEL.fullmatch(name) if isinstance(name, str) else None
-        if found is None or int(found[2]) >= known.get(found[1], np.inf):
+        match = _CHANNEL.fullmatch(name) if isinstance(name, str) else None
+        if match is None or int(match[2]) >= sizes.get(match[1], np.inf):
             return False
     return True
 

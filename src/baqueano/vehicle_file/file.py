@@ -138,8 +138,8 @@ class VehicleFile:
 
     def guide(self, route: "Route | None" = None, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """The block of [guide], along `route` if it takes one."""
-        given = {"route": route, **route._asdict()} if route is not None else {}
-        return self._block("guide", kind, changes, given)
+        arguments = {"route": route, **route._asdict()} if route is not None else {}
+        return self._block("guide", kind, changes, arguments)
 
     def value(self, dotted: str) -> Any:
         """Return the value of a key of the file, its default included: "model.friction.linear". UsageError with the
@@ -352,11 +352,11 @@ def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
     for room in LOOP_ROOMS:
         if room not in file.data or (file.on_disk is None and _is_users(file.data[room])):
             continue  # out of a run: the user's file may be elsewhere today
-        given = {"vehicle": file.vehicle, "sensors": build.with_usual_noise(file.sensors)}
+        arguments = {"vehicle": file.vehicle, "sensors": build.with_usual_noise(file.sensors)}
         fallback = {"rate_hz": file.rate_hz, "limit": file.command.limit}
-        found = build.room(sheet, room, file.data[room], given, fallback, file._around)
-        if found is not None and not found.lacking and not sheet.problems and room != "guide":
-            build.construct(sheet, (room,), found.kind, found.values, file._around)
+        block = build.room(sheet, room, file.data[room], arguments, fallback, file._around)
+        if block is not None and not block.lacking and not sheet.problems and room != "guide":
+            build.construct(sheet, (room,), block.kind, block.values, file._around)
     for name, table in file.data.items():
         if name not in TOP_LEVEL and name not in TABLES:
             unknown(sheet, (name,), table, dict.fromkeys((*TOP_LEVEL, *TABLES), ""))

@@ -59,7 +59,7 @@ def measured(provenance: dict[str, Provenance]) -> bool:
 
 
 def _provenance(sheet: Sheet, data: "JsonObject", folder: str | None) -> dict[str, Provenance]:
-    found = {}
+    origins = {}
     for key, table in data.get("provenance", {}).items():
         path = ("provenance", key)
         if not exists(data, key, folder) and not is_table(data, key, folder):
@@ -71,13 +71,13 @@ def _provenance(sheet: Sheet, data: "JsonObject", folder: str | None) -> dict[st
         for name in table:
             if name not in Provenance._fields:
                 unknown(sheet, (*path, name), table[name], dict.fromkeys(Provenance._fields, ""))
-        found[key] = Provenance(
+        origins[key] = Provenance(
             _text(sheet, path, table, "run"),
             _date(sheet, path, table),
             _sd(sheet, path, table),
             _text(sheet, path, table, "verdict"),
         )
-    return found
+    return origins
 
 
 def _text(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", name: str) -> str:
@@ -168,19 +168,21 @@ def changes(before: Any, after: Any) -> list["TableRow"]:
 
 
 def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
-    found = {}
+    leaves = {}
     for name, value in table.items():
         key = f"{path}{name}"
-        found |= _leaves(value, f"{key}.") if isinstance(value, dict) else {key: value}
-    return found
+        leaves |= _leaves(value, f"{key}.") if isinstance(value, dict) else {key: value}
+    return leaves
 
 
 def _distance(a: object, b: object, sd: list[Any]) -> float | None:
-    known = [np.asarray(s, dtype=float) for s in sd if s is not None]
+    deviations = [np.asarray(s, dtype=float) for s in sd if s is not None]
     try:
         d = np.abs(np.asarray(b, dtype=float) - np.asarray(a, dtype=float))
         spread = (
-            np.sqrt(np.sum([s**2 for s in np.broadcast_arrays(*known)], axis=0)) if known else np.zeros(())
+            np.sqrt(np.sum([s**2 for s in np.broadcast_arrays(*deviations)], axis=0))
+            if deviations
+            else np.zeros(())
         )
     except (TypeError, ValueError):
         return None

@@ -22,10 +22,10 @@ _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
 
 def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """(("model", "friction", "linear"), (0,)) of "model.friction.linear[0]"; [0,2] is [0][2]."""
-    found = _ENTRY.match(dotted.strip())
-    assert found is not None
-    return tuple(part.strip() for part in found[1].split(".")), tuple(
-        int(i) for i in re.findall(r"\d+", found[2])
+    match = _ENTRY.match(dotted.strip())
+    assert match is not None
+    return tuple(part.strip() for part in match[1].split(".")), tuple(
+        int(i) for i in re.findall(r"\d+", match[2])
     )
 
 
@@ -61,23 +61,23 @@ def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) 
 def value_in_force(file: "VehicleFile", dotted: str) -> Any:
     """The value under a key, from the block that was built with it."""
     path, entry = split(dotted)
-    known = known_paths(file.data, file.folder)
-    if ".".join(path) not in known:
-        raise no_such_key(file.name, dotted, known)
-    found: Any = file
+    paths = known_paths(file.data, file.folder)
+    if ".".join(path) not in paths:
+        raise no_such_key(file.name, dotted, paths)
+    value: Any = file
     if path[0] == "model":
-        found, path = file.vehicle, path[1:]
+        value, path = file.vehicle, path[1:]
     elif path[0] in ("estimator", "controller", "guide", "supervisor"):
         if path[0] == "guide" or path[1] in file.data.get(path[0], {}):
-            found, path = file.data[path[0]], path[1:]
+            value, path = file.data[path[0]], path[1:]
         else:
-            found, path = getattr(file, path[0])(), path[1:]
+            value, path = getattr(file, path[0])(), path[1:]
     if path[-1] == "kind":
         return file.data.get(dotted.split(".")[0], {}).get("kind")
     for part in path:
-        found = found[part] if isinstance(found, dict) else getattr(found, part)
-    found = np.array(found, dtype=float) if isinstance(found, list) else found
-    return found[entry] if entry else found
+        value = value[part] if isinstance(value, dict) else getattr(value, part)
+    value = np.array(value, dtype=float) if isinstance(value, list) else value
+    return value[entry] if entry else value
 
 
 def no_such_key(name: str, dotted: str, known: list[str]) -> UsageError:
@@ -102,15 +102,15 @@ def _keys(
 
 
 def _keys_of(kind: type) -> list[tuple[str, ...]]:
-    found: list[tuple[str, ...]] = []
+    keys: list[tuple[str, ...]] = []
     for name, key in keys_of(kind, {*DERIVED, "vehicle", "sensors"}).items():
         nested = is_dataclass(key.type)
-        found += [(name, *rest) for rest in _keys_of(key.type)] if nested else [(name,)]
-    return found
+        keys += [(name, *rest) for rest in _keys_of(key.type)] if nested else [(name,)]
+    return keys
 
 
 def _written(table: "JsonObject") -> list[tuple[str, ...]]:
-    found: list[tuple[str, ...]] = []
+    keys: list[tuple[str, ...]] = []
     for name, value in table.items():
-        found += [(name, *rest) for rest in _written(value)] if isinstance(value, dict) else [(name,)]
-    return found
+        keys += [(name, *rest) for rest in _written(value)] if isinstance(value, dict) else [(name,)]
+    return keys

@@ -85,18 +85,18 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
     k = float(np.sqrt(inertia / mass))
     R, solid = reach(geometry), solid_inertia(mass, geometry)
     path = ("model", "inertia_kg_m2")
-    said: dict[str, Any] = {"found": inertia, "mass_kg": mass, "gyration_m": k}
+    figures: dict[str, Any] = {"found": inertia, "mass_kg": mass, "gyration_m": k}
     if R is None or solid is None:
         size = (mass / LOOSEST) ** (1.0 / 3.0)
         if k > size:
-            sheet.notice(path, "vehicle.inertia-unchecked", **said)
+            sheet.notice(path, "vehicle.inertia-unchecked", **figures)
         return
     shape = "disc" if geometry.radius_m else "plate"
     measure = note(f"vehicle.{shape}", radius_m=R, uniform_kg_m2=solid)
     if k > R:
-        sheet.wrong(path, "vehicle.inertia-too-large", measure=measure, **said)
+        sheet.wrong(path, "vehicle.inertia-too-large", measure=measure, **figures)
     elif k < R / 20.0:
-        sheet.wrong(path, "vehicle.inertia-of-point", measure=measure, **said)
+        sheet.wrong(path, "vehicle.inertia-of-point", measure=measure, **figures)
 
 
 def check_drive(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
@@ -129,9 +129,9 @@ def _check_steps(sheet: Sheet, vehicle: "DynamicVehicle", rate_hz: float) -> Non
     fast = rates(vehicle)
     for i in np.flatnonzero(fast > RK4_LIMIT * rate_hz):
         path, _, entry = _fastest(vehicle, int(i)).partition("[")
-        found = listed(np.asarray(get({"model": vehicle}, path)))
+        steps = listed(np.asarray(get({"model": vehicle}, path)))
         sheet.wrong(
-            tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", found=found,
+            tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", found=steps,
             entry=entry[:-1], stops_ms=1e3 / fast[i], rate_hz=rate_hz, tick_ms=1e3 / rate_hz, most=RK4_LIMIT,
             keys=["rate_hz", *_slower(vehicle, path, int(i))],
         )  # fmt: skip
@@ -140,12 +140,12 @@ def _check_steps(sheet: Sheet, vehicle: "DynamicVehicle", rate_hz: float) -> Non
 def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
     """The path, with its entry, of the parameter by which motion along axis i fades so soon: a friction, else a time
     constant."""
-    model, known = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
-    by = {path: slope[i] * float(get(model, path)) for path, slope in slopes(vehicle, known)}
+    model, fields_of_model = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
+    by = {path: slope[i] * float(get(model, path)) for path, slope in slopes(vehicle, fields_of_model)}
     if any(x > 0.0 for x in by.values()):
         return max(by, key=lambda path: by[path])
-    some = [k for k, p in known.items() if p.shape == ()]
-    fitted = [k for k in some if known[k].role == "fitted"]
+    some = [k for k, p in fields_of_model.items() if p.shape == ()]
+    fitted = [k for k in some if fields_of_model[k].role == "fitted"]
     return min(fitted or some, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i])
 
 

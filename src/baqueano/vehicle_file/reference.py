@@ -66,48 +66,48 @@ GIVEN = {"vehicle", "sensors"}
 
 def rows() -> list["TableRow"]:
     """Return a row for each key: table, kind, key, unit, shape, range, default, meaning."""
-    found = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
-    found += _rows("robot", "", Hardware) + _rows("simulation", "", Simulation)
+    all_rows = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
+    all_rows += _rows("robot", "", Hardware) + _rows("simulation", "", Simulation)
     for room, kinds in ROOMS.items():
         for kind in kinds:
-            found += _rows(TABLE_OF[room], kind, resolve(room, kind))
+            all_rows += _rows(TABLE_OF[room], kind, resolve(room, kind))
     for name in Provenance._fields:
-        found.append(_row('provenance."KEY"', "", Key(name, None, Any, None)))
+        all_rows.append(_row('provenance."KEY"', "", Key(name, None, Any, None)))
     for name in ("run", "date", "names", "sd", "correlation"):
-        found.append(_row("parameter_cov", "", Key(name, None, Any, None)))
+        all_rows.append(_row("parameter_cov", "", Key(name, None, Any, None)))
     for name in ("run", "names", "low", "high"):
-        found.append(_row("envelope", "", Key(name, None, Any, None)))
-    return [row for i, row in enumerate(found) if row not in found[:i]]
+        all_rows.append(_row("envelope", "", Key(name, None, Any, None)))
+    return [row for i, row in enumerate(all_rows) if row not in all_rows[:i]]
 
 
 def reference_table() -> str:
     """The rows as Markdown, one table for each table of the file."""
-    lines, seen = ["# Keys of a vehicle file", ""], ""
+    lines, title_before = ["# Keys of a vehicle file", ""], ""
     for row in rows():
         title = (
             f"[{row['table']}]" + (f' kind = "{row["kind"]}"' if row["kind"] else "")
             if row["table"]
             else "Top"
         )
-        if title != seen:
+        if title != title_before:
             lines += ["", f"## {title}", "", "| key | unit | shape | range | default | meaning |"]
             lines += ["|---|---|---|---|---|---|"]
-            seen = title
+            title_before = title
         cells = [row[name] for name in ("key", "unit", "shape", "range", "default", "meaning")]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 
 
 def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
-    found, nested = [], []
+    own_rows, nested = [], []
     if kind and "." not in table.replace("sensors.NAME", ""):
-        found.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
+        own_rows.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
     for name, key in keys_of(block, {*DERIVED, *GIVEN, *(ROUTE if table == "guide" else ())}).items():
         if isinstance(key.type, type) and is_dataclass(key.type):
             nested += _rows(f"{table}.{name}", "", key.type)
         else:
-            found.append(_row(table, kind, key))
-    return found + nested
+            own_rows.append(_row(table, kind, key))
+    return own_rows + nested
 
 
 def _row(table: str, kind: str, key: Key) -> "JsonObject":

@@ -117,14 +117,14 @@ def arguments(
 ) -> "JsonObject":
     """Keyword arguments from a table; what does not fit is noted in `sheet` and left out."""
     if not isinstance(table, dict):
-        sheet.wrong(path, "vehicle.not-table", found=_shown(table), table=".".join(path))
+        sheet.wrong(path, "vehicle.not-table", found=_text_of(table), table=".".join(path))
         return {}
     values = {}
     for name, value in table.items():
         if name in keys:
-            found = _converted(sheet, (*path, name), keys[name], value)
-            if found is not None:
-                values[name] = found
+            converted = _converted(sheet, (*path, name), keys[name], value)
+            if converted is not None:
+                values[name] = converted
         elif name not in also:
             unknown(sheet, (*path, name), value, {k: _unit(key) for k, key in keys.items()}, also)
     return values
@@ -174,7 +174,7 @@ def _number(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
     if p.shape == ():
         if isinstance(value, bool) or not isinstance(value, int | float):
             code = "vehicle.number-in-quotes" if isinstance(value, str) else "vehicle.not-number"
-            sheet.wrong(path, code, found=_shown(value), in_unit=p.unit, meaning=p.meaning)
+            sheet.wrong(path, code, found=_text_of(value), in_unit=p.unit, meaning=p.meaning)
             return None
         array = np.array(_float(value))
     else:
@@ -184,7 +184,7 @@ def _number(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
             sheet.wrong(
                 path,
                 "vehicle.not-numbers",
-                found=_shown(value),
+                found=_text_of(value),
                 size=_size(p.shape),
                 in_unit=p.unit,
                 meaning=p.meaning,
@@ -252,21 +252,21 @@ def _plain(sheet: Sheet, path: KeyPath, kind: object, value: object) -> Any:
         return int(value)
     if origin in (str, bool, int) and type(value) is not origin:
         code = {str: "vehicle.not-text", bool: "vehicle.not-flag", int: "vehicle.not-whole"}[origin]
-        sheet.wrong(path, code, found=_shown(value))
+        sheet.wrong(path, code, found=_text_of(value))
         return None
     if origin is float or (isinstance(value, float | int) and not isinstance(value, bool) and origin is Any):
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(_float(value)):
-            sheet.wrong(path, "vehicle.not-one-finite", found=_shown(value))
+            sheet.wrong(path, "vehicle.not-one-finite", found=_text_of(value))
             return None
         return _float(value) if origin is float or isinstance(value, float) else value
     if origin is tuple:
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            sheet.wrong(path, "vehicle.not-names", found=_shown(value))
+            sheet.wrong(path, "vehicle.not-names", found=_text_of(value))
             return None
         return tuple(value)
     array = number_array(value) if isinstance(value, list) else None
     if origin is np.ndarray and (array is None or not np.all(np.isfinite(array))):
-        sheet.wrong(path, "vehicle.not-list", found=_shown(value))
+        sheet.wrong(path, "vehicle.not-list", found=_text_of(value))
         return None
     return value if array is None else array
 
@@ -317,6 +317,6 @@ def range_words(p: "Parameter") -> str:
     return f"at most {p.high:g}" if p.low == -float("inf") else f"{p.low:g} to {p.high:g}"
 
 
-def _shown(value: object) -> str:
-    shown = repr(value)
-    return shown if len(shown) <= 60 else shown[:57] + "..."
+def _text_of(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

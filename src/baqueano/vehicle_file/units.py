@@ -107,15 +107,15 @@ def wrong_unit(key: str, value: object, known: dict[str, str]) -> Diagnostic | N
             continue
         if not unit:
             words = UNITS[right_unit].words
-            return note("vehicle.unit-missing", key=right, value=_shown(value), in_unit=words)
+            return note("vehicle.unit-missing", key=right, value=_unit_text(value), in_unit=words)
         wanted = UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
-        given = UNITS["g0"] if unit == "g" and wanted == "acceleration" else UNITS[unit]
-        if given.dimension != wanted:
+        unit_given = UNITS["g0"] if unit == "g" and wanted == "acceleration" else UNITS[unit]
+        if unit_given.dimension != wanted:
             continue
-        factor = given.factor / (UNITS[right_unit].factor if right_unit else 1.0)
+        factor = unit_given.factor / (UNITS[right_unit].factor if right_unit else 1.0)
         words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
         return note(
-            "vehicle.unit-other", in_unit=words, value=_shown(value), given=given.words, key=right,
+            "vehicle.unit-other", in_unit=words, value=_unit_text(value), given=unit_given.words, key=right,
             converted=_times(value, factor),
         )  # fmt: skip
     return None
@@ -127,12 +127,12 @@ def _times(value: object, factor: float) -> str:
     return f"{value * factor:.6g}" if isinstance(value, int | float) else f"… × {factor:g}"
 
 
-def _shown(value: object) -> str:
+def _unit_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def channel_unit(file: "VehicleFile", sensor: str, entry: int) -> str:
     """The unit of one number of a sensor, by the kind that the vehicle file says; empty for one of somebody's own."""
     kind = file.data.get("sensors", {}).get(sensor, {}).get("kind", sensor)
-    known = CHANNEL_UNITS.get(kind, ())
-    return known[entry] if entry < len(known) else ""
+    units = CHANNEL_UNITS.get(kind, ())
+    return units[entry] if entry < len(units) else ""

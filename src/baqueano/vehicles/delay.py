@@ -65,13 +65,13 @@ def read(
 ) -> np.ndarray:
     """Return the signal (m,) as it was `age_s` ago; `line` (slots, m) are the samples before the `newest`, `steps_s`
     (slots,) the time from each sample to the one before it, `minus` the difference of two.  (2)"""
-    shown, before, age = newest, newest, 0.0
+    value, before, age = newest, newest, 0.0
     for k in range(line.shape[0]):
         step_s = np.maximum(steps_s[k], SHORTEST_TICK_S)
         part = np.clip((age_s - age) / step_s, 0.0, 1.0)
-        shown = shown + part * minus(line[k], before)
+        value = value + part * minus(line[k], before)
         before, age = line[k], age + step_s
-    return shown
+    return value
 
 
 def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:

@@ -243,10 +243,10 @@ class Drivetrain:
         duty = (size * (1.0 - self.coast) + self.gain * zone) / np.maximum(
             self.gain - self.coast * size, SMALLEST_DUTY
         )
-        held = np.mean(
+        mean_effort = np.mean(
             (duty / self._supply(1.0))[self._motors]
         )  # mean|w| before the sag: sag · x² − x + held = 0
-        share = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * held, 0.0))
+        share = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * mean_effort, 0.0))
         return self.unmix(np.sign(w) * duty / self._supply(share))
 
     def turn_first(self, u: np.ndarray) -> np.ndarray:

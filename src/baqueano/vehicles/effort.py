@@ -76,12 +76,12 @@ def with_lag(pieces: Sequence[Piece], lagged: np.ndarray, lag_s: Value, dt_s: Va
     dt_s = np.maximum(dt_s, SHORTEST_TICK_S)
     for w, a, h in pieces:
         h = np.maximum(h, SHORTEST_TICK_S) if len(pieces) == 1 else h
-        x, left = lagged - w, np.exp(-h / lag_s)
-        j_0 = lag_s * (1.0 - left)
-        j_1 = lag_s * (j_0 - h * left)
+        x, fade = lagged - w, np.exp(-h / lag_s)
+        j_0 = lag_s * (1.0 - fade)
+        j_1 = lag_s * (j_0 - h * fade)
         mass = mass + (w * h + x * j_0) / dt_s
         moment = moment + (w * (h * (2.0 * a + h)) + 2.0 * x * (a * j_0 + j_1)) / dt_s**2
-        lagged = w + x * left
+        lagged = w + x * fade
     return _line(mass, moment, lagged)
 
 

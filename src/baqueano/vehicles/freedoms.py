@@ -24,11 +24,11 @@ SMALL = 1e-8  # of a speed, below every one at which a friction changes
 
 def kept(vehicle: DynamicVehicle) -> tuple[int, ...]:
     """Entries of ν, 0 forward, 1 sideways, 2 turning.  (1)"""
-    still, found = np.zeros(vehicle.commands), []
+    still, moving = np.zeros(vehicle.commands), []
     for i, nu in enumerate(0.1 * np.eye(3)):
         _, motion = vehicle.step(vehicle.init(nu=nu), still, SOON_S, np.zeros(3))
-        found += [i] if motion.nu[i] > 0.05 else []
-    return tuple(found)
+        moving += [i] if motion.nu[i] > 0.05 else []
+    return tuple(moving)
 
 
 def rates(vehicle: DynamicVehicle, there: tuple[int, ...] | None = None) -> np.ndarray:

@@ -70,16 +70,16 @@ def corrected(
             return expected(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
         within = np.abs(slot.z) < WITHIN * optional.of(sensor, "limit")
-        shown, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & within
-        z = np.where(has, slot.z, shown)
-        gaps.append(difference(sensor, z, shown)[at])
+        predicted, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & within
+        z = np.where(has, slot.z, predicted)
+        gaps.append(difference(sensor, z, predicted)[at])
         slopes.append(jacobian(h)(x.mean)[at])
         noise.append(sensor.cov[at][:, at])
         arrived.append(np.where(has, 1.0, 0.0)[at])
         ways += list(mistakes(sensor, z).T[at])
     y, H, has = (np.concatenate(one) for one in (gaps, slopes, arrived))
-    Q, seen = block_diagonal(noise), H * has[:, None]
-    numbers = PlaceNumbers(y * has, seen @ x.cov @ seen.T + Q, has, ways)
+    Q, H_of_present = block_diagonal(noise), H * has[:, None]
+    numbers = PlaceNumbers(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, ways)
     of_place = judged(its.places, numbers, place_doubt, dt_s, estimator.gate_sigma)
     if its.places:
         D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubted)
@@ -95,12 +95,12 @@ def corrected(
     E = its.resting if still else its.moving
     # what did not arrive weighs nothing, and tells nothing of the others
     own = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
-    found = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))
-    w = np.array([weight(c, found.e[c], found.s[c]) for c in range(len(y))])
+    update = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))
+    w = np.array([weight(c, update.e[c], update.s[c]) for c in range(len(y))])
     refused = np.sum(np.where(w < 0.5, has, 0.0))
-    gap = np.where(has > 0.0, found.e * np.sqrt(found.s), last)
+    gap = np.where(has > 0.0, update.e * np.sqrt(update.s), last)
     S = mirrored(H @ x.cov @ H.T + Q)
-    x = Gaussian(moved(x.mean, found.move), found.cov)
+    x = Gaussian(moved(x.mean, update.move), update.cov)
     y, w = (np.where(has > 0.0, one, np.nan) for one in (y, w))
     return x, Innovations(gap, of_place.doubt, refused, y, S, w)
 

@@ -78,8 +78,8 @@ def layout(estimator: "AugmentedEkf") -> Layout:
     )
     trusted = {(split(use)[0], i) for use in estimator.speed_from for i in rows_of(sensors, use)}
     numbers = [(name, i) for name, rows in zip(names, at, strict=True) for i in rows]
-    seen = {name: _shows(getattr(sensors, name)) for name in names}
-    shows = [seen[name][i] for name, i in numbers]
+    signals = {name: _shows(getattr(sensors, name)) for name in names}
+    shows = [signals[name][i] for name, i in numbers]
     own = [
         [biases.index(one) for one in uncertain(sensors, name, (i,), np.zeros(3)) if one.walk]
         for name, i in numbers

@@ -89,9 +89,12 @@ def uncertain(
         UncertainNumber(
             name,
             path,
-            *(_entry(sensor, of, path[len(path.partition("[")[0]) :]) for of in (known.std, known.walk)),
+            *(
+                _entry(sensor, of, path[len(path.partition("[")[0]) :])
+                for of in (derivative.std, derivative.walk)
+            ),
         )
-        for path, known in _bearing(sensor, rows, nu)
+        for path, derivative in _bearing(sensor, rows, nu)
     )
 
 
@@ -134,11 +137,11 @@ def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.nda
 def _bearing(sensor: Sensor, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[tuple[str, Parameter]]:
     """Path and Parameter of what is uncertain and changes these numbers at the velocity `nu` (3,).  (2)"""
     motion, at = REST._replace(nu=nu), list(rows)
-    for field, known in parameters(sensor) if rows else ():
-        for index in [f"[{i}]" for i in range(known.shape[0])] if known.shape else [""]:
-            other = put(sensor, field + index, get(sensor, field + index) + STEP) if known.std else sensor
-            if known.std and np.any(other.h(motion)[at] != sensor.h(motion)[at]):
-                yield field + index, known
+    for field, one_field in parameters(sensor) if rows else ():
+        for index in [f"[{i}]" for i in range(one_field.shape[0])] if one_field.shape else [""]:
+            other = put(sensor, field + index, get(sensor, field + index) + STEP) if one_field.std else sensor
+            if one_field.std and np.any(other.h(motion)[at] != sensor.h(motion)[at]):
+                yield field + index, one_field
 
 
 def _entry(sensor: Sensor, field: str, index: str) -> str:

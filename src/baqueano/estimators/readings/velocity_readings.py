@@ -39,19 +39,21 @@ class Reading(NamedTuple):
 def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
     """Return the readings of the sensors named in `use`, of all where none is named; gyros first."""
     check_use(sensors, use)
-    shown = {name: slopes_of(getattr(sensors, name)) for name in use or getattr(sensors, "_fields", ())}
-    gyros = [name for name, rows in shown.items() if any(is_turning(slope) for slope in rows.values())]
-    found: list[Reading] = []
-    for name in [*gyros, *(name for name in shown if name not in gyros)]:
-        rows = {k: slope for k, slope in shown[name].items() if name not in gyros or is_turning(slope)}
-        given = {i for reading in found for i in reading.of}
-        of = [i for i in range(3) if i not in given and any(slope[i] != 0.0 for slope in rows.values())]
+    slopes = {name: slopes_of(getattr(sensors, name)) for name in use or getattr(sensors, "_fields", ())}
+    gyros = [name for name, rows in slopes.items() if any(is_turning(slope) for slope in rows.values())]
+    readings: list[Reading] = []
+    for name in [*gyros, *(name for name in slopes if name not in gyros)]:
+        rows = {k: slope for k, slope in slopes[name].items() if name not in gyros or is_turning(slope)}
+        taken_numbers = {i for reading in readings for i in reading.of}
+        of = [
+            i for i in range(3) if i not in taken_numbers and any(slope[i] != 0.0 for slope in rows.values())
+        ]
         if len(of) > len(rows):
             of = [i for i in of if i != SIDEWAYS]  # the model says it
         if of and len(of) <= len(rows):
             H, at_rest = np.array(list(rows.values())), getattr(sensors, name).h(REST)[list(rows)]
-            found.append(Reading(name, tuple(rows), tuple(of), at_rest, H, left_inverse(H, of)))
-    return tuple(found)
+            readings.append(Reading(name, tuple(rows), tuple(of), at_rest, H, left_inverse(H, of)))
+    return tuple(readings)
 
 
 def slopes_of(sensor: Sensor) -> dict[int, np.ndarray]:
@@ -95,5 +97,5 @@ def replaced(
     """Return ν (3,) with what the reading shows, less the errors `bias`, `scale`; ν where nothing came.  (1)"""
     came = arrived(sensor, slot)
     z = np.where(came, slot.z[list(reading.rows)], reading.at_rest)
-    shown = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.slopes @ nu)
-    return nu + np.where(came, shown, 0.0)
+    measured = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.slopes @ nu)
+    return nu + np.where(came, measured, 0.0)

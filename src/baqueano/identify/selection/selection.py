@@ -291,14 +291,12 @@ class _Growing:
                 self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0), end.theta, None
             )
         score = self._score(end.theta, free, model.sigma)
-        comparison = paired(model.score, score)
-        verdict = Decision.TAKEN if comparison.errors > comparison.beyond(alpha) else Decision.LEFT_OUT
+        test = paired(model.score, score)
+        verdict = Decision.TAKEN if test.errors > test.beyond(alpha) else Decision.LEFT_OUT
         sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
         reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
-        judged = self._judged(
-            term, verdict, reason, model, (score, comparison), end.theta, comparison.beyond(alpha)
-        )
+        judged = self._judged(term, verdict, reason, model, (score, test), end.theta, test.beyond(alpha))
         return TermTrial(judged, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
@@ -326,14 +324,12 @@ class _Growing:
             theta[self._at(term)] = self.first[self._at(term)]
             end = self.held_out.fitted(theta, free, model.sigma)
             score = self._score(end.theta, free, model.sigma)
-            comparison = paired(score, model.score)
-            needed = comparison.beyond(ALPHA)
-            verdict = Decision.TAKEN if comparison.errors > needed else Decision.DROPPED
+            test = paired(score, model.score)
+            needed = test.beyond(ALPHA)
+            verdict = Decision.TAKEN if test.errors > needed else Decision.DROPPED
             without = model._replace(score=score)
-            judged = self._judged(
-                term, verdict, None, without, (model.score, comparison), model.theta, needed
-            )
-            if verdict == Decision.DROPPED and (weakest is None or comparison.errors < weakest.judged.errors):
+            judged = self._judged(term, verdict, None, without, (model.score, test), model.theta, needed)
+            if verdict == Decision.DROPPED and (weakest is None or test.errors < weakest.judged.errors):
                 weakest = TermTrial(judged, end.theta, score)
             elif verdict == Decision.TAKEN:
                 last[term.name] = judged
@@ -364,20 +360,16 @@ class _Growing:
     ) -> TermResult:  # fmt: skip
         """The figures of a term against `model`; `other` is the score with it."""
         at = self._at(term)
-        score, comparison = other or (
-            model.score,
-            PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]),
-        )
-        c = comparison.channel
+        score, test = other or (model.score, PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
+        c = test.channel
         sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
         if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
-            fall: JsonObject = {"percent": 100 * comparison.gain, "percent_sd": 100 * comparison.sd}
+            fall: JsonObject = {"percent": 100 * test.gain, "percent_sd": 100 * test.sd}
             why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
         return TermResult(
             term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
-            comparison.gain, comparison.sd, comparison.errors, needed, tuple(map(float, theta[at])),
-            tuple(map(float, sd)),
+            test.gain, test.sd, test.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
             float(model.score.one_step[c]), float(score.one_step[c]),
         )  # fmt: skip
 

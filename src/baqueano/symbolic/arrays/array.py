@@ -125,8 +125,8 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
     elif ufunc is np.matmul:
         result = linalg.matmul(*inputs)
     elif ufunc.__name__ not in UFUNCS:
-        known = ", ".join(sorted(UFUNCS))
-        raise untraceable("trace.unknown-ufunc", function=ufunc.__name__, known=known)
+        names = ", ".join(sorted(UFUNCS))
+        raise untraceable("trace.unknown-ufunc", function=ufunc.__name__, known=names)
     else:
         options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:

@@ -68,11 +68,11 @@ class CKernel:
 
         It holds the interpreter's lock: a tick of microseconds should not wait for other threads to give it back.
         """
-        given = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
+        addresses = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
         self._function("values", hasty=True)  # a tick at a time, the call costs more than the arithmetic
         again = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
-        call = partial(again, POINTER(given.ctypes.data))  # converted once
-        call.__dict__["given"] = given  # it lives as long as the call
+        call = partial(again, POINTER(addresses.ctypes.data))  # converted once
+        call.__dict__["given"] = addresses  # it lives as long as the call
         return call
 
     def sensitivities(
@@ -85,9 +85,9 @@ class CKernel:
         d_outputs: np.ndarray,
     ) -> None:
         """Outputs (N, m) and their derivatives by theta, (N, m, p), are filled."""
-        given = _addresses(theta, start, inputs)
+        addresses = _addresses(theta, start, inputs)
         function = self._function("sensitivities", hasty=True)  # -O3 takes twice as long for long ones
-        function(n, *given, 0.0, *_addresses(outputs, d_outputs), None)
+        function(n, *addresses, 0.0, *_addresses(outputs, d_outputs), None)
 
     def total(
         self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, gradient: bool
@@ -104,8 +104,8 @@ class CKernel:
         """The outputs as residuals: Σ ρ, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p)."""
         cost, gradient, upper = np.zeros(1), np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
         bend = np.inf if huber is None else huber
-        given = _addresses(theta, start, inputs)
-        self._function("normal_equations")(n, *given, bend, *_addresses(cost, gradient, upper))
+        addresses = _addresses(theta, start, inputs)
+        self._function("normal_equations")(n, *addresses, bend, *_addresses(cost, gradient, upper))
         return float(cost[0]), gradient, np.where(self.below, upper.T, upper)
 
     def lanes(
@@ -126,8 +126,8 @@ class CKernel:
 
         def run(part: slice) -> None:
             to = None if outputs is None else outputs[part].ctypes.data
-            given = _addresses(theta[part], start[part], shared, own[part])
-            function(n, len(final[part]), *given, to, *_addresses(final[part]))
+            addresses = _addresses(theta[part], start[part], shared, own[part])
+            function(n, len(final[part]), *addresses, to, *_addresses(final[part]))
 
         parts = _parts(count, n)
         if len(parts) == 1:
@@ -141,8 +141,8 @@ class CKernel:
     def _text(self, name: str, *options) -> str:
         key = (name, *options)
         if key not in self.texts:
-            given = self._slopes if name in WITH_TANGENTS else with_reciprocals(self.program, 2)
-            self.texts[key] = getattr(c_bodies, name)(given, *options)
+            program = self._slopes if name in WITH_TANGENTS else with_reciprocals(self.program, 2)
+            self.texts[key] = getattr(c_bodies, name)(program, *options)
         return self.texts[key]
 
     @cached_property

@@ -43,15 +43,15 @@ class Differentiated(NamedTuple):
 
 def differentiated(program: Program) -> Differentiated:
     """Return the rows by the rule that needs fewer operations at a tick."""
-    found = []
+    bodies = []
     for eliminate in (False, True):
         rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
         changing = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
         initial = (*program.initial, *(x for block in rows for x in block.initial))
         wanted = (x for block in rows for x in (*block.outputs, *block.next_carry))
         order = plan(initial, (*program.outputs, *program.next_carry, *wanted), changing)
-        found.append((cost_of(order.loop), Differentiated(program, rows, order)))
-    return min(found, key=lambda choice: choice[0])[1]
+        bodies.append((cost_of(order.loop), Differentiated(program, rows, order)))
+    return min(bodies, key=lambda choice: choice[0])[1]
 
 
 def values(program: Program) -> str:
@@ -159,8 +159,8 @@ def _add_to_hessian(text: Text, rows: list[Tangents], residuals: range, p: int) 
             text.add(f"for (int i = 0; i < {count}; ++i) hessian{block.first}[i] = {sums};")
             continue
         for i in range(count):
-            left = i - i % 8
-            terms = (f"wj{k}_{left}[{i - left}] * j{k}_{block.first}" for k in residuals)
+            even = i - i % 8
+            terms = (f"wj{k}_{even}[{i - even}] * j{k}_{block.first}" for k in residuals)
             text.add(f"hessian{block.first}[{i}] = {' + '.join((f'hessian{block.first}[{i}]', *terms))};")
 
 

@@ -65,10 +65,10 @@ def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: boo
     """The library of a C text, from the cache if it is there. The flags depend on the `operations` of its
     loop, on whether the compiler may look for vectors that are not in the text, and on whether it should rather
     be quick than thorough."""
-    found = find()
-    if found.compiler is None:
-        raise CompileError(found.why or "")
-    return _load(source, _flag_sets(found.compiler, operations, find_vectors, hasty), found.compiler)
+    compiler = find()
+    if compiler.compiler is None:
+        raise CompileError(compiler.why or "")
+    return _load(source, _flag_sets(compiler.compiler, operations, find_vectors, hasty), compiler.compiler)
 
 
 def find() -> FoundCompiler:
@@ -185,13 +185,13 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
     with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as work:
         Path(work, "kernel.c").write_text(source, encoding="utf-8")
         built = Path(work, "kernel" + SUFFIX)
-        said = ""
+        problem = ""
         for flags in flag_sets:
-            said = _run([*compiler.command, *flags, "kernel.c", "-o", built.name, "-lm"], work)
-            if not said:
+            problem = _run([*compiler.command, *flags, "kernel.c", "-o", built.name, "-lm"], work)
+            if not problem:
                 break
-        if said:
-            raise CompileError(fault("compiler.refuses", command=" ".join(compiler.command), error=said))
+        if problem:
+            raise CompileError(fault("compiler.refuses", command=" ".join(compiler.command), error=problem))
         path = folder / (hashlib.sha256(built.read_bytes()).hexdigest() + SUFFIX)
         os.replace(built, path)
     return path

@@ -72,11 +72,11 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
 
 def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
     """Return the nodes that depend on the carry or the inputs."""
-    found = {*program.carry, *program.inputs}
+    terms = {*program.carry, *program.inputs}
     for node in order:
-        if any(a in found for a in node.args):
-            found.add(node)
-    return found
+        if any(a in terms for a in node.args):
+            terms.add(node)
+    return terms
 
 
 def _active(program: Program, seeds: Iterable[Node]) -> set[Node]:

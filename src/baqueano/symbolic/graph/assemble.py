@@ -69,8 +69,8 @@ def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], ze
     nothing = graph.const(0.0)
     while zero:
         order = sorted(zero)
-        found = graph.substitute([after[k] for k in order], {carry[k]: nothing for k in order})
-        still = {k for k, node in zip(order, found, strict=True) if node is nothing}
+        substituted = graph.substitute([after[k] for k in order], {carry[k]: nothing for k in order})
+        still = {k for k, node in zip(order, substituted, strict=True) if node is nothing}
         if still == zero:
             break
         zero = still

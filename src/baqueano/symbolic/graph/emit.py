@@ -82,12 +82,12 @@ def with_reciprocals(program: Program, uses: int) -> Program:
 
 def _stepped(order: Sequence[Node]) -> set[Node]:
     """Return the nodes that floor and comparisons depend on, through sums and choices: there the last digit decides."""
-    found: set[Node] = set()
+    nodes: set[Node] = set()
     for node in reversed(order):
-        passed_on = node in found and node.op in ("add", "sub", "neg", "min", "max", "where")
+        passed_on = node in nodes and node.op in ("add", "sub", "neg", "min", "max", "where")
         if passed_on or node.op in ("floor", "lt", "le", "eq", "ne"):
-            found.update(node.args)
-    return found
+            nodes.update(node.args)
+    return nodes
 
 
 def _is_reciprocal(node: Node) -> bool:
@@ -142,11 +142,11 @@ def postorder(roots: Iterable[Term], known: Callable[[Term], bool]) -> list[Term
 
 
 def _moving(roots: Iterable[Term], changing: Container[Term]) -> set[Term]:
-    found: set[Term] = set()
+    terms: set[Term] = set()
     for term in postorder(roots, lambda _: False):
-        if term in changing or any(a in found for a in term.args):
-            found.add(term)
-    return found
+        if term in changing or any(a in terms for a in term.args):
+            terms.add(term)
+    return terms
 
 
 def arguments(statements: Iterable[Statement]) -> Iterator[Term]:
@@ -241,10 +241,10 @@ class _Branches:
             self.refused |= small
             self.refused_everywhere |= {pair for pair, total in together.items() if total < self.pays}
             if not small:
-                found = _levels(self.order, {key.condition for key in costs})
-                if found == self.levels:
+                levels = _levels(self.order, {key.condition for key in costs})
+                if levels == self.levels:
                     return groups
-                self.levels = found
+                self.levels = levels
 
     def groups(self) -> dict[Term, _Group]:
         """Place each term in the innermost region that holds all its uses. Users come first."""
@@ -292,7 +292,7 @@ def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_Group]
 
 def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
     """Return the number of nested choices of the same condition below each choice."""
-    found: dict[Term, int] = {}
+    levels: dict[Term, int] = {}
     for condition in conditions:
         below: dict[Term, int] = {}  # where it is not 0
         for term in order:
@@ -301,11 +301,11 @@ def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
                 if a in below and below[a] > level:
                     level = below[a]
             if term.op in CHOICES and term.args[0] is condition:
-                found[term] = level
+                levels[term] = level
                 level += 1
             if level:
                 below[term] = level
-    return found
+    return levels
 
 
 class _Scheduler:

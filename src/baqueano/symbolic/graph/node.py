@@ -111,11 +111,11 @@ def _ordered(a: Node, b: Node) -> tuple[Node, Node]:
 
 def below(roots: Iterable[Node]) -> list[Node]:
     """All nodes that the roots are made of, themselves too, arguments before users."""
-    found: set[Node] = set()
+    nodes: set[Node] = set()
     stack = list(roots)
     while stack:
         node = stack.pop()
-        if node not in found:
-            found.add(node)
+        if node not in nodes:
+            nodes.add(node)
             stack += node.args
-    return sorted(found, key=lambda node: node.index)
+    return sorted(nodes, key=lambda node: node.index)

@@ -77,12 +77,12 @@ def _traced_step(
     initial = None
     with tracing(), located():
         theta = [graph.symbol(f"theta[{k}]") for k in range(parameters or 0)]
-        given = () if parameters is None else (_frozen(np.array(theta, dtype=object).view(TracedArray)),)
+        theta_of = () if parameters is None else (_frozen(np.array(theta, dtype=object).view(TracedArray)),)
         if carry is not None:
-            initial = _matching(graph, carry(*given), carry_shape, "carry(theta)")
+            initial = _matching(graph, carry(*theta_of), carry_shape, "carry(theta)")
         state, symbols = _symbols(graph, carry_shape, kinds, symmetric)
         x, entering = _symbols(graph, inputs, kinds)
-        result = step(*given, state, x)
+        result = step(*theta_of, state, x)
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
     next_carry = _matching(graph, result[0], carry_shape, "the step")
@@ -152,12 +152,12 @@ def _flat(graph: Graph, tree: Tree, path: str, kinds: dict[Node, str]) -> tuple[
 def _matching(graph: Graph, tree: Tree, shape: Shape, whose: str) -> list[Node]:
     """The numbers of a tree that has to have this shape."""
     try:
-        found = values(shape, tree)
+        flat = values(shape, tree)
     except Invalid as error:
         why = fault("trace.another-carry", whose=whose, cause=error.diagnostic)
         raise TraceError(why) from None
     nodes = []
-    for leaf, value in zip(leaves(shape), found, strict=True):
+    for leaf, value in zip(leaves(shape), flat, strict=True):
         if not isinstance(value, np.ndarray) and shape_of(value, leaf.path).__class__ is not Leaf:
             raise TraceError(
                 fault("trace.value", whose=whose, found=repr(value), path=leaf.path, shape=str(leaf.shape))

@@ -164,7 +164,7 @@ def restored(leaf: Leaf, column: np.ndarray) -> Tree:
 def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
     """Tells what a node comes back as, from the kinds of the symbols: "i" for what is made of integers
     alone, "b" for a truth, else "f"."""
-    known = dict(symbols)
+    kinds = dict(symbols)
 
     def kind_of(node: Tree) -> str:
         if not isinstance(node, Node):
@@ -172,11 +172,11 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
         stack = [node]
         while stack:
             part = stack[-1]
-            unknown = [a for a in part.args if a not in known] if part.op in _WHOLE else []
+            unknown = [a for a in part.args if a not in kinds] if part.op in _WHOLE else []
             stack += unknown
             if not unknown:
-                known.setdefault(stack.pop(), _kind(part, known))
-        return known[node]
+                kinds.setdefault(stack.pop(), _kind(part, kinds))
+        return kinds[node]
 
     return kind_of
 

@@ -143,10 +143,10 @@ class PythonKernel:
         wanted = list(dict.fromkeys(program.outputs))
         used = sorted(place[node] for node in below(wanted) if node in place)
         zeros, which = (np.array(x, dtype=np.intp) for x in ([place[node] for node in program.zeros], used))
-        nothing, found = bytes(8 * len(zeros)), np.empty(len(wanted))
+        nothing, outputs_ = bytes(8 * len(zeros)), np.empty(len(wanted))
         number = {node: k for k, node in enumerate(wanted)}
         spread = np.array([number[node] for node in program.outputs], dtype=np.intp)
-        write, to = struct.Struct(f"={len(wanted)}d").pack_into, found.data.cast("B")
+        write, to = struct.Struct(f"={len(wanted)}d").pack_into, outputs_.data.cast("B")
 
         def made(formats: Formats, operators: dict[str, Callable[..., Value]]) -> Callable[..., Value]:
             text = tick_text(formats, [program.inputs[k] for k in used], wanted)
@@ -164,7 +164,7 @@ class PythonKernel:
                 ticks.append(made(CAREFUL, ieee.OPERATORS))
                 values = ticks[-1](row)
             write(to, 0, *values)
-            found.take(spread, out=outputs)
+            outputs_.take(spread, out=outputs)
             return False
 
         return call
@@ -175,8 +175,8 @@ class PythonKernel:
             p, m = self.program, len(self.program.outputs)
             begin = jacobian_rows(p.initial, p.theta)
             rows = jacobian_rows([*p.outputs, *p.next_carry], [*p.carry, *p.theta])
-            felt = _felt(p, begin, rows[m:])
-            rows = [{source: d for source, d in row.items() if source in felt} for row in rows]
+            dependent = _dependent(p, begin, rows[m:])
+            rows = [{source: d for source, d in row.items() if source in dependent} for row in rows]
             self.slopes = _pattern(begin, p.theta), _pattern(rows, [*p.carry, *p.theta])
         return self.slopes
 
@@ -188,13 +188,13 @@ class PythonKernel:
         start: Array,
         inputs: Array,
     ) -> Value:
-        given = theta.tolist(), start.tolist(), inputs.tolist()
+        lists = theta.tolist(), start.tolist(), inputs.tolist()
         if not self.careful:
             try:
-                return self._function(FLOATS, _FAST, first, wanted)(*given)
+                return self._function(FLOATS, _FAST, first, wanted)(*lists)
             except (ArithmeticError, ValueError):
                 self.careful = True
-        return self._function(CAREFUL, ieee.OPERATORS, first, wanted)(*given)
+        return self._function(CAREFUL, ieee.OPERATORS, first, wanted)(*lists)
 
     def _function(
         self,
@@ -217,13 +217,15 @@ class PythonKernel:
         return space
 
 
-def _felt(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node, Node]]) -> set[Node]:
+def _dependent(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node, Node]]) -> set[Node]:
     """θ, and what of the carry depends on it: a slope by anything else may be inf, and is never needed."""
-    felt, size = set(program.theta), -1
-    while size != len(felt):
-        size = len(felt)
-        felt |= {x for x, a, b in zip(program.carry, begin, after, strict=True) if a or felt & b.keys()}
-    return felt
+    dependent, size = set(program.theta), -1
+    while size != len(dependent):
+        size = len(dependent)
+        dependent |= {
+            x for x, a, b in zip(program.carry, begin, after, strict=True) if a or dependent & b.keys()
+        }
+    return dependent
 
 
 def _pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> TangentCode:

@@ -86,11 +86,11 @@ def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) 
 
 def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
     """Return the nodes that change from tick to tick."""
-    found = {*program.carry, *program.inputs}
+    terms = {*program.carry, *program.inputs}
     for node in below(roots):
-        if any(a in found for a in node.args):
-            found.add(node)
-    return found
+        if any(a in terms for a in node.args):
+            terms.add(node)
+    return terms
 
 
 def _truths(node: Node) -> int:
@@ -159,8 +159,8 @@ class _Text:
             return repr(node.value)
         truths = _truths(node)
         args = [self.names[a] if k < truths else self.number(a) for k, a in enumerate(node.args)]
-        known = node.args[0].op == "const" and node.args[0].value == node.args[0].value
-        if known and node.op in _BOUNDS and node.op in self.formats.texts:
+        is_number = node.args[0].op == "const" and node.args[0].value == node.args[0].value
+        if is_number and node.op in _BOUNDS and node.op in self.formats.texts:
             return _BOUNDS[node.op].format(*args)
         if node.op in self.formats.texts:
             return self.formats.texts[node.op].format(*args)

@@ -59,13 +59,13 @@ def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
     (('garage: small', '--set model.mass_kg=0.7'), 0.7)
     """
     for setting in settings:
-        key, equals, said = setting.partition("=")
-        if not equals or not said.strip():
+        key, equals, value_text = setting.partition("=")
+        if not equals or not value_text.strip():
             raise UsageError(fault("vehicle.setting", setting=setting))
         try:
-            value = tomllib.loads(f"x = {said}")["x"]
+            value = tomllib.loads(f"x = {value_text}")["x"]
         except tomllib.TOMLDecodeError:
-            value = said.strip()  # a word needs no quotes on the command line
+            value = value_text.strip()  # a word needs no quotes on the command line
         try:
             if isinstance(value, str) and ".py:" in value:
                 read(value.rpartition(":")[0], file.folder)  # the user names it here, not the file
@@ -88,10 +88,10 @@ def edited(
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded = {k: _rounded(v, origins[k].sd if k in origins else None) for k, v in values.items()}
-    known = known_paths(file.data, file.folder)
+    paths = known_paths(file.data, file.folder)
     for key in origins:
-        if ".".join(split(key)[0]) not in known:
-            raise no_such_key(file.name, key, known)
+        if ".".join(split(key)[0]) not in paths:
+            raise no_such_key(file.name, key, paths)
     return _with(file, rounded, True, origins, parameter_cov, envelope)
 
 
@@ -146,7 +146,7 @@ def _with(
     envelope: "Envelope | None" = None,
 ) -> str:
     """The text with the values put in; with comments by tomlkit, else written anew."""
-    known = known_paths(file.data, file.folder)
+    paths = known_paths(file.data, file.folder)
     if keep_comments:
         import tomlkit
 
@@ -156,8 +156,8 @@ def _with(
     whole: dict[tuple[str, ...], Any] = {}
     for dotted, value in values.items():
         path, entry = split(dotted)
-        if ".".join(path) not in known:
-            raise no_such_key(file.name, dotted, known)
+        if ".".join(path) not in paths:
+            raise no_such_key(file.name, dotted, paths)
         whole[path] = _with_entry(file, path, whole.get(path), entry, value) if entry else value
     for path, value in whole.items():
         _put(document, path, value)
@@ -241,10 +241,10 @@ def _plain(value: object) -> Any:
 
 
 def _origin_table(origin: Provenance) -> "JsonObject":
-    found: JsonObject = {"run": origin.run, "date": origin.date or date.today()}
+    table: JsonObject = {"run": origin.run, "date": origin.date or date.today()}
     if origin.sd is not None:
-        found["sd"] = _plain(_digits(np.asarray(origin.sd, dtype=float), SD_DIGITS))
-    return found | ({"verdict": origin.verdict} if origin.verdict else {})
+        table["sd"] = _plain(_digits(np.asarray(origin.sd, dtype=float), SD_DIGITS))
+    return table | ({"verdict": origin.verdict} if origin.verdict else {})
 
 
 def _cov_table(p: ParameterCov) -> "JsonObject":

@@ -114,9 +114,9 @@ def _depth(value: object) -> int:
 
 def _syntax(said: str, text: str, name: str) -> Diagnostic:
     """Return what tomllib found, with the line itself and the usual remedy."""
-    found = re.search(r"\(at line (\d+), column \d+\)", said)
+    match = re.search(r"\(at line (\d+), column \d+\)", said)
     lines = text.splitlines()
-    number = int(found[1]) if found else len(lines)
+    number = int(match[1]) if match else len(lines)
     line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
     what = re.sub(r"\s*\(at .*\)$", "", said)
     at: dict[str, Any] = {"file": name, "line": number, "found": repr(line[:80])}
