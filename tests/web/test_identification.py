@@ -103,7 +103,7 @@ def test_a_fit_that_takes_long_makes_the_next_come_later(driven, monkeypatch):
     for at in range(900, len(rows)):
         drive.rows(names, rows[at : at + 1])
         drive.state()
-        time.sleep(0.02)
+        time.sleep(0.08)
         if len(began) == 3:
             break
     assert len(began) == 3
