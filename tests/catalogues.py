@@ -49,6 +49,8 @@ def wanted() -> Catalog:
     for path in sorted(SOURCE.rglob("*.py")):
         for words in words_in(path):
             catalogue.add(words)
+    for path in sorted((SOURCE / "project").glob("my_*.py")):
+        catalogue.add(path.read_text(encoding="utf-8").split('"""')[1])  # as `baqueano new` writes it
     for path in Path(click.__file__).parent.glob("*.py"):
         for _, words, _, _ in extract_from_file("python", path, keywords=OF_CLICK):
             catalogue.add(words)

@@ -52,7 +52,6 @@ VERBS = [
     "serve --help",
     "drive --help",
     "robot settings --help",
-    "runs import --help",
     "compare nothing",
     "study --help",
     "runs show nothing",
@@ -182,3 +181,15 @@ def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
                 assert one.sentence != one.text
     finally:
         language.choose("")
+
+
+def test_a_new_project_explains_itself_in_spanish(in_lab, capsys):
+    try:
+        said_by("new proyecto", capsys)
+    finally:
+        language.choose("")
+    written = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
+    assert "Ejecute las celdas" in written["first_evening.ipynb"]
+    for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):
+        assert "Funciona así como está." in written[name]
+        compile(written[name], name, "exec")

@@ -10,6 +10,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, UsageError
+from baqueano.language import translated as _
 from baqueano.printable import typed
 from baqueano.project.notebook import notebook
 from baqueano.vehicle_file import VehicleFile, load, parse
@@ -75,7 +76,8 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     file.save(folder / "vehicle.toml")
     for block in BLOCKS:
         text = files("baqueano.project").joinpath(block).read_text(encoding="utf-8")
-        (folder / block).write_text(text, encoding="utf-8", newline="\n")
+        about = text.split('"""')[1]
+        (folder / block).write_text(text.replace(about, _(about), 1), encoding="utf-8", newline="\n")
     (folder / NOTEBOOK).write_text(notebook(folder.name), encoding="utf-8", newline="\n")
     return folder
 

@@ -3,37 +3,40 @@
 import json
 from itertools import count
 
+from baqueano.language import marked as N_
+from baqueano.language import translated as _
+
 CELLS = (  # a text begins with #
-    """# {name}: from a drive to a controller of your own
+    N_("""# {name}: from a drive to a controller of your own
 Everything here happens in a simulation. Run the cells one by one, with Shift and Enter; then change them.
 
 The file `vehicle.toml` holds guesses. The simulation drives the vehicle that the file names under `[simulation]`, whose
-numbers the fit has to find.""",
-    """import baqueano as bq
+numbers the fit has to find."""),
+    N_("""import baqueano as bq
 
 robot = bq.load("vehicle.toml")  # what we believe of the vehicle
-robot""",
-    """## 1. Drive it, and find out what it is
-Random commands excite all of its dynamics. The fit gives each parameter with its error bar, and a verdict.""",
+robot"""),
+    N_("""## 1. Drive it, and find out what it is
+Random commands excite all of its dynamics. The fit gives each parameter with its error bar, and a verdict."""),
     """u = bq.excitation("random_steps", robot.command.limit, 30.0, robot.rate_hz)
 run = bq.experiment(robot, u)
 fit = bq.identify(run, robot)
 fit""",
     """fit.plot("data")""",
-    """## 2. Noise and gains
-`robot.save()` would write all of it into vehicle.toml, with its origin.""",
-    """path = bq.guides.shapes.sinuous_circle(0.6, 0.08, 5, 0.2)  # radius, amplitude [m], waves, speed [m/s]
+    N_("""## 2. Noise and gains
+`robot.save()` would write all of it into vehicle.toml, with its origin."""),
+    N_("""path = bq.guides.shapes.sinuous_circle(0.6, 0.08, 5, 0.2)  # radius, amplitude [m], waves, speed [m/s]
 robot = bq.measure_noise(fit, run).updated(fit.vehicle_file)
 tuned = bq.tune(robot, path, starts=2)
 robot = tuned.applied()
-tuned""",
-    """## 3. Teach a path, and repeat it""",
+tuned"""),
+    N_("""## 3. Teach a path, and repeat it"""),
     """route = bq.teach(robot, path, closed=True).route
 ours = bq.repeat(robot, route)
 ours.plot()""",
-    """## 4. A controller of your own
+    N_("""## 4. A controller of your own
 A block is a class with `init()` and a pure `step(...)`. This one turns towards the path and back onto it. The run keeps
-its text.""",
+its text."""),
     """from dataclasses import dataclass
 
 import numpy as np
@@ -64,20 +67,20 @@ bq.check(Mine, robot)""",
 both = bq.compare([ours, mine], names=["ours", "mine"])
 both""",
     """both.plot()""",
-    """## 5. Another estimator on the same data, and a figure for a paper""",
+    N_("""## 5. Another estimator on the same data, and a figure for a paper"""),
     """again = bq.replay(ours, estimator="dead_reckoning")
 bq.compare([ours, again], names=["as driven", "dead reckoning"])""",
-    """mine.plot("errors", width="column").savefig("errors.pdf")
-mine  # mine.to_pandas() is a data frame; it needs: pip install pandas""",
+    N_("""mine.plot("errors", width="column").savefig("errors.pdf")
+mine  # mine.to_pandas() is a data frame; it needs: pip install pandas"""),
 )
 
 
 def notebook(name: str) -> str:
-    """Return the text of the notebook of a project."""
+    """Return the text of the notebook of a project, in the current language."""
     numbers = count(1)
     cells = []
     for text in CELLS:
-        filled = text.replace("{name}", name)
+        filled = _(text).replace("{name}", name)
         cell = {"id": f"cell-{next(numbers)}", "metadata": {}, "source": filled.splitlines(keepends=True)}
         if text.startswith("#"):
             cells.append({"cell_type": "markdown"} | cell)
