@@ -57,6 +57,7 @@ ROOMS: dict[str, dict[str, str]] = {
         "pd_feedforward": "baqueano.controllers:PdFeedforward",
         "kanayama": "baqueano.controllers:Kanayama",
         "lqr": "baqueano.controllers:Lqr",
+        "mpc": "baqueano.controllers:Mpc",
         "pure_pursuit": "baqueano.controllers:PurePursuit",
         "stanley": "baqueano.controllers:Stanley",
     },

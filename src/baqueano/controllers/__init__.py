@@ -12,6 +12,7 @@ from baqueano.controllers.heading_hold import HeadingHold
 from baqueano.controllers.kanayama import Kanayama
 from baqueano.controllers.lqr import Lqr
 from baqueano.controllers.model_following import FollowerState, ModelFollower, Tracking
+from baqueano.controllers.mpc import Mpc
 from baqueano.controllers.pd import Pd, PdState
 from baqueano.controllers.pd_feedforward import PdFeedforward
 from baqueano.controllers.pure_pursuit import PurePursuit
@@ -26,6 +27,7 @@ __all__ = [
     "Kanayama",
     "Lqr",
     "ModelFollower",
+    "Mpc",
     "Pd",
     "PdFeedforward",
     "PurePursuit",

@@ -66,6 +66,11 @@ TEMPLATES: dict[str, str] = {
         "step {number} of the drive is {found}: expected a time above 0 s and {commands} finite numbers."
     ),
     "drive.no-steps": "the drive lacks a step: give at least one (seconds, command).",
+    "mpc.no-solver": "osqp is not installed, and the controller mpc needs its solver. Type: {fix}",
+    "mpc.unsolved": (
+        "the solver of mpc found no command in {ticks} ticks in a row. Is the vehicle beyond a wall of wall_low and "
+        "wall_high, or its estimate not finite? Take another controller: --controller lqr"
+    ),
     "route.no-estimates": "{name} lacks an estimated path, so it gives no route.",
     "route.no-motion": "{name}: the vehicle did not move, so the run gives no route.",
     "route.open": (
