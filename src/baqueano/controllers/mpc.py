@@ -186,7 +186,8 @@ class Mpc:
         """Return the vehicle behind motors without a dead zone: delay and lag alone."""
         even = {name: value * np.ones(1) for name, value in EVEN.items()}
         drivetrain = replace(self.vehicle.drivetrain, **even, **STEADY)
-        return replace(self.vehicle, drivetrain=drivetrain)
+        vehicle: Any = self.vehicle
+        return replace(vehicle, drivetrain=drivetrain)
 
     @cached_property
     def _kernel(self) -> Any:
