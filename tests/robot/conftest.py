@@ -1,6 +1,7 @@
 """A folder that stands for a Raspberry Pi, a bundle of wheels for it, and programs in the place of its own."""
 
 import ensurepip
+import hashlib
 import shutil
 import zipfile
 from importlib.resources import files
@@ -69,6 +70,10 @@ def wheels(tmp_path):
         wheel.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
         wheel.writestr(f"{info}/entry_points.txt", "[console_scripts]\nbaqueano = baqueano:main\n")
         wheel.writestr(f"{info}/RECORD", "")
+    for name in ("pip", "baqueano"):
+        (path,) = folder.glob(f"{name}-*.whl")
+        line = f"{name}=={path.name.split('-')[1]} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n"
+        (folder / f"{'pip' if name == 'pip' else 'packages'}.lock").write_text(line)
     for name in ("files/baqueano.service", "files/60-baqueano.rules", "setup/steps.py"):
         shutil.copy(str(files("baqueano.robot") / name), folder)
     (folder / "vehicle.toml").write_text("# mine\n")

@@ -1,5 +1,6 @@
 """`baqueano robot setup` and `remove`: the real steps in a folder that stands for the Pi; its ssh stays here."""
 
+import re
 import shutil
 import subprocess
 from importlib.resources import files
@@ -94,15 +95,18 @@ def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels
     ]
 
 
-def test_packages_that_cannot_be_installed_leave_the_ones_before_in_their_place(programs, pi, wheels, capfd):
+@pytest.mark.parametrize("name", ["baqueano", "pip"])
+def test_su2_a_wheel_that_is_not_the_one_of_the_lock_is_not_installed(programs, pi, wheels, capfd, name):
     setup("r1", wheels, PI, root=str(pi))
-    (wheels / "broken-1.0-py3-none-any.whl").write_bytes(b"cut off")
+    (wheel,) = wheels.glob(f"{name}-*.whl")
+    whole = wheel.read_bytes()
+    wheel.write_bytes(whole + b"\0")  # still a wheel
     with refused("setup.not-finished", RobotUnreachable):
         setup("r1", wheels, PI, root=str(pi))
-    assert "broken" in capfd.readouterr().err
+    assert ("hash" in (said := capfd.readouterr().err).lower()) or "not the one of the lock" in said
     assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
     assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
-    (wheels / "broken-1.0-py3-none-any.whl").unlink()
+    wheel.write_bytes(whole)
     setup("r1", wheels, PI, root=str(pi))
     assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
 
@@ -198,8 +202,9 @@ def test_what_was_downloaded_once_is_not_downloaded_again(tmp_path, monkeypatch)
     python.write_text(f'#!/bin/sh\necho "$*" >>{tmp_path}/calls\n')
     python.chmod(0o755)
     folder.mkdir()
-    for name in install.ONBOARD:
-        (folder / f"{name}-1.0-py3-none-any.whl").touch()
+    lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text()
+    for found in install.LOCK.finditer(lock):
+        (folder / f"{found[1]}-{found[2]}-py3-none-any.whl").touch()
     monkeypatch.setattr(install.sys, "executable", str(python))
     bundle(folder, PI)
     calls = (tmp_path / "calls").read_text()
@@ -219,6 +224,14 @@ def test_the_download_asks_for_the_robots_processor_and_python(tmp_path, monkeyp
     assert "--python-version 311 --abi cp311" in line
     assert "--platform manylinux_2_28_aarch64" in line
     assert "for Python 3.11 on aarch64" in said[0]
+    assert "--require-hashes -r" in line
+
+
+def test_su2_the_lock_of_a_vehicle_holds_what_the_package_needs_there_each_with_hashes():
+    lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text()
+    names = {found[1] for found in install.LOCK.finditer(lock)}
+    assert names == set(re.findall(r"^([\w.-]+)==", lock, re.MULTILINE))
+    assert {"numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip"} <= names
 
 
 def test_a_computer_that_is_no_pi_keeps_its_boot_files_and_asks_only_for_groups_that_it_has(

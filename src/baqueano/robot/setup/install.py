@@ -6,6 +6,7 @@ its password in the terminal.
 """
 
 import ast
+import hashlib
 import io
 import re
 import shlex
@@ -30,7 +31,7 @@ from baqueano.vehicle_file.file import VehicleFile
 if TYPE_CHECKING:
     pass
 
-ONBOARD = ("numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip")
+LOCK = re.compile(r"^([\w.-]+)==(\S+)(?: \\\n +--hash=sha256:\w+)+\n", re.MULTILINE)  # a package of the lock
 MACHINES = ("aarch64", "x86_64")
 LEAST_PYTHON = (3, 11)
 GLIBC = (
@@ -91,7 +92,11 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
         _piped([*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(tree)])
     else:
         _piped([*pip, "download", "--no-deps", "--dest", str(folder), f"baqueano=={baqueano.__version__}"])
-    missing = [name for name in ONBOARD if not list(folder.glob(f"{name}-*.whl"))]
+    lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text(encoding="utf-8")
+    packages = {found[1]: found[0] for found in LOCK.finditer(lock)}
+    missing = [
+        found[1] for found in LOCK.finditer(lock) if not list(folder.glob(f"{found[1]}-{found[2]}-*.whl"))
+    ]
     if missing:
         say(
             _(
@@ -104,10 +109,12 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
         tag = f"{machine.python[0]}{machine.python[1]}"
         where = [x for glibc in GLIBC for x in ("--platform", f"{glibc}_{machine.kind}")]
         abis = ["--abi", f"cp{tag}", "--abi", "abi3", "--abi", "none"]
+        (folder / "onboard.lock").write_text(lock, encoding="utf-8")
         _piped(
             [*pip, "download", "--only-binary=:all:", "--implementation", "cp", "--python-version", tag, *abis, *where,
-             "--dest", str(folder), *ONBOARD]
+             "--dest", str(folder), "--no-deps", "--require-hashes", "-r", str(folder / "onboard.lock")]
         )  # fmt: skip
+    _write_locks(folder, packages)
     for name in ("baqueano.service", "60-baqueano.rules"):
         shutil.copyfile(str(files("baqueano.robot") / "files" / name), folder / name)
     (folder / "steps.py").write_text(steps_in_this_language(), encoding="utf-8")
@@ -125,6 +132,17 @@ def steps_in_this_language() -> str:
     ]
     known = {str(one): _(str(one)) for one in words}
     return text.replace(NO_WORDS, f"{NO_WORDS[:-2]}{known!r}", 1)
+
+
+def _write_locks(folder: Path, packages: dict[str, str]) -> None:
+    """Write what is installed there, each wheel by its hash: ours, which was just built, too; pip apart, which runs."""
+    own = "".join(
+        f"baqueano=={path.name.split('-')[1]} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n"
+        for path in folder.glob("baqueano-*.whl")
+    )
+    (folder / "pip.lock").write_text(packages["pip"], encoding="utf-8")
+    rest = "".join(text for name, text in packages.items() if name != "pip")
+    (folder / "packages.lock").write_text(rest + own, encoding="utf-8")
 
 
 def _piped(command: list[str]) -> None:

@@ -10,6 +10,7 @@ the vehicle file in /var/lib/baqueano are the user's, and stay, with the vehicle
 """
 
 import argparse
+import hashlib
 import json
 import os
 import shutil
@@ -278,23 +279,24 @@ def environment(pi: Pi) -> Step:
     def install() -> None:
         shutil.rmtree(pi.venv, ignore_errors=True)
         pi.venv.parent.mkdir(parents=True, exist_ok=True)
-        pi.run(
-            sys.executable if sys.prefix == sys.base_prefix else "python3",
-            "-m",
-            "venv",
-            "--without-pip",
-            str(pi.venv),
-        )
-        pip = next(pi.bundle.glob("pip-*.whl"))
+        python = sys.executable if sys.prefix == sys.base_prefix else "python3"
+        pi.run(python, "-m", "venv", "--without-pip", str(pi.venv))
+        locks = {
+            name: (pi.bundle / f"{name}.lock").read_text(encoding="utf-8") for name in ("pip", "packages")
+        }
+        pips = [(path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in pi.bundle.glob("pip-*.whl")]
+        pip = next((path for path, found in pips if f"sha256:{found}" in locks["pip"]), None)
+        if pip is None:
+            sys.exit("the wheel of pip is not the one of the lock, so nothing was installed")
         words = (
             "install",
             "--quiet",
             "--no-index",
+            "--no-deps",
             "--no-warn-script-location",
-            "--find-links",
-            str(pi.bundle),
+            "--require-hashes",
         )
-        wanted = [name.split("-")[0] for name in wheels if not name.startswith("pip-")]
+        wanted = ("--find-links", str(pi.bundle), "-r", str(pi.bundle / "packages.lock"))
         pi.run(str(pi.venv / "bin/python"), str(pip / "pip"), *words, *wanted)
         whole(stamp, "\n".join(wheels))
 
