@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.promises import keepers, promises
+from tests.promises import WHY_NOT, keepers, promises
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "baqueano"
@@ -267,6 +267,7 @@ def test_importing_the_package_loads_neither_scipy_nor_matplotlib():
 
 def test_each_promise_that_a_test_names_is_one():
     assert not keepers().keys() - promises().keys()
+    assert promises().keys() - keepers().keys() == WHY_NOT.keys()  # what is not kept says why
 
 
 def calls():
