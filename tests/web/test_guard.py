@@ -1,6 +1,7 @@
 """The security of the page, row by row: who may connect, from where, and how much."""
 
 import asyncio
+import gzip
 import json
 import re
 import socket
@@ -207,6 +208,22 @@ def test_ne6_only_files_of_the_table_are_served(folder, path):
         async with recorded_page(folder, "circle") as server:
             assert (await request(server, f"GET {path} HTTP/1.1"))[0] == 404
             assert (await request(server, "GET /static/page.js HTTP/1.1"))[::2] == (200, b"let x")
+
+    run_page(job)
+
+
+@pytest.mark.usefixtures("_static")
+@pytest.mark.parametrize(
+    ("offer", "packed"), {"gzip, br": True, "br": False, "gzip;q=0": False, "": False}.items()
+)
+def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packed):
+    async def job():
+        async with recorded_page(folder, "circle") as server:
+            line = "GET /static/page.js HTTP/1.1" + (f"\r\nAccept-Encoding: {offer}" if offer else "")
+            status, headers, body = await request(server, line)
+            assert status == 200
+            assert (headers.get("Content-Encoding") == "gzip") == packed
+            assert (gzip.decompress(body) if packed else body) == b"let x"
 
     run_page(job)
 

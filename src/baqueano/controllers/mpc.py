@@ -38,7 +38,7 @@ SMALL = 1e-6  # of the curvature of (3), so that a command without effect stays 
 
 
 class Plan(NamedTuple):
-    """What a controller that looks ahead remembers.
+    """Memory of a controller that looks ahead.
 
     Attributes
     ----------
@@ -121,8 +121,8 @@ class Mpc:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.limit.shape != (self.vehicle.commands,):
-            found, commands = str(self.limit.shape), self.vehicle.commands
-            raise Invalid(fault("field.limit", block=type(self).__name__, found=found, commands=commands))
+            shape, commands = str(self.limit.shape), self.vehicle.commands
+            raise Invalid(fault("field.limit", block=type(self).__name__, found=shape, commands=commands))
 
     def init(self) -> Plan:
         """Return the plan of a vehicle at rest."""

@@ -109,9 +109,9 @@ def fastest(
     >>> print(f"{lap.t_s[-1]:.1f} s, then {fastest(lap, bq.load('small')).t_s[-1]:.1f} s")
     18.3 s, then 9.9 s
     """
-    for name, found, high in (("share", share, 1.0), ("sideways_m_s2", sideways_m_s2, np.inf)):
-        if not 0.0 < found <= high:
-            raise UsageError(fault("route.limit", name=name, found=found))
+    for name, value, high in (("share", share, 1.0), ("sideways_m_s2", sideways_m_s2, np.inf)):
+        if not 0.0 < value <= high:
+            raise UsageError(fault("route.limit", name=name, found=value))
     if not speed_m_s > SLOWEST_M_S:
         raise UsageError(fault("route.speed", found=speed_m_s))
     path, ahead = _even(path_of(route)), direction(route)

@@ -4,6 +4,7 @@ GET and HEAD alone; no path is put together from what a browser says: each one i
 """
 
 import asyncio
+import gzip
 import re
 from http import HTTPStatus
 from pathlib import Path
@@ -63,6 +64,7 @@ class Content(NamedTuple):
     content: bytes | Path
     policy: str = PAGE_POLICY
     download: str = ""  # the name under which a browser keeps it
+    packed: bytes = b""  # the same bytes by gzip, for a browser that takes it
 
 
 async def read_head(reader: asyncio.StreamReader) -> bytes:
@@ -104,7 +106,9 @@ def static(folder: Path) -> dict[str, Content]:
     for path in sorted(folder.rglob("*")):
         kind = TYPES.get(path.suffix)
         if kind and path.is_file() and not path.is_symlink():
-            table[f"/static/{path.relative_to(folder).as_posix()}"] = Content(kind, path.read_bytes())
+            content = path.read_bytes()
+            packed = gzip.compress(content, mtime=0) if kind.endswith("utf-8") else b""
+            table[f"/static/{path.relative_to(folder).as_posix()}"] = Content(kind, content, packed=packed)
     if "/static/index.html" in table:
         table["/"] = table["/static/index.html"]
     return table
@@ -116,18 +120,28 @@ async def refuse(writer: asyncio.StreamWriter, why: Refused) -> None:
     await _send(writer, _head(why.status, kind, len(text), PAGE_POLICY, why.headers) + text)
 
 
-async def reply(writer: asyncio.StreamWriter, body: Content, head_only: bool) -> None:
-    """Answer by a body."""
+def takes_gzip(head: Head) -> bool:
+    """True for a browser that unpacks gzip."""
+    offers = (one.strip().lower() for value in head.values("accept-encoding") for one in value.split(","))
+    return any(one == "gzip" or (one.startswith("gzip;") and not one.endswith("q=0")) for one in offers)
+
+
+async def reply(writer: asyncio.StreamWriter, body: Content, head: Head) -> None:
+    """Answer a request by a body."""
+    head_only, more = head.method == "HEAD", {"Vary": "Accept-Encoding"} if body.packed else {}
+    if body.packed and takes_gzip(head):
+        body, more = body._replace(content=body.packed), more | {"Content-Encoding": "gzip"}
     file = isinstance(body.content, Path)
     size = body.content.stat().st_size if isinstance(body.content, Path) else len(body.content)
-    more = {"Content-Disposition": f'attachment; filename="{body.download}"'} if body.download else {}
-    head = _head(HTTPStatus.OK, body.kind, size, body.policy, more)
+    if body.download:
+        more["Content-Disposition"] = f'attachment; filename="{body.download}"'
+    start = _head(HTTPStatus.OK, body.kind, size, body.policy, more)
     if head_only or not file:
-        await _send(writer, head + (b"" if head_only or isinstance(body.content, Path) else body.content))
+        await _send(writer, start + (b"" if head_only or isinstance(body.content, Path) else body.content))
         return
     assert isinstance(body.content, Path)
     with body.content.open("rb") as pieces:
-        await _send(writer, head)
+        await _send(writer, start)
         while size > 0 and (piece := pieces.read(min(PIECE, size))):
             size -= len(piece)
             await _send(writer, piece)

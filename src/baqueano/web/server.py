@@ -130,7 +130,7 @@ class Server:
             body = self._files.get(head.path) or await self._body(head.path)
             if body is None:
                 raise Refused(HTTPStatus.NOT_FOUND)
-            await reply(writer, body, head.method == "HEAD")
+            await reply(writer, body, head)
         except Refused as why:
             await refuse(writer, why)
 
