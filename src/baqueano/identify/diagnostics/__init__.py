@@ -1,6 +1,6 @@
-"""Doubts about a fit: what is wrong with its data, and what is not in its model.
+"""Diagnostics of a fit: what is wrong with its data, and what its model lacks.
 
-`mended` runs before the search, `structure` and `against_file` after it.
+`clean` runs before the search, `diagnose` after it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def clean(
     runs: list[Run], file: "VehicleFile", sensors: dict[str, Tree]
 ) -> tuple[list[Run], tuple[Diagnostic, ...]]:
-    """The runs without what is no measurement, cut where time jumps, and what was found."""
+    """Return the runs without impossible measurements, split where time jumps, and messages on the repairs."""
 
     def of(run: Run) -> tuple[list[Run], list[Diagnostic]]:
         pieces, messages = timestamps.checked(run, file.rate_hz)
@@ -62,8 +62,9 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 def diagnose(
     end: "FinishedFit", sd: np.ndarray, file_sigma: np.ndarray
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return all that a finished search leaves to doubt, its data too, with the errors `sd` (p,)
-    of θ and the noise `told` (m,) by the file; and by how much each parameter, by path, may be off for it."""
+    """Return messages on a finished search and its data, and an error of each parameter that they cause, by its path.
+
+    `sd` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file."""
     problem, theta, identifiable = (
         end.task.problem,
         end.search.solution.theta,
@@ -97,5 +98,5 @@ def diagnose(
 
 
 def widened(cov: np.ndarray, names: Sequence[str], off: Mapping[str, float]) -> np.ndarray:
-    """Return `cov` (p, p) of the parameters `names` with what each, by path, may be `off` by."""
+    """Return `cov` (p, p) of the parameters `names`, enlarged by the errors `off`, by path."""
     return cov + np.diag([off.get(name, 0.0) ** 2 for name in names])

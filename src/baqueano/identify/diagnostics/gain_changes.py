@@ -41,8 +41,10 @@ def checked(
     sigma: np.ndarray,
     labels: Sequence[str],
 ) -> list[Diagnostic]:
-    """`file` as it was before the fit; `estimate`, `sd` (p,) of `names`; noise (m,) of the channels `labels`:
-    `told` by the file, 0 for none, and `sigma` found."""  # fmt: skip
+    """Return messages on gains and noise that differ from the file as it was before the fit.
+
+    `estimate` and `sd` (p,) belong to `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file, 0
+    where the file has none, and `sigma` (m,) the estimated one."""  # fmt: skip
     return gains(file, names, estimate, sd) + _noise(file_sigma, sigma, labels)
 
 
