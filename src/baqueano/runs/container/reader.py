@@ -340,10 +340,10 @@ def _warning(code: str, **figures: Any) -> Diagnostic:
     return note(code, Severity.WARNING, **figures)
 
 
-def _listed(found: list[Diagnostic | str]) -> Diagnostic | str | None:
+def _listed(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
     """Return several causes as one, None of none."""
-    first = found[0] if found else None
-    for then in found[1:]:
+    first = causes[0] if causes else None
+    for then in causes[1:]:
         first = note("run.and", first=first, then=then)
     return first
 
