@@ -37,7 +37,7 @@ def test_who_wants_no_more_is_not_told_what_is_not_in_the_model(lab, monkeypatch
         return text.startswith("asking")
 
     assemble = import_module("baqueano.identify.result.assemble")
-    monkeypatch.setattr(assemble, "afterwards", lambda *of: pytest.fail("it was asked"))
+    monkeypatch.setattr(assemble, "diagnose", lambda *of: pytest.fail("it was asked"))
     fit = identify(run, load("small"), ["model.actuator_matrix[0,0]"], say=say)
     assert fit.converged
     assert asked[-1] == "asking what is not in the model"

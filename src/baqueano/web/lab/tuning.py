@@ -105,7 +105,7 @@ class TuningBench:
 
         file, _, laps = self._laps(word)
         if file.path is None:
-            raise UsageError(fault("web.tune-garage", "baqueano new", vehicle=file.name))
+            raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=file.name))
         own = dict(zip(laps.asked.names, _values(word["gains"], laps).tolist(), strict=True))
         values = {f"controller.{name}": value for name, value in own.items()}
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
