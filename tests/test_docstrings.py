@@ -36,6 +36,7 @@ ROOMS = [
     "parameter",
     "report",
     "routes",
+    "routes",
     "runs",
     "sensors",
     "signals",
@@ -45,6 +46,7 @@ ROOMS = [
     "vehicle_file",
     "vehicles",
     "worlds",
+    "worlds.faults",
 ]
 MOST_NAMES = 190  # of all rooms together
 MODULE_LINES = 15  # of the docstring of a module: equations and source

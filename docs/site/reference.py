@@ -23,6 +23,7 @@ ROOMS = {  # module → what it is for; the front door first, so that its names 
     "baqueano.blocks": "blocks of one's own, by name",
     "baqueano.block_checks": "checks of the promises of blocks",
     "baqueano.worlds": "where a loop runs: simulated, replayed, real",
+    "baqueano.worlds.faults": "faults of a simulated world, and who noticed them",
     "baqueano.signals": "what blocks pass to each other",
     "baqueano.contracts": "the protocols of a loop",
     "baqueano.contracts.blocks": "the protocols of the blocks",

@@ -70,7 +70,14 @@ class LedgerRow:
 
 
 class Ledger:
-    """The faults of one drive, fed with its events and its ticks in their order.
+    """The faults of one drive and who noticed them, fed with its events and its ticks in their order.
+
+    Parameters
+    ----------
+    file : VehicleFile
+        The vehicle that drives.
+    estimator : Estimator, optional
+        The one of the drive, else the file's.
 
     Examples
     --------
@@ -215,8 +222,28 @@ class Ledger:
 
 
 def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
-    """Return the ledger of a recorded run of the vehicle of a file. A run does not hold the weights of its
-    innovations, so what the gate noticed stands in the ledger of the drive alone."""
+    """Return the ledger of a recorded run.
+
+    A run does not hold the weights of its innovations: what the gate noticed stands in the ledger of the drive alone.
+
+    Parameters
+    ----------
+    run : Run
+        A drive with faults.
+    file : VehicleFile
+        The vehicle that drove.
+
+    Returns
+    -------
+    Ledger
+        A row for each fault.
+
+    Examples
+    --------
+    >>> still = bq.simulate(bq.load("small"), np.zeros((20, 3)))
+    >>> ledger_of(still, bq.load("small")).rows
+    []
+    """
     ledger, log, truth = Ledger(file), run.estimate, run.truth
     events = sorted(run.events, key=lambda one: one.t_ns)
     at = 0
