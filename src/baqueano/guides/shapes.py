@@ -231,7 +231,7 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     Examples
     --------
     >>> slalom(2.0, 0.3, 3, 0.2)
-    Route(1441 poses, 13.8 s, 2.76 m, open)
+    Route(1441 poses, 13.9 s, 2.78 m, open)
     """
     x = np.linspace(0.0, length_m, POINTS)
     k, a = 2.0 * np.pi * waves / length_m, 0.5 * width_m
@@ -266,7 +266,7 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
     --------
     >>> route = clothoid(1.0, np.pi / 2, 0.2)
     >>> print(route.eta[-1].round(2))
-    [0.69 0.69 1.57]
+    [0.6  0.6  1.57]
     """
     part = np.linspace(0.0, 1.0, _points(length_m))
     return _bent(2.0 * turn_rad / length_m * (1.0 - np.abs(2.0 * part - 1.0)), length_m, speed_m_s)

@@ -37,7 +37,7 @@ def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
     Examples
     --------
     >>> cut(bq.guides.shapes.circle(0.5, 0.2), 0.0, 1.0)
-    Route(459 poses, 5.0 s, 1.00 m, open)
+    Route(460 poses, 5.0 s, 1.00 m, open)
     """
     s = way(route.eta[:, :2])
     to_m = float(s[-1]) if to_m is None else to_m

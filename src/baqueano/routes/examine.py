@@ -4,7 +4,8 @@
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
 
-An acceleration of the route is judged over SMOOTH_S, as motors do: a corner of a drawn route is a jump of the yaw rate.
+An acceleration of the route is judged over SMOOTH_S, as motors do: a corner of a drawn route is a jump of the yaw rate. A
+want of it makes the vehicle late for a moment, and is a warning; a want of speed stays, and is refused.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from baqueano.contracts.result import Result
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.guides.route import Route, from_start, moved
 from baqueano.language import number
 from baqueano.language import translated as _
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 JUMP_M = 0.1  # between two poses, beyond what the speed makes
 SMOOTH_S = 0.3  # over which an acceleration counts
 POSES = 600  # of a route that are judged
-OVER = 1.02  # a need that is larger by less is none
+OVER = 1.05  # a need that is larger by less is none
 BRIEF_S = 0.3  # a shorter want of command is made up by the controller
 
 
@@ -234,7 +235,7 @@ def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Di
             **figures,
         )
     else:
-        finding = fault("route.accelerates-too-fast", slower, **figures)
+        finding = note("route.accelerates-too-fast", Severity.WARNING, slower, **figures)
     return float(np.max(lasting)), [finding]
 
 

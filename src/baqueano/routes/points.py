@@ -39,7 +39,7 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     Examples
     --------
     >>> through_points([(0, 0), (1, 0), (1, 1)], 0.2)
-    Route(197 poses, 9.7 s, 1.95 m, open)
+    Route(197 poses, 9.8 s, 1.96 m, open)
     """
     points = np.atleast_2d(np.array(xy, dtype=float))
     if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2:

@@ -107,7 +107,7 @@ def fastest(
     --------
     >>> lap = bq.guides.shapes.rectangle(1.2, 0.8, 0.2, 0.2)
     >>> print(f"{lap.t_s[-1]:.1f} s, then {fastest(lap, bq.load('small')).t_s[-1]:.1f} s")
-    18.3 s, then 9.9 s
+    18.3 s, then 10.5 s
     """
     for name, value, high in (("share", share, 1.0), ("sideways_m_s2", sideways_m_s2, np.inf)):
         if not 0.0 < value <= high:

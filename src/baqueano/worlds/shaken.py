@@ -150,7 +150,7 @@ class ShakenWorld(SimulatedWorld):
     >>> world = ShakenWorld(robot.vehicle, robot.sensors, shake=["0.02 s: push 0.3 N s left"])
     >>> _ = world.read(t_ns=100_000_000)
     >>> print(f"{world.truth.nu[1]:.2f} m/s to the left")
-    0.05 m/s to the left
+    0.02 m/s to the left
     """
 
     def __init__(

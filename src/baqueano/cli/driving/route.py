@@ -11,7 +11,7 @@ from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import Listed
 from baqueano.cli.driving.teach import SHAPES, shape_or_route
 from baqueano.cli.terminal import answer, talk
-from baqueano.diagnostics import Diagnostic, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.printable import typed
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 NAME = "NAME"  # of routes.path, which loads numpy
-FASTER = ("route.speed-too-high", "route.turns-too-fast", "route.accelerates-too-fast")
+FASTER = ("route.speed-too-high", "route.turns-too-fast")
 XY = (("x_m", "y_m"), ("x", "y"))  # columns of points
 
 
@@ -82,8 +82,9 @@ def check(
     report = examine(options.find_route(route), file, walls(file, room, start), backend=backend)
     report = replace(report, findings=tuple(named(one, route) for one in report.findings))
     answer(report, as_json)
-    if report.verdict == Verdict.REFUSED:
-        raise AnswerNo(report.findings[0])
+    for one in report.findings:
+        if one.severity == Severity.ERROR:
+            raise AnswerNo(one)
 
 
 @command.command("draw", help=f"Store a shape as route NAME: {', '.join(SHAPES)}.")
@@ -236,7 +237,8 @@ def drivable(
 
     for one in examine(route, file, room, backend=backend).findings:
         finding = named(one, name)
-        if finding.code in FASTER and (anyway or not options.measured(file, robot)):
+        warns = finding.severity != Severity.ERROR
+        if warns or (finding.code in FASTER and (anyway or not options.measured(file, robot))):
             talk(note("cli.warning", cause=finding))
         else:
             raise AnswerNo(finding)
