@@ -4,8 +4,8 @@
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
 
-An acceleration of the route is judged over SMOOTH_S, as motors do: a corner of a drawn route is a jump of the yaw rate. A
-want of it makes the vehicle late for a moment, and is a warning; a want of speed stays, and is refused.
+An acceleration of the route is judged over SMOOTH_S, as motors do: a corner of a drawn route is a jump of the yaw rate.
+A want of it makes the vehicle late for a moment, and is a warning; a want of speed stays, and is refused.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.printable import in_lines, typed
-from baqueano.routes.capability import Capability
+from baqueano.routes.capability import FASTEST_M_S, Capability
 from baqueano.routes.path import NAME, way
 
 if TYPE_CHECKING:
@@ -211,32 +211,23 @@ def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Di
     """Return the largest share of the command, and what the vehicle cannot do.  (1), (2)"""
     t_s = np.linspace(0.0, route.t_s[-1], min(POSES, max(len(route.t_s), 2)))
     v, r = (_smooth(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
-    share = can.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s))
-    lasting = _least_over(share, t_s)
-    if not np.any(lasting > OVER):
-        return float(np.max(lasting)), []
-    k = int(np.argmax(lasting))
-    at_m, steady = float(np.interp(t_s[k], route.t_s, s)), can.share(v[k], r[k])
-    straight = float(can.fastest_speed(np.zeros(1), np.full(1, 100.0))[0])
-    slower = typed("route", "faster", NAME)
-    figures: JsonObject = {"at_m": at_m, "share": float(lasting[k])}
+    steady = can.share(v, r)
+    lasting = _least_over(can.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s)), t_s)
+    share, slower = float(np.max(lasting)), typed("route", "faster", NAME)
+    too_fast = bool(np.any(_least_over(steady, t_s) > OVER))
+    if not too_fast and share <= OVER:
+        return share, []
+    k = int(np.argmax(steady if too_fast else lasting))
+    figures: JsonObject = {"at_m": float(np.interp(t_s[k], route.t_s, s)), "share": share}
+    if not too_fast:
+        return share, [note("route.accelerates-too-fast", Severity.WARNING, slower, **figures)]
+    straight = float(can.fastest_speed(np.zeros(1), np.full(1, FASTEST_M_S))[0])
     if abs(v[k]) > straight:
-        finding = fault(
-            "route.speed-too-high", slower, needs_m_s=float(abs(v[k])), has_m_s=straight, **figures
-        )
-    elif steady > OVER:
-        has = float(can.fastest_turn(v[k : k + 1])[0])
-        finding = fault(
-            "route.turns-too-fast",
-            slower,
-            needs_rad_s=float(abs(r[k])),
-            has_rad_s=has,
-            speed_m_s=float(v[k]),
-            **figures,
-        )
-    else:
-        finding = note("route.accelerates-too-fast", Severity.WARNING, slower, **figures)
-    return float(np.max(lasting)), [finding]
+        needs: JsonObject = {"needs_m_s": float(abs(v[k])), "has_m_s": straight}
+        return share, [fault("route.speed-too-high", slower, **needs, **figures)]
+    has = float(can.fastest_turn(v[k : k + 1])[0])
+    needs = {"needs_rad_s": float(abs(r[k])), "has_rad_s": has, "speed_m_s": float(v[k])}
+    return share, [fault("route.turns-too-fast", slower, **needs, **figures)]
 
 
 def _smooth(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
