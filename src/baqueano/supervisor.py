@@ -227,9 +227,12 @@ def _text_of(value: object) -> str:
 
 def _where(guard: GuardedBlock, error: BaseException | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
-    kind: Tree = type(
-        getattr(guard.block, "block", guard.block)
-    )  # a compiled block holds the block as written
+    block: Tree = guard.block
+    while (
+        inner := getattr(block, "block", None)
+    ) is not None:  # timed, limited, compiled: each holds the one inside
+        block = inner
+    kind: Tree = type(block)
     who = f"{guard.room} {kind.__name__}"
     try:
         file, line = inspect.getfile(kind.step), kind.step.__code__.co_firstlineno

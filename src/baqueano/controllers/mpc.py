@@ -72,8 +72,6 @@ class Mpc:
         The identified model: a block of vehicles/, also one of yours.
     rate_hz : float
         Ticks a second.
-    steps : int
-        Steps of the horizon.
 
     Notes
     -----
@@ -95,6 +93,7 @@ class Mpc:
     """
 
     as_written: ClassVar[bool] = True  # its solver is a library, so the step is not compiled
+    steps: ClassVar[int] = 12  # of the horizon
 
     vehicle: Vehicle
     horizon_s: float = parameter("s", "time that is looked ahead", low=0.1, high=5.0, default=0.8)
@@ -113,7 +112,6 @@ class Mpc:
     )
     wall_high: np.ndarray = parameter("m, m", "largest x and y", shape=(2,), default=(INF, INF))
     rate_hz: float = 100.0
-    steps: int = 12
     limit: np.ndarray = parameter(
         "unit of u", "largest command, (n,)", low=0.0, default=(INF, INF, INF), shape=None
     )

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 GROUPS = {
     "Parameters": ("free", "fix", "bound", "per_run"),
     "Data": ("use", "segment", "clock", "measured", "tolerance"),
-    "Method": ("cost", "speed_noise", "choose", "over_time"),
+    "Method": ("cost", "speed_noise", "choose", "parameter_history"),
     "Judgement": ("held_out", "route"),
     "Results": ("update", "no_noise", "table", "page", "as_json"),
 }
