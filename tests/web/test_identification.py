@@ -170,7 +170,7 @@ def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, 
             async with browser(server, "es") as one, browser(server) as other:
                 await one.say("identify", on=True)
                 first = await one.next("identify")
-                assert first["parameters"][0]["label"] == "rozamiento al avanzar"
+                assert first["parameters"][0]["label"] == "fricción al avanzar"
                 found = await one.next("identify", where=lambda word: word["fit"] is not None)
                 assert found["t"] == 10.0
                 assert found["fit"]["verdict"]
