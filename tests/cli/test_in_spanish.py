@@ -126,6 +126,12 @@ def test_a_verb_prints_no_english_beside_its_translation(line, in_lab, in_strang
     assert not english_in(said_by(line, capsys))
 
 
+def test_help_that_was_in_english_first_is_translated_when_it_is_asked_for_again(in_strange_letters, capsys):
+    with pytest.raises(SystemExit):
+        main(["tune", "--help"])
+    assert not english_in(said_by("tune --help", capsys))
+
+
 def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_letters, capsys):
     said_by("report 2 -o page.html", capsys)
     page = Path("page.html").read_text(encoding="utf-8")

@@ -87,6 +87,7 @@ def in_language(command: click.Command) -> click.Command:
     if language.current() == "en":
         return command
     command = copy(command)
+    command._help_option = None  # click keeps it, with the words of the first language that was asked for
     for name in ("help", "short_help", "epilog"):
         setattr(command, name, language.translated(getattr(command, name) or "") or None)
     command.params = [copy(param) for param in command.params]

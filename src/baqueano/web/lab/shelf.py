@@ -58,7 +58,7 @@ class Shelf:
         paths = self.paths()
         reply, _ = await self._press.ask("runs", paths=[str(path) for path in paths.values()])
         self._lines = dict(zip(paths, reply["runs"], strict=True))
-        return self.runs()
+        return [self.line(path) for path in paths.values()]  # a run of meanwhile comes with the next list
 
     async def body(self, path: str) -> Content | None:
         """Return what stands at /run/WORD or /report/WORD; None where nothing does."""
