@@ -101,7 +101,7 @@ def test_the_run_of_a_drive_with_a_page_is_that_without(tmp_path):
                 with pytest.raises(Exception, match="1000"):
                     await one.next("never")
                 rows = one.rows(0, len(one.hello["fields"]))
-                assert 0.0 < rows[-1, 0] <= 2.0
+                assert 0.0 < rows[-1, 0] < 2.02  # the last frame may show the stop
                 assert np.isfinite(rows[-1, [f["name"] for f in one.hello["fields"]].index("truth.x")])
 
         run_page(job)
