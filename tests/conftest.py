@@ -20,7 +20,7 @@ from baqueano.symbolic.c_code import compile
 
 HERE = Path(__file__).parent
 SLOW = {  # folders and files
-    "cli", "door", "drive", "emulated", "identify", "monitor", "report", "robot", "study", "tune", "web",
+    "cli", "door", "drive", "emulated", "identify", "monitor", "report", "robot", "study", "sweep", "tune", "web",
     "compare/test_corridor.py", "controllers/test_model_following.py", "estimators/test_ekf_pauses.py",
     "estimators/test_every_sensor.py", "estimators/test_smoother.py", "test_any_laptop.py", "test_benchmarks.py",
     "test_docs.py", "test_examples.py", "test_house.py", "test_notebooks.py",

@@ -45,6 +45,19 @@ def test_the_page_on_python_runs_from_its_first_line_to_its_last(tmp_path, monke
     assert {"errors.pdf", "fit.html", "figures"} <= {path.name for path in tmp_path.iterdir()}
 
 
+@pytest.mark.parametrize("page", ["docs/sweep.md", "docs/es/sweep.md"])
+def test_the_page_on_sweeps_shows_code_that_runs_and_names_every_figure(page, tmp_path, monkeypatch, capsys):
+    from baqueano.sweep.figures import SINGLE, SUMMED
+
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert {name for name in (*SUMMED, *SINGLE) if f"`{name}`" not in text} == set()
+    held = {"__name__": "page"}
+    exec(compile(re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0], page, "exec"), held)
+    assert len(held["frame"]) == 12
+    assert "kanayama" in capsys.readouterr().out
+
+
 def test_the_page_on_python_names_every_name_and_every_drawing():
     page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
     assert {name for name in bq.__all__ if f"`{name}`" not in page} == set()
@@ -79,6 +92,7 @@ PAGES = (
             "python",
             "robot",
             "routes",
+            "sweep",
         )
     ),
 )

@@ -41,6 +41,7 @@ ROOMS = [
     "sensors",
     "signals",
     "simulate",
+    "sweep",
     "symbolic",
     "tune",
     "vehicle_file",

@@ -20,7 +20,7 @@ SEEN_AT_ONCE = ("door", "robot", "robot/uno", "robot/imu", "robot/service", "rob
 BLOCK_ROOMS = ("vehicles", "sensors", "estimators", "guides", "controllers")
 FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 MODULES, NAMES = 12, 20  # of a folder
-FRONT_DOOR = 25  # names of `import baqueano as bq`
+FRONT_DOOR = 26  # names of `import baqueano as bq`
 AROUND_BLOCKS = {  # the supervisor, and what wraps or watches the block of any room
     "Supervisor", "GuardedBlock", "Off", "BudgetedBlock", "Watchdog", "Agreement", "Adjustable", "MyEstimator",
     "MyGuide", "MyController",

@@ -22,7 +22,8 @@ ELSEWHERE = {  # page of the site → file outside docs/
 ORDER = {  # heading of the menu → its pages; a page of docs/ that is named nowhere joins the second
     "Begin": ("first-evening", "architecture", "python"),
     "How to": (
-        "identification", "controllers", "routes", "estimators", "importing", "own-vehicle", "driving", "vehicle-file"),
+        "identification", "controllers", "routes", "estimators", "sweep", "importing", "own-vehicle", "driving",
+        "vehicle-file"),
     "The vehicle": ("build", "robot", "firmware"),
     "Derivations": (),
     "Reference": ("reference/index", "glossary", "benchmarks", "errata", "changelog", "contributing"),

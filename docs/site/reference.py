@@ -35,6 +35,7 @@ ROOMS = {  # module → what it is for; the front door first, so that its names 
     "baqueano.simulate": "simulations, one or many",
     "baqueano.identify": "fits",
     "baqueano.compare": "errors and consistency",
+    "baqueano.sweep": "blocks compared on the same drives",
     "baqueano.tune": "gains",
     "baqueano.report": "pages and figures",
     "baqueano.runs": "runs and routes as files",

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from baqueano.report import report
     from baqueano.runs import import_run, read_run
     from baqueano.simulate import simulate
+    from baqueano.sweep import sweep
     from baqueano.tune import tune
     from baqueano.vehicle_file import load
     from baqueano.vehicle_file.checked import check
@@ -52,6 +53,7 @@ __all__ = [
     "routes",
     "sensors",
     "simulate",
+    "sweep",
     "teach",
     "tune",
     "vehicles",
@@ -69,6 +71,7 @@ __getattr__ = front_door(
         "report": ("report",),
         "runs": ("import_run", "read_run"),
         "simulate": ("simulate",),
+        "sweep": ("sweep",),
         "tune": ("tune",),
         "vehicle_file": ("load",),
         "vehicle_file.checked": ("check",),

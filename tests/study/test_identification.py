@@ -27,7 +27,7 @@ from baqueano.study.identification.bound import beside, bound_of, steps
 from baqueano.study.identification.page import page_of_identification
 from baqueano.study.identification.trials import CASES, TrialOutcome
 from baqueano.study.truth import TruthWorld, drawn_cars
-from baqueano.study.workers import spread_over
+from baqueano.sweep.workers import spread_over
 
 NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
 
@@ -219,7 +219,7 @@ def test_ctrl_c_before_the_first_seed_is_passed_on(monkeypatch):
 def test_ctrl_c_leaves_the_table_of_the_seeds_that_are_done(tmp_path):
     code = (
         "import sys, time\nimport numpy as np\nfrom baqueano.cli import main\n"
-        "from baqueano.study.identification import result\nfrom baqueano.study import workers\n"
+        "from baqueano.study.identification import result\nfrom baqueano.sweep import workers\n"
         "from baqueano.study.identification.trials import TrialOutcome\none, none = np.ones(1), (np.nan * np.ones(1))\n"
         "def slow(job):\n    if job.seeds[0]:\n        print('one', file=sys.stderr, flush=True)\n"
         "        time.sleep(30)\n"

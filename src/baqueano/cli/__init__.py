@@ -28,6 +28,7 @@ VERBS = {
     "runs": "List, show, cut, recover, import and export runs.",
     "serve": "Open the page of a vehicle in a browser: watch, drive, teach, repeat, stop.",
     "view": "Open a run in a browser: map, strips, events, a ghost of another run.",
+    "sweep": "Compare estimators, controllers and guides on the same simulated drives or recorded runs.",
     "report": "Write one self-contained HTML page about a run.",
     "study": "Reproduce the paper's case studies; judge by recordings.",
     "robot": "The real vehicle: from an empty card to a calibrated one; its service, state and runs.",
@@ -36,7 +37,7 @@ VERBS = {
 
 ROOMS = {  # of the verbs that do not stand beside this file
     "driving": ("drive", "experiment", "repeat", "replay", "route", "teach"),
-    "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "tune"),
+    "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "sweep", "tune"),
     "page": ("serve", "view"),
     "robot": ("robot",),
 }

@@ -19,8 +19,9 @@ from baqueano.diagnostics import Diagnostic, Verdict
 ROOMS = (
     "cli", "fit", "fit_errors", "front", "live", "names", "noise", "page", "vehicle_file", "blocks.block_checks",
     "blocks.block_fields", "blocks.loop", "blocks.symbolic", "driving.compare", "driving.drive", "driving.monitor",
-    "driving.routes", "driving.shake", "driving.simulate", "driving.study", "driving.tune", "recordings.damage",
-    "recordings.data", "recordings.imports", "recordings.runs", "vehicle.door", "vehicle.hardware", "vehicle.robot",
+    "driving.routes", "driving.shake", "driving.simulate", "driving.study", "driving.sweep", "driving.tune",
+    "recordings.damage", "recordings.data", "recordings.imports", "recordings.runs", "vehicle.door",
+    "vehicle.hardware", "vehicle.robot",
 )  # fmt: skip
 NAMED = 5  # subjects that are named after the first, of messages that are alike
 

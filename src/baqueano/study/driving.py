@@ -42,7 +42,7 @@ from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
 from baqueano.simulate.open_loop import times
 from baqueano.study.demo import GUESS
 from baqueano.study.truth import Robots, TruthWorld, drawn
-from baqueano.study.workers import spread_over
+from baqueano.sweep.workers import spread_over
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
 

@@ -23,7 +23,7 @@ from baqueano.language import translated as _
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, drawn
-from baqueano.study.workers import spread_over
+from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:

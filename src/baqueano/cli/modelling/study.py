@@ -69,7 +69,7 @@ def identification(
     from baqueano.study.identification import identification
     from baqueano.study.identification.page import page_of_identification
     from baqueano.study.identification.trials import CASES
-    from baqueano.study.workers import processors
+    from baqueano.sweep.workers import processors
 
     if unknown := [case for case in cases if case not in CASES]:
         raise UsageError(fault("cli.case-unknown", found=unknown[0], near=nearest(unknown[0], CASES)))
@@ -97,7 +97,7 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interrupted
     from baqueano.errors import AnswerNo
     from baqueano.study.faults import FAULTS, faults
-    from baqueano.study.workers import processors
+    from baqueano.sweep.workers import processors
 
     count = seeds * len(FAULTS)
     with progress(note("cli.study-faults", count=count), count) as each:
@@ -120,7 +120,7 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interrupted
     from baqueano.study.driving import driving
-    from baqueano.study.workers import processors
+    from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-driving", seeds=seeds), seeds) as each:
         found = driving(seeds, seed, processors(), backend, controller=controller, each=each)
@@ -141,7 +141,7 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
 def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interrupted
     from baqueano.study.marks import marks
-    from baqueano.study.workers import processors
+    from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-marks", seeds=seeds, laps=laps), seeds) as each:
         found = marks(seeds, seed, laps, processors(), backend, each=each)
@@ -181,7 +181,7 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
 @options.as_json
 def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     from baqueano.study.experiments import experiments
-    from baqueano.study.workers import processors
+    from baqueano.sweep.workers import processors
 
     with steps() as begin:
         found = experiments(seed, seconds, processors(), backend, begin)
@@ -196,7 +196,7 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interrupted
     from baqueano.study.first_drives import first_drives
-    from baqueano.study.workers import processors
+    from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-first-drives", seeds=seeds), seeds) as each:
         found = first_drives(seeds, seed, processors(), backend, each)
@@ -242,7 +242,7 @@ def estimation(
 ) -> None:
     from baqueano.errors import UsageError
     from baqueano.study.estimation import CASES, estimation
-    from baqueano.study.workers import processors
+    from baqueano.sweep.workers import processors
 
     if unknown := [case for case in cases if case not in CASES]:
         raise UsageError(fault("cli.case-unknown", found=unknown[0], near=nearest(unknown[0], CASES)))
@@ -265,7 +265,7 @@ def estimation(
 def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interrupted
     from baqueano.study.corridor import corridor, with_recordings
-    from baqueano.study.workers import processors
+    from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-corridor", vehicles=vehicles), vehicles) as each:
         found = corridor(vehicles, seed, processors(), backend, each)

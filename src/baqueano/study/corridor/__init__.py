@@ -11,7 +11,7 @@ from baqueano.language import translated as _
 from baqueano.study.corridor.drives import CorridorDrive, batch
 from baqueano.study.corridor.recorded import ends_of_recordings
 from baqueano.study.corridor.result import AT_S, Corridors, Instant, gathered
-from baqueano.study.workers import spread_over
+from baqueano.sweep.workers import spread_over
 
 TOGETHER = 10  # vehicles that are simulated side by side
 

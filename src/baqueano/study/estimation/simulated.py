@@ -28,7 +28,7 @@ from baqueano.study.estimation.subjects import SETUPS, Subject
 from baqueano.study.faults.subject import VEHICLES, subject
 from baqueano.study.faults.subject import FaultSubject as Driven
 from baqueano.study.truth import Cars, Robots
-from baqueano.study.workers import spread_over
+from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import parse
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from baqueano.identify.design.room import room_of
 from baqueano.language import translated as _
 from baqueano.study.experiments.drives import outcome, plans, vehicles_around
 from baqueano.study.experiments.result import Drawn, Experiments, joined, rows_of
-from baqueano.study.workers import spread_over
+from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import load
 
 ROOMS = (("small", "2x2", 7), ("small", "3x3", 6), ("car", "4x4", 7))  # file, room, vehicles

@@ -34,8 +34,8 @@ from baqueano.study.faults.logging import LOGGING
 from baqueano.study.faults.structures import STRUCTURES, FaultPlan
 from baqueano.study.faults.subject import VEHICLES, FaultSubject, subject
 from baqueano.study.faults.undamaged import undamaged
-from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
+from baqueano.sweep.workers import spread_over
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow

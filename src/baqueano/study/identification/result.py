@@ -21,8 +21,8 @@ from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.study.identification.trials import CASES, SECONDS, TrialJob, TrialOutcome, work
-from baqueano.study.workers import spread_over
 from baqueano.study.wrong import wrong
+from baqueano.sweep.workers import spread_over
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow

@@ -18,7 +18,7 @@ from baqueano.study.driving import FREE, SHAPES, experiments, guess
 from baqueano.study.marks.drives import Team, follow, with_tags
 from baqueano.study.marks.result import Lap, Marks, laps_of
 from baqueano.study.truth import TagFaults
-from baqueano.study.workers import spread_over
+from baqueano.sweep.workers import spread_over
 
 LEARNED, SPEED_M_S = 5, 0.3
 ROUTES = ("rectangle", "eight")

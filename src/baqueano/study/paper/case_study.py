@@ -17,7 +17,7 @@ from baqueano.language import translated as _
 from baqueano.messages import texts
 from baqueano.runs import Run
 from baqueano.simulate import simulate
-from baqueano.study.workers import spread_over
+from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
 
 if TYPE_CHECKING:

@@ -1,0 +1,107 @@
+"""One drive of one cell: the blocks of a file in its simulated vehicle, or on the ticks of a recorded run."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.drive import repeat, replay, stop_of
+from baqueano.errors import SafetyStop
+from baqueano.geometry import compose
+from baqueano.sweep.figures import Pieces, figures_of
+from baqueano.sweep.result import SweepCell, SweepDrive
+from baqueano.vehicle_file import VehicleFile, parse
+
+if TYPE_CHECKING:
+    from baqueano.contracts.blocks import OwnBlock
+    from baqueano.guides.route import Route
+    from baqueano.runs.run import Run
+
+
+class FileText(NamedTuple):
+    """A vehicle file as it goes to another process."""
+
+    text: str
+    label: str
+    path: Path | None
+    on_disk: str | None
+
+    def parsed(self) -> VehicleFile:
+        """Return the vehicle file."""
+        return parse(self.text, self.label, self.path, on_disk=self.on_disk)
+
+
+class SweepBlocks(NamedTuple):
+    """The blocks that stand in place of the file's; None: the file's own."""
+
+    estimator: "OwnBlock | None" = None
+    controller: "OwnBlock | None" = None
+    guide: "OwnBlock | None" = None
+
+
+class SweepSettings(NamedTuple):
+    """The settings that all drives share."""
+
+    laps: int = 1
+    start: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # where the vehicle begins, seen from the route's first pose
+    alignment: str = "none"
+    over_s: float = 1.0
+    backend: str = "auto"
+
+
+class SweepJob(NamedTuple):
+    """A drive that is to be done."""
+
+    cell: SweepCell
+    drive: str  # its name: vehicle, route and seed, or the run
+    file: FileText
+    blocks: SweepBlocks
+    settings: SweepSettings
+    route: "Route | None" = None
+    seed: int = 0
+    run: "Run | None" = None  # the one that is replayed
+
+
+def work(job: SweepJob) -> SweepDrive:
+    """Return the figures of a drive."""
+    try:
+        run = _replayed(job) if job.run is not None else _driven(job)
+    except SafetyStop as error:  # before its first tick
+        return SweepDrive(job.cell, job.drive, {}, {}, error.diagnostic.code)
+    s, why = job.settings, stop_of(run)
+    figures, pieces = figures_of(run, s.laps, s.alignment, s.over_s)
+    return SweepDrive(job.cell, job.drive, figures, pieces, "" if why is None else why.code)
+
+
+def _driven(job: SweepJob) -> "Run":
+    assert job.route is not None
+    start = compose(job.route.eta[0], np.array(job.settings.start))
+    return repeat(
+        job.file.parsed(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
+        backend=job.settings.backend,
+    )  # fmt: skip
+
+
+def _replayed(job: SweepJob) -> "Run":
+    assert job.run is not None
+    return replay(job.run, job.file.parsed(), estimator=job.blocks.estimator, backend=job.settings.backend)
+
+
+def as_row(drive: SweepDrive) -> dict[str, object]:
+    """Return a drive as JSON can hold it; its numbers are exact."""
+    return {
+        "figures": drive.figures, "stopped": drive.stopped,
+        "pieces": {name: [list(p.squares), list(p.samples)] for name, p in drive.pieces.items()},
+    }  # fmt: skip
+
+
+def of_row(job: SweepJob, row: dict) -> SweepDrive:
+    """Return the drive of a job out of its row."""
+    pieces = {
+        name: Pieces(tuple(squares), tuple(samples)) for name, (squares, samples) in row["pieces"].items()
+    }
+    return SweepDrive(job.cell, job.drive, row["figures"], pieces, row["stopped"])

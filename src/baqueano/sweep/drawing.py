@@ -1,0 +1,126 @@
+"""The figures and the page of a sweep."""
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.contracts.result import Result
+from baqueano.diagnostics import note
+from baqueano.language import number
+from baqueano.language import translated as _
+from baqueano.messages import text
+from baqueano.report.card import Card, card_of
+from baqueano.report.figures import MEASURED, MODEL, REFERENCE
+from baqueano.report.lab import panel, styled
+from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
+from baqueano.report.plots import drawings_of
+from baqueano.sweep.result import ALL, SUMMED, SweepResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from baqueano.contracts.values import TableRow
+
+
+@cache
+def registered() -> None:
+    """Give `.plot()` and a notebook's card to the results of sweeps."""
+    drawings_of.register(
+        SweepResult, lambda found: {"drives": lambda: spread(found), "differences": lambda: ratios(found)}
+    )
+    card_of.register(SweepResult, _card)
+
+
+def _card(found: Result) -> Card:
+    assert isinstance(found, SweepResult)
+    names = found.shown()[:6]
+    rows = [
+        {"cell": row["cell"], **{_head(name): row[name] * ALL[name].scale for name in names}}
+        for row in found.cells()
+    ]
+    title = text(note("sweep.head", drives=max((row["drives"] for row in found.cells()), default=0)))
+    return Card(title, found.verdict, rows, [text(one) for one in found.reasons])
+
+
+def page_of_sweep(found: SweepResult, title: str = "", reproduce: str = "") -> Page:
+    """Return the table, the spread over the drives and the differences on one page."""
+    main, rows = found.main_figure(), found.cells()
+    known = [row for row in rows if np.isfinite(row[main])]
+    best = min(known, key=lambda row: row[main]) if known else None
+    headlines = [Headline(_("cells"), str(len(rows)), ""), Headline(_("drives"), str(len(found.drives)), "")]
+    if best is not None:
+        value = f"{number(best[main] * ALL[main].scale):.3g} {ALL[main].unit}"
+        headlines.append(Headline(_("least error"), value, best["cell"]))
+    parts: list[Table | Drawing] = [draw(spread(found), text(note("sweep.spread")))]
+    if len(rows) > 1:
+        parts.append(draw(ratios(found), text(note("sweep.ratios", reference=found.reference))))
+    medians = [{"cell": row["cell"], **{_head(name): _plain(row[name] * ALL[name].scale) for name in found.shown()}}
+               for row in rows]  # fmt: skip
+    return Page(
+        title or _("Sweep"),
+        text(note("sweep.head", drives=max((row["drives"] for row in rows), default=0))),
+        found.verdict,
+        headlines,
+        [
+            Section(_("Cells"), "; ".join(text(one) for one in found.reasons), [Table(medians)]),
+            Section(_("Figures"), "", parts),
+            Section(_("Differences"), text(note("sweep.interval")), [Table(_differences(found, rows))]),
+        ],
+        reproduce,
+    )
+
+
+def _differences(found: SweepResult, rows: "list[TableRow]") -> "list[TableRow]":
+    out = []
+    for row in rows:
+        for name in SUMMED:
+            one = found.difference(row["cell"], name)
+            if row["cell"] != found.reference and np.isfinite(one.ratio):
+                out.append({
+                    "cell": row["cell"], "figure": _(SUMMED[name].heading), "ratio": one.ratio, "from": _plain(one.low),
+                    "to": _plain(one.high), "blocks": one.blocks,
+                })  # fmt: skip
+    return out
+
+
+def _head(name: str) -> str:
+    one = ALL[name]
+    return f"{_(one.heading)} [{one.unit}]" if one.unit else _(one.heading)
+
+
+def _plain(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+@styled
+def spread(found: SweepResult) -> "Figure":
+    """Draw the main figure of each drive, and the median of each cell."""
+    main, rows = found.main_figure(), found.cells()
+    figure, axes = panel((7.2, 0.45 * len(rows) + 1.2))
+    for k, row in enumerate(reversed(rows)):
+        x = [
+            d.figures.get(main, np.nan) * ALL[main].scale for d in found.drives if d.cell.label == row["cell"]
+        ]
+        axes.plot(x, np.full(len(x), k), "o", ms=4, color=MEASURED, alpha=0.4)
+        axes.plot([row[main] * ALL[main].scale], [k], "|", ms=16, mew=2.5, color=MODEL)
+    axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
+    axes.set_xscale("log")
+    axes.set_xlabel(_head(main))
+    return figure
+
+
+@styled
+def ratios(found: SweepResult) -> "Figure":
+    """Draw the main figure of each cell in parts of the reference's, with its interval."""
+    main, rows = found.main_figure(), [row for row in found.cells() if row["cell"] != found.reference]
+    figure, axes = panel((7.2, 0.45 * max(len(rows), 1) + 1.2))
+    for k, row in enumerate(reversed(rows)):
+        one = found.difference(row["cell"], main)
+        axes.hlines([k], [one.low], [one.high], color=REFERENCE, lw=5)
+        axes.plot([one.ratio], [k], "o", ms=5, color=MODEL)
+    axes.axvline(1.0, color=MEASURED, lw=1)
+    axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
+    axes.set_xscale("log")
+    axes.set_xlabel(f"{_(ALL[main].heading)} / {found.reference}")
+    return figure

@@ -1,0 +1,230 @@
+"""Vehicles or runs × estimators × controllers × guides × routes × seeds → the drives, all of them checked first."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from baqueano.compare.errors import ALIGNMENTS
+from baqueano.contracts.result import Result
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault, nearest
+from baqueano.drive.verbs import vehicle_of
+from baqueano.errors import UsageError
+from baqueano.guides.route import Route
+from baqueano.runs import Run
+from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
+from baqueano.sweep.drawing import registered
+from baqueano.sweep.kept import Means, all_done
+from baqueano.sweep.result import SweepCell, SweepResult
+from baqueano.sweep.workers import processors
+from baqueano.vehicle_file import VehicleFile, load
+from baqueano.vehicle_file.build import DEFAULT_KIND
+
+if TYPE_CHECKING:
+    from baqueano.contracts.blocks import OwnBlock
+
+LOOP = ("estimator", "controller", "guide")
+
+
+def sweep(
+    over: "VehicleFile | Run | str | Sequence[VehicleFile | Run | str]",
+    *,
+    routes: "Route | Sequence[Route] | dict[str, Route]" = (),
+    estimators: "OwnBlock | Sequence[OwnBlock]" = (),
+    controllers: "OwnBlock | Sequence[OwnBlock]" = (),
+    guides: "OwnBlock | Sequence[OwnBlock]" = (),
+    seeds: Iterable[int] = (0,),
+    reference: str | None = None,
+    vehicle: VehicleFile | None = None,
+    keep: Path | str | None = None,
+    processes: int | None = None,
+    cluster: str | None = None,
+    each: Callable[[int], None] | None = None,
+    **settings: float | str | tuple[float, float, float],
+) -> SweepResult:
+    """Drive or replay each combination of blocks under the same conditions, and compare them.
+
+    Parameters
+    ----------
+    over : VehicleFile, Run, str, or sequence of them
+        Vehicles, which are simulated as `repeat` does; or recorded runs, through which only estimators can vary.
+    routes : Route, sequence or dict of Route
+        What the vehicles drive; a dict gives the names.
+    estimators, controllers, guides : str, type or block, or sequence of them
+        A kind of ours, "file.py:Class", a class or a block; none: that of the vehicle file.
+    seeds : iterable of int
+        Of the noise; each cell has the same.
+    reference : str, optional
+        Label of the cell with which the others are compared; else the first one.
+    vehicle : VehicleFile, optional
+        For runs: the file of the estimators, else the one that the run holds.
+    keep : path, optional
+        A folder in which each drive is written when it is done. The same call goes on from there.
+    processes : int, optional
+        All processors, if it is not given. Blocks that only this process knows are driven here.
+    cluster : str, optional
+        Address of a Dask scheduler, in place of processes.
+    each : callable, optional
+        Called with the number of drives that have just been done.
+    **settings : object
+        `laps`; `start` (3,) [m, m, rad] of the vehicle, seen from the route's first pose; `alignment` and `over_s`
+        [s] as in `compare`; `backend`.
+
+    Returns
+    -------
+    SweepResult
+        The figures of each drive, of each cell, and their differences.
+
+    Raises
+    ------
+    UsageError
+        For a combination that cannot be driven: vehicles without a route, runs with a controller.
+
+    Examples
+    --------
+    >>> from baqueano.guides.shapes import circle
+    >>> found = sweep(bq.load("small"), routes=circle(0.3, 0.2), controllers=["kanayama", "lqr"], processes=1)
+    >>> [row["cell"] for row in found.cells()], len(found.drives)
+    (['kanayama', 'lqr'], 2)
+    """
+    subjects = [load(one) if isinstance(one, str) else one for one in _several(over)]
+    rooms = {
+        "estimator": _several(estimators),
+        "controller": _several(controllers),
+        "guide": _several(guides),
+    }
+    wanted = _checked(settings)
+    runs = [one for one in subjects if isinstance(one, Run)]
+    if runs and len(runs) == len(subjects):
+        jobs = _of_runs(runs, rooms, vehicle, wanted, _several(routes))
+    else:
+        jobs = _of_vehicles(subjects, rooms, _named(routes), [int(one) for one in seeds], wanted)
+    labels = list(dict.fromkeys(job.cell.label for job in jobs))
+    if reference is not None and reference not in labels:
+        raise UsageError(fault("sweep.reference", found=reference, near=nearest(reference, labels)))
+    count = processors() if processes is None else processes
+    drives = all_done(jobs, Means(count, cluster, None if keep is None else Path(keep)), each)
+    if not drives:
+        raise KeyboardInterrupt
+    registered()
+    return SweepResult(tuple(drives), len(jobs), reference or labels[0])
+
+
+def _several(given: Tree) -> list:
+    """Return one thing or several as a list."""
+    if isinstance(given, str | type | Route | Result | VehicleFile) or not isinstance(given, Iterable):
+        return [given]
+    return list(given)
+
+
+def _checked(settings: dict) -> SweepSettings:
+    known = SweepSettings._fields
+    for name in settings:
+        if name not in known:
+            raise UsageError(fault("sweep.setting", found=name, near=nearest(name, known)))
+    wanted = SweepSettings(**settings)
+    if wanted.alignment not in ALIGNMENTS:
+        raise UsageError(fault("compare.alignment", found=wanted.alignment, known=ALIGNMENTS))
+    if not (wanted.laps >= 1 and wanted.over_s > 0.0):
+        raise UsageError(fault("sweep.numbers", laps=wanted.laps, over_s=wanted.over_s))
+    return wanted._replace(start=tuple(float(x) for x in wanted.start))
+
+
+def _named(routes: Tree) -> dict[str, Route]:
+    if isinstance(routes, dict):
+        return routes
+    several = _several(routes)
+    return {f"route {k + 1}" if len(several) > 1 else "": route for k, route in enumerate(several)}
+
+
+def _of_vehicles(
+    files: list, rooms: dict[str, list], routes: dict[str, Route], seeds: list[int], settings: SweepSettings
+) -> list[SweepJob]:
+    """Return the jobs, cell by cell; each block was made once, so that a wrong one ends it before the first drive."""
+    if not files or not routes or not seeds:
+        raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
+    if wrong := [one for one in files if not isinstance(one, VehicleFile)]:
+        raise UsageError(fault("sweep.mixed", found=type(wrong[0]).__name__))
+    if wrong := [one for one in routes.values() if not isinstance(one, Route)]:
+        raise UsageError(fault("sweep.route", found=type(wrong[0]).__name__))
+    jobs, names = [], _labels([file.label for file in files])
+    for cell, blocks in _cells(rooms, files[0]):
+        for name, file in zip(names, files, strict=True):
+            file.estimator(blocks.estimator)
+            file.controller(blocks.controller)
+            for route_name, route in routes.items():
+                file.guide(route, blocks.guide)
+                for seed in seeds:
+                    parts = [name if len(files) > 1 else "", route_name, f"seed {seed}"]
+                    drive = ", ".join(part for part in parts if part)
+                    jobs.append(SweepJob(cell, drive, _text_of(file), blocks, settings, route, seed))
+    return jobs
+
+
+def _of_runs(
+    runs: list[Run],
+    rooms: dict[str, list],
+    vehicle: VehicleFile | None,
+    settings: SweepSettings,
+    routes: list,
+) -> list[SweepJob]:
+    """Return the jobs of recorded runs, which no controller can drive otherwise."""
+    for given, name in ((rooms["controller"], "controllers"), (rooms["guide"], "guides"), (routes, "routes")):
+        if given:
+            raise UsageError(fault("sweep.of-runs", what=name))
+    files = [vehicle or vehicle_of(run) for run in runs]
+    names, jobs = _labels([run.name for run in runs]), []
+    for cell, blocks in _cells(rooms, files[0]):
+        for name, run, file in zip(names, runs, files, strict=True):
+            file.estimator(blocks.estimator)
+            jobs.append(SweepJob(cell, name, _text_of(file), blocks, settings, run=run))
+    return jobs
+
+
+def _cells(rooms: dict[str, list], file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
+    """Return every combination of blocks, with its label: the names of those that vary."""
+    named = {}
+    for room in LOOP:
+        own = str(file.data.get(room, {}).get("kind", DEFAULT_KIND[room]))
+        given = rooms[room] or [None]
+        named[room] = list(
+            zip(_labels([own if one is None else _name(one) for one in given]), given, strict=True)
+        )
+    varied = [room for room in LOOP if len(named[room]) > 1] or ["controller"]
+    out = []
+    for estimator in named["estimator"]:
+        for controller in named["controller"]:
+            for guide in named["guide"]:
+                names = NamedBlocks(estimator[0], controller[0], guide[0])
+                label = " · ".join(getattr(names, room) for room in varied)
+                blocks = SweepBlocks(estimator[1], controller[1], guide[1])
+                out.append((SweepCell(label, *names), blocks))
+    return out
+
+
+class NamedBlocks(NamedTuple):
+    """The names of the blocks of a cell."""
+
+    estimator: str
+    controller: str
+    guide: str
+
+
+def _name(block: object) -> str:
+    """Return the name of a block as people read it."""
+    if isinstance(block, str):
+        return block
+    return block.__name__ if isinstance(block, type) else type(block).__name__
+
+
+def _labels(names: list[str]) -> list[str]:
+    """Return the names, numbered where two are the same."""
+    out: list[str] = []
+    for name in names:
+        before = sum(one == name or one.startswith(f"{name} #") for one in out)
+        out.append(f"{name} #{before + 1}" if before else name)
+    return out
+
+
+def _text_of(file: VehicleFile) -> FileText:
+    return FileText(file.text, file.label, file.path, file.on_disk)

@@ -1,0 +1,158 @@
+"""Drives over processes or a cluster; each is written when it is done, and read where it was written before.
+
+The name of a file is the digest of all that decides its drive: version, vehicle file, route or run, blocks with the
+text of those that are the user's, seed and settings. JSON holds doubles exactly: what was read equals what was driven.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from functools import partial
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano import __version__
+from baqueano.block_checks.source_text import is_ours, source_text
+from baqueano.blocks import resolve
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.sweep.cell import SweepJob, as_row, of_row, work
+from baqueano.sweep.workers import spread_over
+
+if TYPE_CHECKING:
+    from baqueano.sweep.result import SweepDrive
+
+
+class Means(NamedTuple):
+    """Processes, cluster and folder of a sweep."""
+
+    processes: int = 1
+    cluster: str | None = None  # address of a Dask scheduler
+    keep: Path | None = None  # a folder
+
+
+def all_done(
+    jobs: Sequence[SweepJob], means: Means, each: Callable[[int], None] | None
+) -> "list[SweepDrive]":
+    """Return the drives in the order of their jobs; after Ctrl-C those that are done."""
+    if means.keep is not None:
+        means.keep.mkdir(parents=True, exist_ok=True)
+    names = [digest(job) for job in jobs] if means.keep is not None else [""] * len(jobs)
+    each, rows = each or (lambda n: None), {}
+    for k, name in enumerate(names):
+        if means.keep is not None and (row := _read(means.keep / f"{name}.json")) is not None:
+            rows[k] = row
+            each(1)
+    ahead = [NumberedJob(k, job) for k, job in enumerate(jobs) if k not in rows]
+    task = partial(_kept, keep=means.keep, names={one.number: names[one.number] for one in ahead})
+    if means.cluster is not None and ahead:
+        done = on_cluster(ahead, means, names, each)
+    else:
+        done = spread_over(task, ahead, means.processes if _travels(ahead) else 1, each)
+    rows |= dict(done)
+    return [of_row(jobs[k], rows[k]) for k in sorted(rows)]
+
+
+class NumberedJob(NamedTuple):
+    """A job and its place in the order."""
+
+    number: int
+    job: SweepJob
+
+
+def _kept(one: NumberedJob, keep: Path | None, names: dict[int, str]) -> tuple[int, dict]:
+    """Return number and row of a drive, which stands in `keep` from now on."""
+    row = as_row(work(one.job))
+    if keep is not None:
+        _write(keep / f"{names[one.number]}.json", row)
+    return one.number, row
+
+
+def _write(path: Path, row: dict) -> None:
+    half = path.with_suffix(".half")
+    half.write_text(json.dumps(row), encoding="utf-8")
+    half.replace(path)
+
+
+def _read(path: Path) -> dict | None:
+    """Return the row of a drive; None where there is none, or no whole one."""
+    try:
+        row = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return row if isinstance(row, dict) and {"figures", "pieces", "stopped"} <= row.keys() else None
+
+
+def _travels(jobs: Sequence[NumberedJob]) -> bool:
+    """Return True where another process can take the blocks; one of a notebook's cell it cannot find."""
+    blocks = {block for one in jobs for block in one.job.blocks if not isinstance(block, str | None)}
+    if any((b if isinstance(b, type) else type(b)).__module__ in ("__main__", "builtins") for b in blocks):
+        return False
+    try:
+        ForkingPickler.dumps(list(blocks))
+    except Exception:  # whatever a block of the user's raises there
+        return False
+    return True
+
+
+def digest(job: SweepJob) -> str:
+    """Return the name under which the drive of a job is kept."""
+    import hashlib
+
+    said = [__version__, job.file.text, repr(job.settings), str(job.seed), job.drive]
+    said += [_said_of(room, block, job) for room, block in job.blocks._asdict().items()]
+    whole = hashlib.sha256("\0".join(said).encode())
+    for part in _arrays(job):
+        whole.update(np.ascontiguousarray(part).tobytes())
+    return whole.hexdigest()[:24]
+
+
+def _arrays(job: SweepJob) -> list[np.ndarray]:
+    if job.run is not None:
+        channels = [part for channel in job.run.sensors.values() for part in (channel.t_ns, channel.z)]
+        truth = [] if job.run.truth is None else [job.run.truth.eta]
+        return [job.run.t_ns, job.run.applied, *channels, *truth]
+    return [] if job.route is None else [job.route.t_s, job.route.eta, job.route.nu]
+
+
+def _said_of(room: str, block: object, job: SweepJob) -> str:
+    """Return a block in words: its kind or numbers, and its text where it is the user's."""
+    if block is None:
+        return ""
+    if isinstance(block, str):
+        folder = None if job.file.path is None else job.file.path.parent
+        kind, numbers = resolve(room, block, folder), block
+    else:
+        kind = block if isinstance(block, type) else type(block)
+        numbers = kind.__qualname__ if isinstance(block, type) else repr(block)
+    return numbers if is_ours(kind) else f"{numbers}\n{source_text(kind)}"
+
+
+def on_cluster(
+    jobs: Sequence[NumberedJob], means: Means, names: Sequence[str], each: Callable[[int], None]
+) -> list[tuple[int, dict]]:
+    """Return the rows of the jobs from the workers of a Dask scheduler; they are kept here, not there. UsageError where
+    it does not answer."""
+    try:
+        from distributed import Client, as_completed  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise UsageError(fault("sweep.no-distributed", "pip install distributed")) from error
+    try:
+        client = Client(means.cluster, timeout="10s", set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UsageError(fault("sweep.no-cluster", address=means.cluster, cause=error)) from error
+    done: list[tuple[int, dict]] = []
+    with client:
+        waiting = [client.submit(_kept, job, keep=None, names={}, pure=False) for job in jobs]
+        try:
+            for future in as_completed(waiting, loop=client.loop):
+                k, row = future.result()
+                if means.keep is not None:
+                    _write(means.keep / f"{names[k]}.json", row)
+                done.append((k, row))
+                each(1)
+        except KeyboardInterrupt:
+            client.cancel(waiting)
+    return done

@@ -1,0 +1,241 @@
+"""The result of a sweep: the figures of each drive, the middle of each cell, and its differences from a reference."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.result import Result, shortened
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.language import number
+from baqueano.language import translated as _
+from baqueano.messages import text, verdict_line
+from baqueano.sweep.figures import SINGLE, SUMMED, Pieces
+from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+
+ALL = {**SUMMED, **SINGLE}
+BLOCKS = (  # of figures, as they are printed
+    ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joined_m", "laps"),
+    ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "nees_pose", "nees_velocity", "nis"),
+)
+SHORT = (
+    "across_rms_m",
+    "across_max_m",
+    "speed_error_m_s",
+    "effort",
+    "ate_m",
+    "rpe_m",
+    "rpe_heading_rad",
+    "nis",
+)
+MAIN = ("across_rms_m", "ate_m")  # the figure whose difference stands in the table: the first that is known
+NARROW = 32  # letters of a label
+
+
+class SweepCell(NamedTuple):
+    """A combination of blocks.
+
+    Attributes
+    ----------
+    label : str
+        The names of those that vary.
+    estimator, controller, guide : str
+        Their names.
+
+    Examples
+    --------
+    >>> SweepCell("pd", "ekf", "pd", "repeat").label
+    'pd'
+    """
+
+    label: str
+    estimator: str
+    controller: str
+    guide: str
+
+
+class SweepDrive(NamedTuple):
+    """A drive of a cell.
+
+    Attributes
+    ----------
+    cell : SweepCell
+        The blocks.
+    name : str
+        Vehicle, route and seed; the same in each cell.
+    figures : dict of float
+        By their names; NaN where not known.
+    pieces : dict of Pieces
+        Of the figures that are an rms, by which drives are compared.
+    stopped : str
+        Code of the reason why it was stopped; "" if it was not.
+
+    Examples
+    --------
+    >>> SweepDrive(SweepCell("pd", "ekf", "pd", "repeat"), "seed 1", {"nis": 1.0}, {}, "").figures["nis"]
+    1.0
+    """
+
+    cell: SweepCell
+    name: str
+    figures: dict[str, float]
+    pieces: dict[str, Pieces]
+    stopped: str
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SweepResult(Result):
+    """Cells on the same drives.
+
+    Attributes
+    ----------
+    drives : tuple of SweepDrive
+        Cell by cell.
+    asked : int
+        How many were to be done; more than there are after Ctrl-C.
+    reference : str
+        Label of the cell with which the others are compared.
+
+    Examples
+    --------
+    >>> from baqueano.guides.shapes import circle
+    >>> found = bq.sweep(bq.load("small"), routes=circle(0.3, 0.2), controllers=["kanayama", "lqr"], processes=1)
+    >>> print(f"{found.difference('lqr', 'across_rms_m').ratio < 1.0}")
+    True
+    """
+
+    drives: tuple[SweepDrive, ...]
+    asked: int
+    reference: str
+
+    def __repr__(self) -> str:
+        lines = self._lines([[name for name in SHORT if self._has(name)][:4]])
+        return shortened(lines[:3], lines[3:], [verdict_line(self.verdict, self.reasons)])
+
+    def rows(self) -> list["TableRow"]:
+        """Return a flat row per cell and drive."""
+        return [
+            {
+                "cell": one.cell.label, "estimator": one.cell.estimator, "controller": one.cell.controller,
+                "guide": one.cell.guide, "drive": one.name,
+                **{name: one.figures.get(name, float("nan")) for name in ALL}, "stopped": one.stopped,
+            }
+            for one in self.drives
+        ]  # fmt: skip
+
+    def cells(self) -> list["TableRow"]:
+        """Return a flat row per cell: the median of each figure over its drives, and the differences of the rms."""
+        out = []
+        for label, drives in self._by_cell().items():
+            row: TableRow = {
+                "cell": label,
+                "drives": len(drives),
+                "stopped": sum(bool(d.stopped) for d in drives),
+            }
+            for name in ALL:
+                x = np.array([d.figures.get(name, np.nan) for d in drives])
+                known = x[np.isfinite(x)]
+                row[name] = float(np.median(known)) if known.size else float("nan")
+            for name in SUMMED:
+                found = self.difference(label, name)
+                row |= {f"{name}_ratio": found.ratio, f"{name}_low": found.low, f"{name}_high": found.high}
+            out.append(row)
+        return out
+
+    def difference(self, label: str, figure: str) -> PairedDifference:
+        """Return a figure of the cell `label` in parts of the reference's, on the drives that both did."""
+        cells = self._by_cell()
+        ours, others = ({d.name: d for d in cells.get(one, ())} for one in (label, self.reference))
+        both = [(ours[name], others[name]) for name in ours if name in others]
+        known = [
+            (a.pieces[figure], b.pieces[figure]) for a, b in both if figure in a.pieces and figure in b.pieces
+        ]
+        return paired([a for a, _b in known], [b for _a, b in known]) if known else UNKNOWN
+
+    @property
+    def verdict(self) -> Verdict:
+        """DONE, or WARN with reasons."""
+        return Verdict.WARN if self.reasons else Verdict.DONE
+
+    @property
+    def reasons(self) -> tuple[Diagnostic, ...]:
+        """Return which cells were stopped, and if drives are missing."""
+        out = [
+            note(
+                "sweep.stopped",
+                Severity.WARNING,
+                subject=row["cell"],
+                stopped=row["stopped"],
+                drives=row["drives"],
+            )
+            for row in self.cells()
+            if row["stopped"]
+        ]
+        if len(self.drives) < self.asked:
+            out.append(note("sweep.part", Severity.WARNING, done=len(self.drives), asked=self.asked))
+        return tuple(out)
+
+    def table(self) -> str:
+        """Return the medians of each cell, and the difference from the reference."""
+        return "\n".join([*self._lines(BLOCKS), "", verdict_line(self.verdict, self.reasons)])
+
+    def _by_cell(self) -> dict[str, list[SweepDrive]]:
+        out: dict[str, list[SweepDrive]] = {}
+        for drive in self.drives:
+            out.setdefault(drive.cell.label, []).append(drive)
+        return out
+
+    def main_figure(self) -> str:
+        """Return the name of the figure by which cells are compared first."""
+        known = [name for name in MAIN if any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)]
+        return known[0] if known else MAIN[-1]
+
+    def shown(self) -> list[str]:
+        """Return the names of the figures that any drive has, those of the vehicle first."""
+        return [name for names in BLOCKS for name in names if self._has(name)]
+
+    def _has(self, name: str) -> bool:
+        return any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)
+
+    def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
+        """Return a table for each block of figures that are known; the first has the differences."""
+        rows, out = self.cells(), []
+        wide = min(max([len(row["cell"]) for row in rows], default=4), NARROW) + 2
+        for names in ([name for name in block if self._has(name)] for block in blocks):
+            if not names:
+                continue
+            heads = [(_(ALL[name].heading), ALL[name].unit) for name in names]
+            columns = [max(len(head), len(unit), 5) + 2 for head, unit in heads]
+            ratio = "" if out else f"  {_('ratio')}"
+            out += [] if not out else [""]
+            for k in range(2):
+                words = "".join(f"{head[k]:>{n}}" for head, n in zip(heads, columns, strict=True))
+                out.append((" " * wide + words + ratio * (k == 0)).rstrip())
+            for row in rows:
+                cells = [
+                    f"{_cell(row[name] * ALL[name].scale):>{n}}"
+                    for name, n in zip(names, columns, strict=True)
+                ]
+                out.append(
+                    f"{row['cell'][: wide - 2]:{wide}}{''.join(cells)}{self._ratio(row) if ratio else ''}"
+                )
+        main, drives = self.main_figure(), max((row["drives"] for row in rows), default=0)
+        about = {"drives": drives, "figure": _(ALL[main].heading), "reference": self.reference}
+        return [text(note("sweep.head" if len(rows) < 2 else "sweep.head-ratio", **about)), *out]
+
+    def _ratio(self, row: "TableRow") -> str:
+        main = self.main_figure()
+        if row["cell"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
+            return "  1" if row["cell"] == self.reference else "  -"
+        shown = [f"{number(row[f'{main}_{end}']):.2f}" for end in ("ratio", "low", "high")]
+        return (
+            f"  {shown[0]} [{shown[1]}, {shown[2]}]" if np.isfinite(row[f"{main}_low"]) else f"  {shown[0]}"
+        )
+
+
+def _cell(value: float) -> str:
+    return f"{number(value):.3g}" if np.isfinite(value) else "-"

@@ -1,0 +1,224 @@
+"""A sweep: figures as others compute them, intervals that hold, the same rows whichever way it ran."""
+
+import json
+
+import numpy as np
+import pytest
+
+import baqueano as bq
+from baqueano.errors import UsageError
+from baqueano.guides.shapes import circle
+from baqueano.runs.run import EstimateLog, Run, TruthLog
+from baqueano.sweep.cell import SweepBlocks
+from baqueano.sweep.drawing import page_of_sweep
+from baqueano.sweep.figures import Pieces, figures_of, joined
+from baqueano.sweep.grid import sweep as one_process
+from baqueano.sweep.kept import digest
+from baqueano.sweep.paired import paired
+from baqueano.sweep.result import SweepResult
+from tests.codes import refused
+from tests.compare.test_errors_of_paths import trajectories
+
+ROUTE = circle(0.3, 0.2)
+MINE = '''
+from baqueano.controllers import Kanayama
+
+
+class Mine(Kanayama):
+    """Kanayama's, under a name of mine."""
+'''
+
+
+def rows_of(found: SweepResult) -> str:
+    return repr(found.rows()) + repr([drive.pieces for drive in found.drives])
+
+
+@pytest.fixture(scope="module")
+def small():
+    return bq.load("small")
+
+
+@pytest.fixture(scope="module")
+def asked(small):
+    return {
+        "over": small, "routes": {"circle": ROUTE}, "controllers": ["kanayama", "lqr"], "seeds": (3, 4),
+        "start": (0.0, 0.08, 0.3), "backend": "python",  # conftest.py compiles otherwise here than in other processes
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found(asked):
+    return one_process(**asked, processes=1)
+
+
+@pytest.mark.parametrize(
+    ("alignment", "figures"),
+    [
+        ("none", (3.385636012415972, 0.7003727373090944)),
+        ("start", (0.06864218176798112, 0.013987322265409594)),
+        ("rigid", (0.04466864600024149, 0.013999775774547899)),
+    ],
+)
+def test_ate_and_rpe_of_a_replay_are_those_of_evo(alignment, figures):
+    """evo 1.38.1, as in tests/compare/test_errors_of_paths.py."""
+    t_ns, eta, truth = trajectories()
+    zero = np.zeros_like(eta)
+    P = np.tile(np.eye(6), (len(t_ns), 1, 1))
+    run = Run(
+        "evo", None, t_ns, np.zeros((len(t_ns), 3)), estimate=EstimateLog(t_ns, eta, zero, P),
+        truth=TruthLog(t_ns, truth, zero, zero), metadata={"kind": "replay"},
+    )  # fmt: skip
+    shown, pieces = figures_of(run, alignment=alignment)
+    assert (shown["ate_m"], shown["ate_heading_rad"]) == pytest.approx(figures, abs=1e-9)
+    assert (shown["rpe_m"], shown["rpe_heading_rad"]) == pytest.approx(
+        (0.039987329757, 0.0170090357855), abs=1e-9
+    )
+    assert len(pieces["ate_m"].squares) == 2  # of 20 s
+    assert np.isnan(shown["across_rms_m"])
+
+
+def test_an_interval_of_correlated_errors_holds_what_it_claims():
+    """Two cells that are equally good: 95 % intervals that miss 1 in 88 to 99 % of 300 cases would be wrong."""
+    rng, inside = np.random.default_rng(0), 0
+    for _ in range(300):
+        both = []
+        for _cell in range(2):
+            level = np.exp(0.3 * rng.standard_normal(20))  # of each drive, the same for all its samples
+            both.append([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in level])
+        found = paired(*both)
+        assert (found.blocks, found.of_drives) == (20, True)
+        inside += found.low <= 1.0 <= found.high
+    assert 0.88 <= inside / 300 <= 0.99
+
+
+def test_few_drives_are_compared_piece_by_piece_and_one_piece_has_no_interval():
+    rng = np.random.default_rng(1)
+    ours, others = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
+    found = paired([ours], [others])
+    assert (found.blocks, found.of_drives, found.significant) == (12, False, True)
+    assert found.low < found.ratio < found.high
+    one = paired([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
+    assert one.ratio == 2.0
+    assert np.isnan(one.low)
+
+
+def test_a_vehicle_that_begins_beside_its_route_joins_it(found):
+    rows = found.rows()
+    assert [(row["cell"], row["drive"]) for row in rows[:3]] == [
+        ("kanayama", "circle, seed 3"), ("kanayama", "circle, seed 4"), ("lqr", "circle, seed 3"),
+    ]  # fmt: skip
+    assert all(0.05 < row["joined_m"] < 1.0 for row in rows)
+    assert all(0.08 < row["across_max_m"] < 0.1 for row in rows)
+    assert {row["laps"] for row in rows} == {1.0}
+    assert joined(np.array([1.0, 2.0, 4.0]), np.array([0.1, 0.02, 0.01])) == 1.0
+    assert np.isnan(joined(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
+
+
+def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(asked, found, tmp_path):
+    heard = []
+
+    def until_two(n: int) -> None:
+        heard.append(n)
+        if len(heard) == 2:
+            raise KeyboardInterrupt
+
+    part = one_process(**asked, processes=1, keep=tmp_path, each=until_two)
+    assert (len(part.drives), part.asked, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
+    kept = sorted(tmp_path.glob("*.json"))
+    assert len(kept) == 2
+    kept[0].write_text(
+        kept[0].read_text()[:40]
+    )  # half of a file: not what this program writes, so driven again
+    again = one_process(**asked, processes=2, keep=tmp_path)
+    assert rows_of(again) == rows_of(found)
+    assert len(list(tmp_path.iterdir())) == 4
+    before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert rows_of(one_process(**asked, processes=1, keep=tmp_path)) == rows_of(found)
+    assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
+
+
+def test_a_kept_drive_is_of_its_blocks_text_and_seed(tmp_path, monkeypatch, small):
+    from baqueano.sweep.cell import FileText, SweepJob, SweepSettings
+    from baqueano.sweep.result import SweepCell
+
+    monkeypatch.chdir(tmp_path)
+    names = set()
+    for text, seed in ((MINE, 0), (MINE + "\n# other\n", 0), (MINE, 1)):
+        (tmp_path / "my.py").write_text(text, encoding="utf-8")
+        blocks = SweepBlocks(controller="my.py:Mine")
+        file = FileText(small.text, small.label, small.path, small.on_disk)
+        names.add(
+            digest(SweepJob(SweepCell("m", "", "", ""), "d", file, blocks, SweepSettings(), ROUTE, seed))
+        )
+    assert len(names) == 3
+    from_class = one_process(small, routes=ROUTE, controllers=["my.py:Mine", "kanayama"], processes=1)
+    ours, theirs = from_class.drives
+    assert ours.figures == theirs.figures
+
+
+def test_recorded_runs_are_replayed_through_estimators_alone(small):
+    run = bq.repeat(small, ROUTE, seed=1)
+    found = one_process(
+        run, estimators=["augmented_ekf", "dead_reckoning"], reference="dead_reckoning", processes=1
+    )
+    assert [row["estimator"] for row in found.rows()] == ["augmented_ekf", "dead_reckoning"]
+    assert all(np.isnan(row["across_rms_m"]) and row["ate_m"] > 0.0 for row in found.rows())
+    assert found.cells()[1]["ate_m_ratio"] == 1.0
+    again = bq.compare(bq.replay(run)).rows()[0]
+    assert found.rows()[0]["rpe_m"] == pytest.approx(again["rpe_m"], rel=1e-12)
+    with refused("sweep.of-runs", UsageError, what="controllers"):
+        one_process(run, controllers="lqr")
+
+
+@pytest.mark.parametrize(
+    ("code", "given"),
+    [
+        ("sweep.nothing", {}),
+        ("sweep.route", {"routes": [3]}),
+        ("sweep.setting", {"routes": ROUTE, "lap": 3}),
+        ("sweep.numbers", {"routes": ROUTE, "laps": 0}),
+        ("sweep.reference", {"routes": ROUTE, "reference": "lqx"}),
+        ("block.unknown", {"routes": ROUTE, "controllers": "lqx"}),
+        ("compare.alignment", {"routes": ROUTE, "alignment": "all"}),
+    ],
+)
+def test_what_cannot_be_driven_is_refused_before_the_first_drive(small, code, given):
+    with refused(code):
+        one_process(small, **given, each=lambda n: pytest.fail("a drive was done"))
+
+
+def test_vehicles_and_runs_are_not_mixed(small):
+    run = bq.simulate(small, np.zeros((10, 3)))
+    with refused("sweep.mixed", UsageError):
+        one_process([small, run], routes=ROUTE)
+
+
+def test_a_sweep_is_shown_in_twelve_lines_as_a_card_a_frame_and_a_page(found, tmp_path):
+    assert len(repr(found).splitlines()) <= 12
+    assert "lqr" in repr(found)
+    assert max(map(len, found.table().splitlines())) <= 110
+    frame = found.to_pandas()
+    assert (len(frame), set(frame["cell"])) == (4, {"kanayama", "lqr"})
+    assert "lqr" in found._repr_html_()
+    assert found.plot("differences").axes
+    page = (
+        page_of_sweep(found, reproduce="baqueano sweep")
+        .save(tmp_path / "sweep.html")
+        .read_text(encoding="utf-8")
+    )
+    assert "lqr" in page
+    assert page.count("<svg") >= 2
+
+
+def test_the_command_gives_one_object_with_drives_and_cells(capsys, tmp_path, monkeypatch):
+    from baqueano.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["baqueano"])
+    line = "sweep --vehicle small --route circle --size 0.3 --seeds 1 --controller lqr --json --keep k"
+    with pytest.raises(SystemExit) as ended:
+        main([*line.split(), "--controller", "kanayama"])
+    assert ended.value.code in (None, 0)
+    said = json.loads(capsys.readouterr().out)
+    assert [row["cell"] for row in said["cells"]] == ["lqr", "kanayama"]
+    assert len(said["rows"]) == len(list((tmp_path / "k").iterdir())) == 2
