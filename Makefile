@@ -97,8 +97,9 @@ lock:
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
 	  --custom-compile-command "make lock" --extra lab --extra page --extra test --extra docs pyproject.toml requirements/build.in -o requirements/test.lock
 	$(BIN)/uv pip compile --quiet --python-version 3.11 --python-platform aarch64-manylinux_2_31 --generate-hashes \
-	  --no-emit-index-url --no-annotate --custom-compile-command "make lock" requirements/onboard.in \
-	  -o src/baqueano/robot/files/onboard.lock
+	  --no-emit-index-url --no-annotate --no-header requirements/onboard.in -o src/baqueano/robot/files/onboard.lock
+	sed -i '1i # make lock: the packages of a vehicle'"'"'s computer, each with the hashes of all its wheels.' \
+	  src/baqueano/robot/files/onboard.lock
 
 clean:
 	rm -rf $(VENV) dist build demo demo-*

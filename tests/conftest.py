@@ -3,7 +3,8 @@
 What drives, fits, draws, installs or emulates has the mark `slow`; `make test-fast` leaves it out.
 
 Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in the background ignore it; here it counts.
-Hypothesis judges no example by the clock on the wall: a busy machine is slow.
+Hypothesis judges no example by the clock on the wall: a busy machine is slow. A machine that stalls for a second lets
+sockets, firmware and browsers miss their time: such a test runs up to twice again, and the summary lists it (RERUN).
 """
 
 import builtins
@@ -36,6 +37,11 @@ POSIX = (
     "cli/test_robot_that_lies.py",
 )
 
+REAL_TIME = {  # sockets, processes, firmware and browsers whose time is that of the wall
+    "door", "emulated", "web", "robot", "cli", "drive", "test_clock.py", "test_any_laptop.py", "test_notebooks.py",
+    "test_wheel.py",
+}  # fmt: skip
+
 SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
@@ -51,10 +57,15 @@ if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def is_slow(path: Path) -> bool:
-    return path.is_relative_to(HERE) and not SLOW.isdisjoint(
+def is_in(path: Path, places: set[str]) -> bool:
+    """Return True for a test in one of these files and folders."""
+    return path.is_relative_to(HERE) and not places.isdisjoint(
         {path.relative_to(HERE).as_posix(), *(part.as_posix() for part in path.relative_to(HERE).parents)}
     )
+
+
+def is_slow(path: Path) -> bool:
+    return is_in(path, SLOW)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -73,6 +84,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if is_slow(item.path):
             item.add_marker("slow")
+        if is_in(item.path, REAL_TIME):
+            item.add_marker(pytest.mark.flaky(reruns=2))
 
 
 @pytest.hookimpl(tryfirst=True)
