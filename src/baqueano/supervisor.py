@@ -151,8 +151,8 @@ class GuardedBlock:
             raise self._returned(*wrong)
         return result
 
-    def _returned(self, found: str, expected: str) -> BlockFault:
-        why = stop(StopReason.BLOCK_RETURNED, block=_where(self), found=found, expected=expected)
+    def _returned(self, returned: str, expected: str) -> BlockFault:
+        why = stop(StopReason.BLOCK_RETURNED, block=_where(self), found=returned, expected=expected)
         return BlockFault(self.room, why)
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:

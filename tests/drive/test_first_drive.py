@@ -14,7 +14,7 @@ from baqueano.messages import text
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.first_drives import MiswiredLink, drive_one, gains, unknown
-from baqueano.study.truth import drawn
+from baqueano.study.truth import draw_robots
 from baqueano.vehicle_file import load
 from tests.codes import refused
 
@@ -74,7 +74,7 @@ def test_the_rough_gain_is_of_the_right_size(small, seed):
 
 
 def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
-    world = MiswiredLink(LoopWorld(drawn(1, 3), 3, small.rate_hz), "swapped")
+    world = MiswiredLink(LoopWorld(draw_robots(1, 3), 3, small.rate_hz), "swapped")
     found = first_drive(small, world=world)
     assert [one.code for one in found.wiring] == ["wiring.swapped"]
     assert text(found.wiring[0]) in found.table()

@@ -7,7 +7,7 @@ from baqueano import vehicle_file
 from baqueano.errors import AnswerNo
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.workshop import calibrate_imu
-from baqueano.robot.workshop.calibrate_imu import Watched, ahead, biases, upward
+from baqueano.robot.workshop.calibrate_imu import ImuReader, ahead, biases, upward
 from tests.emulated.hand import Hand, OnBus
 
 ON_EDGE = ImuSettings(axes=("-y", "z", "-x"))  # a chip on its edge, the far way round
@@ -32,7 +32,7 @@ def follows(hand, lift=0.3, turn=np.pi, roll=0.0):
 
 
 def found(robot, say):
-    return calibrate_imu.calibrate(Watched(robot.imu, robot.wait, lambda: robot.now_ns), say)
+    return calibrate_imu.calibrate(ImuReader(robot.imu, robot.wait, lambda: robot.now_ns), say)
 
 
 def test_axes_and_biases_are_found_on_a_floor_that_slopes(robot):
@@ -79,7 +79,7 @@ def test_a_vehicle_that_is_carried_about_is_not_at_rest(robot):
 
 
 def test_an_imu_without_samples_is_told(robot):
-    watched = Watched(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
+    watched = ImuReader(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
     with pytest.raises(AnswerNo, match=r"gave no sample in 1 s.*doctor"):
         watched.samples(1.0)
 

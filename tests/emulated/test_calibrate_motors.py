@@ -9,7 +9,7 @@ from baqueano.robot.uno.frames import Settings, Way, Wiring
 from baqueano.robot.uno.settings import changed
 from baqueano.robot.workshop import calibrate_motors
 from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fitted, ways
-from baqueano.robot.workshop.floor_tests import Bench
+from baqueano.robot.workshop.floor_tests import FloorTests
 from tests.emulated.robot import EmulatedRobot
 
 REVERSED_L, REVERSED_R, SWAPPED = (
@@ -36,7 +36,7 @@ def robot(firmware, monkeypatch):
 
 @pytest.fixture
 def bench(robot):
-    return Bench(robot.uno, robot.imu, robot.wait, lambda: robot.now_ns)
+    return FloorTests(robot.uno, robot.imu, robot.wait, lambda: robot.now_ns)
 
 
 def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afterwards(
@@ -94,7 +94,7 @@ def test_what_remains_with_the_heading_held_is_a_part_of_what_it_is_without(robo
         before = robot.motion.eta[2]
         bench.hold(0.5 * sign, 0.5 * sign, calibrate_motors.STRAIGHT_S)
         free, before = robot.motion.eta[2] - before, robot.motion.eta[2]
-        told = calibrate_motors._held(bench, sign, 3.3)
+        told = calibrate_motors._held_heading(bench, sign, 3.3)
         print(f"free {np.degrees(free):.1f}°, held {np.degrees(told):.1f}°")
         assert abs(free) > np.radians(20.0)
         assert abs(told) < 0.4 * abs(free)

@@ -28,7 +28,7 @@ def tell(**what):
     print(json.dumps(what), flush=True)
 
 device = imu.open(1, say=None)
-tell(event="open", chip=device.found.chip)
+tell(event="open", chip=device.identity.chip)
 samples, told = [], 0
 while not select.select([sys.stdin], [], [], 0.01)[0]:
     samples += device.read()

@@ -10,7 +10,14 @@ from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.data.segments import ThetaLayout, without_starts
 from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _solved, minimise
 from baqueano.identify.residuals import simulation as simulated
-from baqueano.identify.residuals.block_arrow import BlockArrow, Evaluation, add, begun, places_of, rows_times
+from baqueano.identify.residuals.block_arrow import (
+    BlockArrow,
+    Evaluation,
+    add,
+    diagonal_matrix,
+    places_of,
+    rows_times,
+)
 
 
 def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
@@ -19,7 +26,7 @@ def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
     layout = ThetaLayout(shared, by_run, by_piece, runs)
     places, size = places_of(layout, more), layout.size + more
     prior = rng.uniform(0.0, 1.0, size)
-    arrow, whole = begun(prior, places), begun(prior, None)
+    arrow, whole = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
     unit = 10.0 ** rng.uniform(-4.0, 4.0, size)
     indices = [np.concatenate([index, layout.size + np.arange(more)]) for index in layout.indices]
     slopes = [rng.normal(size=(40, len(index))) * unit[index] for index in indices]
@@ -81,7 +88,7 @@ def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
 
     def of(places):
         def evaluate(theta):
-            cost, g, H = 0.0, np.zeros(len(theta)), begun(np.zeros(len(theta)), places)
+            cost, g, H = 0.0, np.zeros(len(theta)), diagonal_matrix(np.zeros(len(theta)), places)
             for J, index, said in zip(slopes, layout.indices, z, strict=True):
                 r = J @ theta[index] - said
                 cost += float(0.5 * r @ r)

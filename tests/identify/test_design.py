@@ -7,7 +7,7 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify import excitation
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, moved
+from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, in_map
 from baqueano.identify.design.plan import designed
 from baqueano.identify.design.room import SIDEWAYS_M_S2, Room, alternatives, body_radius, contained, room_of
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
@@ -138,7 +138,7 @@ def test_the_way_back_of_a_piece_leads_to_where_it_began(small):
 
 
 def test_poses_are_told_from_where_the_vehicle_is():
-    pose = moved(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
+    pose = in_map(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
     np.testing.assert_allclose(pose, [1.0, 2.5, np.pi / 2 + 0.1])
 
 

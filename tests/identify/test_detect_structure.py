@@ -78,7 +78,7 @@ def test_of_two_runs_of_two_vehicles_the_difference_is_told(case, u):
 
 def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, u):
     """The answer of a probe is the fit with that term, to first order."""
-    from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, probes
+    from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 
     rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
     run, seen = simulate(rough, u, 0), {}
@@ -86,7 +86,7 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
     def look(end):
         problem, theta = end.task.problem, end.search.solution.theta
         left = fit_residuals(problem, theta, end.identifiability.mask)
-        for words, D in probes(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
+        for words, D in term_columns(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
             seen.update(zip((code for code, _ in words), score_test(left, D), strict=True))
         seen["names"], seen["theta"] = problem.shape.shared, theta
 

@@ -90,7 +90,7 @@ def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_th
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = FittedBlocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
-    found = gain_changes.checked(
+    found = gain_changes.check_gain_changes(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
     assert [(one.code, one.subject) for one in found] == [("file.swapped", "u[0]")]
@@ -112,7 +112,7 @@ def test_an_inverted_gyro_is_told_by_the_sign_of_the_gain_and_by_the_acceleromet
 
 def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
     blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
-    found = gain_changes.checked(
+    found = gain_changes.check_gain_changes(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
     assert (found[0].code, found[0].severity) == ("file.inverted", Severity.WARNING)

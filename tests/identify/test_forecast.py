@@ -18,7 +18,7 @@ from baqueano.identify import FitOptions, forecast, identify, random_steps
 from baqueano.identify.forecast import LOST_RAD, Ahead, _lap
 from baqueano.identify.parameters.free import value
 from baqueano.messages import texts
-from baqueano.report.of_fit import page_of_fit
+from baqueano.report.fit_report import page_of_fit
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.simulate.many import simulate_many

@@ -14,7 +14,7 @@ from baqueano.identify.selection.held_out import pieces_of, turning_points
 from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
-from baqueano.study.truth import TruthWorld, drawn
+from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.vehicle_file import load, override
 
 RATE_HZ, VOLTS = 200.0, 12.0
@@ -41,7 +41,7 @@ def driven(signals):
     """The logs of one robot, run by run, under the voltages (N, 3) of each name; all begin at rest."""
     ticks = max(map(len, signals.values()))
     u = np.stack([np.pad(one, ((0, ticks - len(one)), (0, 0))) for one in signals.values()], axis=1)
-    world = TruthWorld(drawn(1, 3).some([0] * len(signals)), range(len(signals)))
+    world = TruthWorld(draw_robots(1, 3).some([0] * len(signals)), range(len(signals)))
     z = np.array([world.tick(row / VOLTS, 1.0 / RATE_HZ) for row in u])
     t_ns = np.round(np.arange(1, ticks + 1) * 1e9 / RATE_HZ).astype(np.int64)
     return {

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
-from baqueano.identify.parameter_drift import Wear, parameter_history
+from baqueano.identify.parameter_drift import Drift, parameter_history
 from baqueano.simulate import simulate
 from tests.codes import of_code
 
@@ -43,7 +43,7 @@ def test_a_step_is_found_where_it_was_and_nothing_else_moved(worn):
     assert (one.message.code, one.message.subject) == ("over-time.step", "model.friction.linear[0]")
     assert (one.message.figures["first"], one.message.figures["second"]) == ("run 4", "run 5")
     assert worn.verdict == "WARN"
-    assert [row["name"] for row in Wear(worn).rows()] == [one.name]
+    assert [row["name"] for row in Drift(worn).rows()] == [one.name]
 
 
 def test_following_leads_to_what_the_vehicle_is_now(worn, case):

@@ -168,7 +168,7 @@ def test_what_swings_is_told_as_that_and_not_as_a_floor(small):
     fit = identify(
         replace(run, sensors={"imu": imu._replace(z=z)}), small, options=FitOptions(diagnose=False)
     )
-    assert not fit.coloured
+    assert not fit.autocorrelated
     assert ("residual.alternates", "imu[2]") in [(one.code, one.subject) for one in fit.notes]
     assert not {"residual.not-white", "cost.try-innovations"} & {one.code for one in fit.notes}
 

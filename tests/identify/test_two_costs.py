@@ -14,9 +14,9 @@ from tests.codes import of_code
 QUIET = np.ones(1)
 
 
-def likely(ratio, coloured=False, floor=(0.04, 0.0)):
+def likely(ratio, autocorrelated=False, floor=(0.04, 0.0)):
     none = np.zeros((1, 1))
-    info = Information(none, none, none, coloured, np.zeros(1), 100)
+    info = Information(none, none, none, autocorrelated, np.zeros(1), 100)
     solution = Solution(np.zeros(1), Evaluation(0.0, none[0], none), True, 0.0, 1, np.zeros(1))
     noise = FloorNoise(np.array(floor), np.zeros(1))
     return MaximumLikelihood(solution, np.zeros(1), noise, np.array([0.008, np.nan]), info, ratio, 1)
@@ -57,7 +57,7 @@ def test_a_larger_error_and_two_answers_are_what_the_model_lacks(found):
 
 
 def test_no_floor_explains_innovations_that_are_coloured_or_a_sensor_far_above_its_noise():
-    assert not choose_objective(likely(400.0, coloured=True), (0, 2), both(0.1), QUIET).explains
+    assert not choose_objective(likely(400.0, autocorrelated=True), (0, 2), both(0.1), QUIET).explains
     assert not choose_objective(likely(400.0), (0, 2), both(0.1), 4.0 * QUIET).explains
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
-from baqueano.report.of_fit import DRAWN, page_of_fit
+from baqueano.report.fit_report import DRAWN, page_of_fit
 from baqueano.report.page import Drawing, Table
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load

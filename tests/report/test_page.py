@@ -11,7 +11,7 @@ import pytest
 from baqueano.compare.filter_consistency import STATES
 from baqueano.monitor import REFUSED, Refusals, counted
 from baqueano.report import Headline, Page, Section, Table, draw, figures
-from baqueano.report.of_fit import page_of_fit
+from baqueano.report.fit_report import page_of_fit
 from baqueano.report.of_run import page_of_run
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.vehicle_file import load

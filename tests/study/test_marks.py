@@ -7,7 +7,7 @@ from baqueano.study import driving, marks
 from baqueano.study.corridor.vehicles import vehicles
 from baqueano.study.marks.drives import STEP_S, Laps
 from baqueano.study.marks.result import Marks, laps_of
-from baqueano.study.truth import Floor, TagFaults, TruthWorld, drawn
+from baqueano.study.truth import Floor, TagFaults, TruthWorld, draw_robots
 from baqueano.symbolic import function
 
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
@@ -45,7 +45,7 @@ def test_faults_come_as_often_as_they_should():
 
 
 def test_compiled_steps_of_the_truth_that_are_longer_drive_the_same_way():
-    robots = drawn(1, 4)
+    robots = draw_robots(1, 4)
     robots = robots.changed(floor=0.0 * robots.floor)
     worlds = [
         TruthWorld(robots, [1], step_s=step_s, fast=fast)

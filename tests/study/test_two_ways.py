@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from baqueano.runs.importing import import_run
+from baqueano.study.cross_validation_cpm import CrossValidation, fit_to, judge
 from baqueano.study.recordings import MAPS
 from baqueano.study.recordings_page import page_of_recordings
-from baqueano.study.two_ways import TwoWays, fit_to, judge
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def study(cpm_recordings):
     runs = {name[-1]: import_run(name).run for name in MAPS}
     fitted = {name: fit_to(run) for name, run in runs.items()}
     ways = (("a", "b"), ("b", "a"))
-    return TwoWays(fitted, tuple(judge(fitted[a].file, a, runs[b], b) for a, b in ways))
+    return CrossValidation(fitted, tuple(judge(fitted[a].file, a, runs[b], b) for a, b in ways))
 
 
 def test_a_car_that_was_fitted_to_one_run_moves_like_the_other(study):

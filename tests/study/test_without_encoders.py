@@ -8,8 +8,8 @@ import pytest
 from baqueano.cli import main
 from baqueano.identify import FitOptions, identify
 from baqueano.runs.importing import import_run
-from baqueano.study.two_ways import predicted
-from baqueano.study.without_encoders import (
+from baqueano.study.cross_validation_cpm import predicted
+from baqueano.study.imu_only import (
     BARE,
     FREE,
     HELD,
@@ -17,15 +17,15 @@ from baqueano.study.without_encoders import (
     NAMES,
     WIDE,
     drive_of,
+    imu_only_study,
     of_intervals,
-    without_encoders_study,
 )
 from baqueano.vehicle_file import load
 
 
 @pytest.fixture(scope="module")
 def study(cpm_recordings):
-    return without_encoders_study()
+    return imu_only_study()
 
 
 def test_the_speed_of_a_run_not_seen_is_nearly_as_good_as_by_the_odometer(study):
@@ -95,7 +95,7 @@ def test_cover_and_width_are_counted_over_all_cases():
 def test_the_steady_speed_and_its_error_are_those_of_gain_and_friction():
     from types import SimpleNamespace
 
-    from baqueano.study.without_encoders import DRIVE
+    from baqueano.study.imu_only import DRIVE
 
     rng = np.random.default_rng(0)
     mean, root = np.array([7.4, 1.8, 0.6, 0.2]), 0.01 * rng.normal(size=(4, 4))
@@ -112,7 +112,7 @@ def test_the_steady_speed_and_its_error_are_those_of_gain_and_friction():
 
 
 def test_the_command_prints_its_rows(study, capsys, monkeypatch):
-    monkeypatch.setattr("baqueano.study.without_encoders.without_encoders_study", lambda *_: study)
+    monkeypatch.setattr("baqueano.study.imu_only.imu_only_study", lambda *_: study)
     with pytest.raises(SystemExit) as end:
         main(["study", "without-encoders", "--json"])
     assert end.value.code == 0

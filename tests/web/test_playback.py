@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.cli.page.motion import PageOfDrives, in_motion
+from baqueano.cli.page.motion import PageOfDrives, run_with_page
 from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
 from baqueano.tune.tuned import Gain
@@ -115,7 +115,7 @@ def test_without_a_display_no_page_is_opened(tmp_path, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(share.sys, "platform", "linux")
-    with in_motion(tmp_path / "none", None, 4.0) as motion:
+    with run_with_page(tmp_path / "none", None, 4.0) as motion:
         assert motion._program is None
         motion.show(tmp_path / "a.mcap")
     assert not (tmp_path / "none").exists()

@@ -47,12 +47,12 @@ WHOLE = 200  # letters: no first sentence is as long
 BACKENDS = ("auto", "c", "python", "numpy")
 
 
-def unknown(verb: str, known: list[str], ctx: click.Context) -> Exception:
+def unknown(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
     """Return the error of a verb that is none."""
     from baqueano.diagnostics import fault, nearest
     from baqueano.errors import UsageError
 
-    near = nearest(verb, known)
+    near = nearest(verb, verbs)
     fix = "" if "meant" in near.figures else f"{ctx.command_path} --help"
     code = "cli.no-such-verb" if fix else "cli.unknown-verb"
     return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=near))
@@ -100,7 +100,7 @@ def in_language(command: click.Command) -> click.Command:
     return command
 
 
-class _Verbs(click.Group):
+class _LazyVerbs(click.Group):
     """Finds a verb by `command_of`, so that --help imports none of them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -121,7 +121,7 @@ class _Verbs(click.Group):
             formatter.write_dl([(verb, _(says)) for verb, says in VERBS.items()])
 
 
-@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_LazyVerbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
 @click.option(
     "--lang",
@@ -148,14 +148,16 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
         from baqueano.blocks import allowed
 
         ctx.with_resource(allowed())
-    for variable, known in (("BAQUEANO_BACKEND", BACKENDS), (language.VARIABLE, tuple(language.LANGUAGES))):
-        found = os.environ.get(variable) or known[0]
-        if found not in known:
+    for variable, choices in (("BAQUEANO_BACKEND", BACKENDS), (language.VARIABLE, tuple(language.LANGUAGES))):
+        setting = os.environ.get(variable) or choices[0]
+        if setting not in choices:
             from baqueano.diagnostics import fault
             from baqueano.errors import UsageError
 
             unset = f"unset {variable}"
-            raise UsageError(fault("cli.unknown-setting", unset, variable=variable, found=found, known=known))
+            raise UsageError(
+                fault("cli.unknown-setting", unset, variable=variable, found=setting, known=choices)
+            )
 
 
 def main(args: list[str] | None = None) -> None:

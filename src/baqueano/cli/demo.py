@@ -58,20 +58,20 @@ def command(
     backend: str,
     as_json: bool,
 ) -> None:
-    from baqueano.cli.page.motion import in_motion
+    from baqueano.cli.page.motion import run_with_page
     from baqueano.report.animation import picture_file
     from baqueano.report.page import save_text
     from baqueano.study.demo import demo
 
     moves = None if animation is None else picture_file(animation)
     out = out or free_folder()
-    with in_motion(out, shown, pace) as motion:
+    with run_with_page(out, shown, pace) as motion:
         with steps() as begin:
-            found = demo(out, seed, backend, begin, motion.show, motion.tuned)
-        answer(found, as_json)
+            result = demo(out, seed, backend, begin, motion.show, motion.tuned)
+        answer(result, as_json)
         with busy(note("cli.drawing")):
-            page = found.page().save(out / "report.html")
+            page = result.page().save(out / "report.html")
             if moves is not None:
-                save_text(moves, found.animation(backend))
-        motion.say(note("web.demo-done", verdict=str(found.verdict)))
+                save_text(moves, result.animation(backend))
+        motion.say(note("web.demo-done", verdict=str(result.verdict)))
     talk(note("cli.demo", page=page, program=typed_here()))

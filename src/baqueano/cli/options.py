@@ -50,7 +50,7 @@ page = click.option("--report", "page", type=click.Path(path_type=Path), help="A
 update = click.option("--update", is_flag=True, help="Write the result into the vehicle file.")
 
 
-class Grouped(click.Command):
+class GroupedCommand(click.Command):
     """A command whose help shows its options under headings: `groups` {heading: names of options}."""
 
     def __init__(self, *args: Any, groups: dict[str, tuple[str, ...]], **more: Any) -> None:
@@ -192,7 +192,7 @@ def find_route(name: str) -> "Route":
 
     path = route_path(name)
     if not path.is_file():
-        stored = sorted(found.stem for found in ROUTES.glob("*.csv"))
+        stored = sorted(file.stem for file in ROUTES.glob("*.csv"))
         there = note("cli.routes", stored=", ".join(stored)) if stored else note("cli.no-routes")
         raise FileError(
             fault("cli.route-absent", typed("teach", name), found=name, missing=path, there=there)
@@ -230,7 +230,7 @@ def own_block(file: "VehicleFile", room: str, kind: str | None) -> str | None:
 
 def ended(run: "Run", path: Path) -> None:
     """Raises what stopped a drive, if something did; the run is on disk."""
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop
@@ -240,7 +240,7 @@ def ended(run: "Run", path: Path) -> None:
     if why is None:
         return
     if why.code == StopReason.INTERRUPTED:
-        raise Interrupted(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
+        raise Interruption(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
     raise SafetyStop(fault("cli.stopped", typed("runs", "show", path), cause=why, path=path))
 
 
@@ -256,11 +256,11 @@ def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
     from baqueano.runs import read_run
     from baqueano.runs.folder import find_all
 
-    found = [read_run(path) for name in names for path in find_all(name, folder)]
-    for run in found:
+    loaded = [read_run(path) for name in names for path in find_all(name, folder)]
+    for run in loaded:
         for cause in run.notes:
             talk(note("cli.run-note", run=run.name, cause=cause))
-    return found
+    return loaded
 
 
 def kept(vehicle: "VehicleFile", update: bool) -> None:

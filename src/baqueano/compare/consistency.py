@@ -133,11 +133,13 @@ def _bootstrap(
     length = min(max(length, 1, n // BLOCKS), max(n // 4, 1))
     first = np.random.default_rng(0).integers(0, n, (DRAWS, n // length))
 
-    def drawn(series: np.ndarray) -> np.ndarray:
+    def block_sums(series: np.ndarray) -> np.ndarray:
         total = np.concatenate([[0.0], np.cumsum(np.concatenate([series, series[:length]]))])
         return np.sum(total[first + length] - total[first], axis=1)
 
-    low, high = np.quantile(drawn(squared) / drawn(freedom), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm])
+    low, high = np.quantile(
+        block_sums(squared) / block_sums(freedom), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm]
+    )
     return float(low), float(high)
 
 

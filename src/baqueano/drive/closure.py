@@ -142,10 +142,10 @@ def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
 
 def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: int) -> float:
     """∫ (z − b) dt between two times, by trapezia."""
-    known = np.isfinite(channel.z[:, column])
-    t_s = seconds(channel.t_ns[known], channel.t_ns[0])
+    finite = np.isfinite(channel.z[:, column])
+    t_s = seconds(channel.t_ns[finite], channel.t_ns[0])
     ends = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
-    z = channel.z[known, column] - bias
+    z = channel.z[finite, column] - bias
     inside = (t_s > ends[0]) & (t_s < ends[1])
     t = np.concatenate([ends[:1], t_s[inside], ends[1:]])
     heights = np.interp(t, t_s, z)
@@ -166,13 +166,13 @@ def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
 
 def _travelled(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
     """Metres by each sensor of speed, with its scale in the vehicle file."""
-    found = {}
+    distances = {}
     for name, sensor in file.sensors._asdict().items():
         if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):
             scales = np.atleast_1d(_speed_scale(name, sensor)[1])
             each = [_integral(run.sensors[name], k, 0.0, from_ns, to_ns) / s for k, s in enumerate(scales)]
-            found[name] = float(np.mean(each))
-    return found
+            distances[name] = float(np.mean(each))
+    return distances
 
 
 def _rounded(value: float) -> float:

@@ -70,14 +70,14 @@ class Mission:
     def of_json(cls, text: str) -> "Mission":
         """The inverse of `json`; UsageError where it is none."""
         try:
-            said = json.loads(text, parse_constant=_finite, parse_float=_finite)
-            if said.pop("format") != FORMAT:
+            document = json.loads(text, parse_constant=_finite, parse_float=_finite)
+            if document.pop("format") != FORMAT:
                 raise UsageError(fault("mission.version"))
-            route, u = said.pop("route"), said.pop("u")
-            for name, value in said.items():
+            route, u = document.pop("route"), document.pop("u")
+            for name, value in document.items():
                 _check(name, value)
             return cls(
-                **said,
+                **document,
                 u=None if u is None else np.atleast_2d(np.array(u, dtype=float)),
                 route=None if route is None else _route(route),
             )
@@ -179,9 +179,9 @@ def _check(name: str, value: object) -> None:
         raise ValueError(f"{name} = {value!r:.80}")
 
 
-def _route(said: JsonObject) -> Route:
-    t_s, eta, nu = (np.array(said[name], dtype=float) for name in ("t_s", "eta", "nu"))
-    return Route(t_s, eta, nu, bool(said["closed"]))
+def _route(document: JsonObject) -> Route:
+    t_s, eta, nu = (np.array(document[name], dtype=float) for name in ("t_s", "eta", "nu"))
+    return Route(t_s, eta, nu, bool(document["closed"]))
 
 
 def _listed(x: object) -> object:

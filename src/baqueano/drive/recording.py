@@ -53,8 +53,8 @@ class Recording:
             self._event(t_ns, level, source, one)
         for _ in range(sum(one.marked() for one in self.observers)):
             self._event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
-        for source, level, said in [line for one in self.observers for line in one.events()]:
-            self._event(t_ns, level, source, said)
+        for source, level, message in [line for one in self.observers for line in one.events()]:
+            self._event(t_ns, level, source, message)
         self._show(record)
         self.ticks, self.last_ns = self.ticks + 1, t_ns
 
@@ -65,8 +65,8 @@ class Recording:
     def end(self, why: Diagnostic | None) -> None:
         """The last events; `why` the vehicle was stopped, None if nothing stopped it."""
         lines = [line for one in self.observers for line in one.ended(why)]
-        for source, level, said in (*self.health.last_lines(), *lines):
-            self.sink.event(self.last_ns, level, source, said)
+        for source, level, message in (*self.health.last_lines(), *lines):
+            self.sink.event(self.last_ns, level, source, message)
 
     def _event(self, t_ns: int, level: str, source: str, what: Diagnostic | str) -> None:
         self.sink.event(t_ns, level, source, what)

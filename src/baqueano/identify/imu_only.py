@@ -141,8 +141,8 @@ def _followed(task: Task, end: Search) -> Search:
 
 def _still(before: np.ndarray, end: Search) -> bool:
     """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
-    moved = end.solution.theta - before
-    return float(moved @ information(end.problem, end.solution.theta).bread @ moved) < STILL**2
+    step = end.solution.theta - before
+    return float(step @ information(end.problem, end.solution.theta).bread @ step) < STILL**2
 
 
 def _with_all_errors(

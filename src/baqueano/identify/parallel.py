@@ -31,14 +31,14 @@ def ahead(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
     """`work`, one long call, has begun on another core, where that pays; what is returned waits for its end."""
     if rows < ENOUGH:
         return work
-    begun = Event()
+    running = Event()
 
     def begin() -> R:
-        begun.set()
+        running.set()
         return work()
 
     end = _pool().submit(begin).result
-    begun.wait()  # else short calls here might keep it waiting for the lock
+    running.wait()  # else short calls here might keep it waiting for the lock
     return end
 
 

@@ -144,12 +144,12 @@ class ParameterHistory:
         out = [f"- {text(one.message)}" for one in self.moved]
         out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
         still = _("nothing moved beyond its error bars over {runs} runs", runs=len(self.runs))
-        moved = _("{moved} parameters moved", moved=len(self.moved)) if self.moved else still
-        return [*out, f"{_(self.verdict)}: {moved}"]
+        summary = _("{moved} parameters moved", moved=len(self.moved)) if self.moved else still
+        return [*out, f"{_(self.verdict)}: {summary}"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wear:
+class Drift:
     """Parameters of a `ParameterHistory` that moved; its rows are those alone."""
 
     followed: ParameterHistory
@@ -260,9 +260,9 @@ def _smoothed(
         G = np.linalg.solve(P_ahead, P).T
         x_s, P_s = back[0]
         back.insert(0, (x + G @ (x_s - x_ahead), P + G @ (P_s - P_ahead) @ G.T))
-    begun = np.maximum.accumulate(np.isfinite(single), axis=0)
+    started = np.maximum.accumulate(np.isfinite(single), axis=0)
     ever = np.tile(np.isfinite(single).any(axis=0), (K, 1))
-    return _columns([s[1] for s in states], begun), states[-1][1][1], _columns(back, ever)
+    return _columns([s[1] for s in states], started), states[-1][1][1], _columns(back, ever)
 
 
 def _columns(states: list[tuple[np.ndarray, np.ndarray]], names: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -54,7 +54,7 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
     )
     if first.search.stopped or not moves or not only_autocorrelated(basis):
         return fit_of(first, basis)
-    second = by_innovations(first)
+    second = search_prediction_error(first)
     if not second.end.search.solution.converged:
         return fit_of(first, basis)
     fit = fit_of(first._replace(floor=second.choice.explains), basis)
@@ -69,7 +69,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
     stopped it."""
     if first.search.stopped:
         return fit_of(first)
-    second = by_innovations(first)
+    second = search_prediction_error(first)
     fit, floor = fit_of(second.end), second.likely.noise.floor
     paths = [f"{FLOOR}[{axis}]" for axis in second.axes]
     free = [described(first.blocks, path, {}) for path in paths]
@@ -111,7 +111,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     return cov
 
 
-def by_innovations(first: FinishedFit) -> PredictionErrorFit:
+def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     """Return the search by the second cost from where the first ended."""
     problem, theta, task = first.task.problem, first.search.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)

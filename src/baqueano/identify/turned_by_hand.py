@@ -122,8 +122,8 @@ def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> Non
 
 def turned_by_hand(run: Run) -> bool:
     """Return True where no command moved and nobody saw the pose: all that can have turned it is a hand."""
-    unseen = run.truth is None or not np.isfinite(run.truth.eta).any()
-    return unseen and not np.any(np.nan_to_num(run.applied))
+    without_truth = run.truth is None or not np.isfinite(run.truth.eta).any()
+    return without_truth and not np.any(np.nan_to_num(run.applied))
 
 
 def _rests(gyro: TruthSignal) -> list[Rest]:
@@ -167,21 +167,21 @@ def _whole(
     there are none, or where nobody can say how many."""
     whole, used, off = [0.0], [0], fault("turns.not-turned", run=name)
     for k in range(1, len(rests)):
-        moved = (angle[k] - angle[used[-1]]) / TAU
+        turned = (angle[k] - angle[used[-1]]) / TAU
         n = (
-            float(np.round(moved))
-            if turns is None or abs(moved) < 0.5
-            else float(np.copysign(abs(turns), moved))
+            float(np.round(turned))
+            if turns is None or abs(turned) < 0.5
+            else float(np.copysign(abs(turns), turned))
         )
-        most = TOLERANCE * max(abs(moved), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
+        most = TOLERANCE * max(abs(turned), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
         between: JsonObject = {"run": name, "from_s": rests[used[-1]].middle_s, "to_s": rests[k].middle_s}
-        if turns is None and abs(moved) > 0.5 and most > 0.5:
-            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=moved, **between))
-        if abs(moved - n) < most:
+        if turns is None and abs(turned) > 0.5 and most > 0.5:
+            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turned, **between))
+        if abs(turned - n) < most:
             whole.append(whole[-1] + n)
             used.append(k)
         else:
-            off = fault("turns.not-whole", turns=moved, expected=abs(n), **between)
+            off = fault("turns.not-whole", turns=turned, expected=abs(n), **between)
     if not np.ptp(whole) > 0.0:
         raise UsageError(off)
     return np.array(whole), used

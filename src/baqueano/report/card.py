@@ -14,7 +14,7 @@ from baqueano.identify.result.fit_result import verdict_lines
 from baqueano.language import shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import text, texts
-from baqueano.report.of_fit import row_of
+from baqueano.report.fit_report import row_of
 from baqueano.report.page import TONES, cell
 from baqueano.runs import Run
 from baqueano.tune import TuneResult

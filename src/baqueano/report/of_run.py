@@ -13,7 +13,7 @@ from baqueano.language import translated as _
 from baqueano.monitor import REFUSED, Refusals
 from baqueano.printable import typed
 from baqueano.report import figures
-from baqueano.report.of_estimate import beside_each_other, errors, knows, paths, sentence_of_path
+from baqueano.report.estimate_report import beside_each_other, errors, knows, paths, sentence_of_path
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
 from baqueano.runs.show import show
@@ -165,7 +165,7 @@ def _paces(judged: dict) -> list[Table | Drawing]:
     )
 
 
-class _Channel(NamedTuple):
+class _CommandCurve(NamedTuple):
     """A command, or a wheel behind the mix."""
 
     name: str
@@ -195,7 +195,7 @@ def commands(run: Run) -> Section:
     return Section(_("Commands"), "", [drawing, Table(rows)])
 
 
-def _channels(run: Run) -> list[_Channel]:
+def _channels(run: Run) -> list[_CommandCurve]:
     """The commands that this vehicle has a use for, then its two wheels."""
     limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
     sent = run.applied if run.sent is None else run.sent
@@ -207,7 +207,7 @@ def _channels(run: Run) -> list[_Channel]:
         if limits.command[k] > 0.0 or run.applied[:, k].any():
             curves = {} if run.requested is None else {"asked for": run.requested[:, k]}
             drawings.append(
-                _Channel(
+                _CommandCurve(
                     names[k] + unit, curves | {"applied": run.applied[:, k]}, sent[:, k], limits.command[k]
                 )
             )
@@ -215,7 +215,7 @@ def _channels(run: Run) -> list[_Channel]:
         for name, w, limit in zip(
             (_("left wheel"), _("right wheel")), mix(limits.mixing, sent.T), limits.channel, strict=True
         ):
-            drawings.append(_Channel(name + unit, {"sent": w}, w, float(limit)))
+            drawings.append(_CommandCurve(name + unit, {"sent": w}, w, float(limit)))
     return drawings
 
 

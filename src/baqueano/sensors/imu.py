@@ -173,7 +173,7 @@ class Imu:
         if self.measurement_model == "paper":
             ideal = np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
         else:
-            ideal = self._felt(motion)
+            ideal = self._specific_force(motion)
         warm = self.temperature_c - self.temperature_reference_c
         bias = self._channels(
             self.accel_bias + self.accel_temperature_slope * warm,
@@ -198,7 +198,7 @@ class Imu:
         )
         return state._replace(bias=bias), Slot(has, np.where(has > 0.0, z, 0.0))
 
-    def _felt(self, motion: Motion) -> np.ndarray:
+    def _specific_force(self, motion: Motion) -> np.ndarray:
         """(a_x, a_y, ω_z) (3,) of a perfect IMU, where it sits and as it sits.  (1)-(5)"""
         nu, nu_dot, g = motion.nu, motion.nu_dot, motion.gravity
         lx, ly = self.lever_arm_m

@@ -172,8 +172,8 @@ def closed_loop(
     example = Input(1, quiet(system.sensors) if noise else None)
 
     def step_of(system: System, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
-        state, heard = advance(system, dt_s, state, x)
-        return state, heard if output is None else output(heard)
+        state, record = advance(system, dt_s, state, x)
+        return state, record if output is None else output(record)
 
     if not paths:
         return scan(lambda state, x: step_of(system, state, x), begin(system), example, backend=backend)
@@ -184,9 +184,9 @@ def closed_loop(
     return scan(step, begin(system), example, flat(system, paths), backend=backend)
 
 
-def as_run(name: str, t_ns: np.ndarray, heard: Tree, about: dict[str, str]) -> Run:
+def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> Run:
     """The run that N ticks of LoopOutput amount to."""
-    record, truth = heard.record, heard.truth
+    record, truth = output.record, output.truth
     est, ref = record.estimate, record.reference
     return Run(
         name,

@@ -315,7 +315,7 @@ def _drive(
     eta, nu, state, begin = [], [], start, 0
     for end in ends:
         noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None
-        state, _ = kernel.lanes((u[begin:end], noise), theta, carry=state)
+        state, _ = kernel.batch((u[begin:end], noise), theta, carry=state)
         eta.append(state.eta)
         nu.append(state.nu)
         begin = end

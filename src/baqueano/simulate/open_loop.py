@@ -128,7 +128,7 @@ def simulate(
 def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
     """Return an event for each command and measurement that leaves what the fit of the file saw."""
     flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
-    return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(said), said) for said in flags)
+    return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(flag), flag) for flag in flags)
 
 
 @lru_cache(maxsize=32)

@@ -25,7 +25,7 @@ RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordingStudy:
     """The results on all recordings."""
 
     each: tuple["JsonObject", ...]
@@ -44,7 +44,7 @@ class Recorded:
                 "{recording}: {quantity} is {value}",
                 recording=r["recording"],
                 quantity=r["quantity"],
-                value=shown(r["value"]),
+                value=cell_text(r["value"]),
             )
             for r in self.each
             if not r["ok"]
@@ -62,7 +62,7 @@ class Recorded:
         for r in self.each:
             ok = _("yes") if r["ok"] else _("NO")
             lines.append(
-                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {shown(r['value'])}"
+                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {cell_text(r['value'])}"
             )
         lines += self.left_out
         met = sum(bool(r["ok"]) for r in self.each)
@@ -81,7 +81,7 @@ class Recorded:
 
 def recordings(
     backend: str = "auto", say: Callable[[str], object] = lambda text: None, names: Sequence[str] = RECORDED
-) -> Recorded:
+) -> RecordingStudy:
     """All recordings that are there, up to Ctrl-C those that were come to. FileError, with the names of the files,
     where none is."""
     rows, left_out = [], []
@@ -103,10 +103,10 @@ def recordings(
                 if not rows:
                     raise
                 last = _("stopped from the keyboard: {name} and what follows are left out", name=name)
-                return Recorded(tuple(rows), (*left_out, last), stopped=True)
+                return RecordingStudy(tuple(rows), (*left_out, last), stopped=True)
     if not rows:
         check_present()
-    return Recorded(tuple(rows), tuple(left_out))
+    return RecordingStudy(tuple(rows), tuple(left_out))
 
 
 def files_of(maps: Sequence[str]) -> list[str]:
@@ -114,10 +114,10 @@ def files_of(maps: Sequence[str]) -> list[str]:
     return sorted({spec.path for name in maps for spec in load_map(name).files.values() if spec.path})
 
 
-def missing_of(asked: Sequence[str]) -> list[str]:
+def missing_of(paths: Sequence[str]) -> list[str]:
     """Return the missing ones in all folders of recordings; a name may have *."""
     folders = data_folders()
-    return [path for path in asked if not any(glob.glob(str(folder / path)) for folder in folders)]
+    return [path for path in paths if not any(glob.glob(str(folder / path)) for folder in folders)]
 
 
 def check_present() -> None:
@@ -134,7 +134,7 @@ def check_present() -> None:
         )
 
 
-def shown(value: object) -> str:
+def cell_text(value: object) -> str:
     """A value of a row as text."""
     if isinstance(value, bool):
         return _("yes") if value else _("no")

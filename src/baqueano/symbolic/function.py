@@ -127,7 +127,7 @@ class Function:
         return made.quick
 
 
-class _Made(NamedTuple):
+class _CompiledParts(NamedTuple):
     """The compiled parts that all functions of one text share."""
 
     quick: Runner  # for states that are 0 where the example is
@@ -137,11 +137,13 @@ class _Made(NamedTuple):
     shape: Shape  # of the result
 
 
-_kept: dict[Hashable, _Made] = {}  # the oldest first
+_kept: dict[Hashable, _CompiledParts] = {}  # the oldest first
 _lock = Lock()
 
 
-def _made(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> _Made:
+def _made(
+    f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
+) -> _CompiledParts:
     """Return what was made of the same text before, or make it: the second drive of a vehicle is ready at once."""
     key = _key(f, shapes, examples, backend)
     made = _kept.get(key) or _make(f, shapes, examples, backend)
@@ -174,12 +176,14 @@ def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...]
     return key
 
 
-def _make(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> _Made:
+def _make(
+    f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
+) -> _CompiledParts:
     trace = trace_function(f, shapes)
     whole = assemble(trace, keep_all=True, given_start=True).program
     quick = Runner(_with_zeros(whole, shapes, trace.output_shape, examples), backend)
     general = cache(lambda: Runner(whole, backend))
-    return _Made(quick, general, len(trace.inputs), len(trace.outputs), trace.output_shape)
+    return _CompiledParts(quick, general, len(trace.inputs), len(trace.outputs), trace.output_shape)
 
 
 def _same(x: object) -> Hashable:

@@ -125,7 +125,7 @@ class Scan(ABC):
         return ""
 
     @property
-    def dead(self) -> tuple[str, ...]:
+    def unused_carry(self) -> tuple[str, ...]:
         """Entries of the carry that no output depends on: derivatives, costs and fits leave them out."""
         return ()
 
@@ -153,14 +153,14 @@ class Scan(ABC):
         ρ grows linearly beyond k."""
 
     @abstractmethod
-    def lanes(
+    def batch(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
         """L runs side by side: theta (L, p); leaves of `carry` (L, …) or shared; leaves of `inputs`
         (L, N, …) or shared. The carry after the last tick, (L, …), and the outputs, (L, N, …), or None."""
 
-    def _theta(self, theta: Tree, lanes: bool = False) -> np.ndarray:
-        wanted = "(L, p)" if lanes else "(p,)"
+    def _theta(self, theta: Tree, many: bool = False) -> np.ndarray:
+        wanted = "(L, p)" if many else "(p,)"
         if self.parameters is None:
             if theta is not None:
                 raise Invalid(fault("engine.no-theta"))
@@ -168,7 +168,7 @@ class Scan(ABC):
         if theta is None:
             raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=wanted))
         theta = np.ascontiguousarray(theta, dtype=float)
-        if theta.ndim != 1 + lanes or theta.shape[-1] != self.parameters:
+        if theta.ndim != 1 + many or theta.shape[-1] != self.parameters:
             raise Invalid(
                 fault(
                     "engine.theta-shape", found=str(theta.shape), expected=wanted, parameters=self.parameters
@@ -219,9 +219,9 @@ class TracedScan(Scan):
         return sum(bool(node.args) for node in below([*program.next_carry, *program.outputs]))
 
     @property
-    def dead(self) -> tuple[str, ...]:
+    def unused_carry(self) -> tuple[str, ...]:
         names = [name for leaf in leaves(self.carry_shape) for name in leaf.names]
-        return tuple(names[k] for k in self._runner(keep_all=False)[0].dead)
+        return tuple(names[k] for k in self._runner(keep_all=False)[0].unused_carry)
 
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         theta, rows = self._theta(theta), self._rows(inputs)
@@ -258,18 +258,18 @@ class TracedScan(Scan):
         sums = runner.call("normal_equations", len(rows), theta, start, rows, huber)
         return NormalEquations(*sums)
 
-    def lanes(
+    def batch(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
-        from baqueano.symbolic.lanes import Lanes
+        from baqueano.symbolic.batch import Batch
 
-        lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
-        (assembly, runner), start = self._prepared(True, carry, lanes.start)
-        program, count, n = assembly.program, lanes.lanes, lanes.ticks
+        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
+        (assembly, runner), start = self._prepared(True, carry, batch.start)
+        program, count, n = assembly.program, batch.count, batch.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
         every = np.empty((count, n, len(program.outputs))) if outputs else None
         final = np.empty((count, len(program.carry)))
-        runner.call("lanes", count, n, lanes.theta, start, *lanes.inputs, every, final)
+        runner.call("batch", count, n, batch.theta, start, *batch.inputs, every, final)
         last = tree_of(self.trace.carry_shape, assembly.whole(final, start))
         return last, None if every is None else tree_of(self.trace.output_shape, every)
 

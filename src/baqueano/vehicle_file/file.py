@@ -28,7 +28,7 @@ from baqueano.vehicle_file.head import (
     read_top,
 )  # fmt: skip
 from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
-from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
+from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, unknown
 from baqueano.vehicle_file.text.toml_text import read_text, tables
 
@@ -230,10 +230,10 @@ class VehicleFile:
         fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}
         if room == "estimator" and kind and self.kind(room) is AugmentedEkf:
             fallback["process_noise_cov"] = self.estimator().process_noise_cov
-        found = build.room(sheet, room, self.data.get(room, {}), given, fallback, self._around, kind)
+        read = build.room(sheet, room, self.data.get(room, {}), given, fallback, self._around, kind)
         sheet.finish()
-        assert found is not None
-        lacking = [k for k in found.lacking if k not in changes]
+        assert read is not None
+        lacking = [k for k in read.lacking if k not in changes]
         if lacking:
             verb = {
                 "controller": "baqueano tune --update",
@@ -241,9 +241,9 @@ class VehicleFile:
             }.get(room, "")
             code = "vehicle.lacks-found-by" if verb else "vehicle.lacks"
             raise FileError(fault(code, verb, file=sheet.name, room=room, keys=lacking))
-        if room == "guide" and "route" not in given and {"t_s", "route"} & build.asks_for(found.kind):
-            raise UsageError(fault("vehicle.no-route", guide=found.kind.__name__))
-        block = build.construct(sheet, (room,), found.kind, {**found.values, **changes}, self._around)
+        if room == "guide" and "route" not in given and {"t_s", "route"} & build.asks_for(read.kind):
+            raise UsageError(fault("vehicle.no-route", guide=read.kind.__name__))
+        block = build.construct(sheet, (room,), read.kind, {**read.values, **changes}, self._around)
         sheet.finish()
         return block
 

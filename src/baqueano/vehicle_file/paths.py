@@ -80,9 +80,9 @@ def value_in_force(file: "VehicleFile", dotted: str) -> Any:
     return value[entry] if entry else value
 
 
-def no_such_key(name: str, dotted: str, known: list[str]) -> UsageError:
+def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
     """Return the error of a key that nobody reads."""
-    return UsageError(fault("vehicle.unknown-key", file=name, found=dotted, near=nearest(dotted, known)))
+    return UsageError(fault("vehicle.unknown-key", file=name, found=dotted, near=nearest(dotted, keys)))
 
 
 def _keys(

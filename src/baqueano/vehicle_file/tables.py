@@ -131,15 +131,15 @@ def arguments(
 
 
 def unknown(
-    sheet: Sheet, path: KeyPath, value: object, known: dict[str, str], also: typing.Collection[str] = ()
+    sheet: Sheet, path: KeyPath, value: object, unit_of: dict[str, str], also: typing.Collection[str] = ()
 ) -> None:
     """Notes a key that nobody reads, with what was probably meant."""
     name = path[-1]
     if name in DERIVED:
         sheet.wrong(path, "vehicle.derived-key")
         return
-    names = [*known, *also]
-    other = wrong_unit(name, value, known)
+    names = [*unit_of, *also]
+    other = wrong_unit(name, value, unit_of)
     code = "vehicle.key-unknown" if len(path) > 1 else "vehicle.table-unknown"
     sheet.wrong(path, code, found=name, near=other or nearest(name, names))
 

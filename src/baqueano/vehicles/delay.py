@@ -36,7 +36,9 @@ class Piece(NamedTuple):
     length_s: Value
 
 
-def felt(u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value) -> list[Piece]:
+def pieces_in_force(
+    u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value
+) -> list[Piece]:
     """Return what is felt during a tick of `dt_s`, in order: of the command `u` (n,) of this tick and of those before
     it, `past` (slots, n), which were in force for `steps_s` (slots,).  (1)"""
     slots = past.shape[0]

@@ -24,7 +24,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, documented, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import BEFORE_S, check_delay, felt, with_newest
+from baqueano.vehicles.delay import BEFORE_S, check_delay, pieces_in_force, with_newest
 from baqueano.vehicles.effort import Effort, with_lag, without_lag
 
 LEAST_LAG_S = 1e-100  # a tick over a smaller one is beyond the floating-point numbers
@@ -214,7 +214,7 @@ class Drivetrain:
 
     def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, Effort]:
         """Effort over the tick of `dt_s` during which `u` (n,) is sent.  (1)-(8)"""
-        pieces = felt(u, state.past, state.steps_s, self.delay_s, dt_s)
+        pieces = pieces_in_force(u, state.past, state.steps_s, self.delay_s, dt_s)
         pieces = [piece._replace(u=self.static(self.mix(piece.u))) for piece in pieces]
         lag = with_lag(pieces, state.lagged, self.lag_s, dt_s) if self.has_lag else without_lag(pieces, dt_s)
         after = DrivetrainState(

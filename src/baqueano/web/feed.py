@@ -71,11 +71,11 @@ class Feed:
 
     def history(self, from_s: float = 0.0) -> bytes | None:
         """Return what the ring holds from a time of the drive on, as one frame; None where it holds nothing."""
-        held = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
-        if not held:
+        kept = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
+        if not kept:
             return None
-        return HEAD.pack(self.number, sum(rows for _, rows, _ in held), held[0][0]) + b"".join(
-            data for _, _, data in held
+        return HEAD.pack(self.number, sum(rows for _, rows, _ in kept), kept[0][0]) + b"".join(
+            data for _, _, data in kept
         )
 
     def value(self, name: str) -> float:

@@ -229,7 +229,7 @@ def test_a_bus_that_is_held_when_the_imu_is_opened_is_clocked_free_and_that_is_t
     bench.bus.held = held
     imu = start(bench)
     assert imu.running
-    (told,) = imu.found.warnings
+    (told,) = imu.identity.warnings
     assert "freed after 4 clocks" in told
     assert any("freed after 4 clocks" in line for line in bench.said)
     assert told in imu.notes, "the run says it"

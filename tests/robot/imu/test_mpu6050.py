@@ -132,9 +132,9 @@ def test_open_tells_what_it_found(bench):
     text = "\n".join(b.said)
     for part in ("MPU-6050", "0x68", "200 Hz, fifo", "±4 g", "44 Hz, 4.9 ms late", "kHz or more", "°C"):
         assert part in text
-    assert device.found.accel_ms2 == pytest.approx(G, abs=0.1)
-    assert device.found.bus_hz == pytest.approx(400e3, rel=0.1)
-    assert device.found.warnings == ()
+    assert device.identity.accel_ms2 == pytest.approx(G, abs=0.1)
+    assert device.identity.bus_hz == pytest.approx(400e3, rel=0.1)
+    assert device.identity.warnings == ()
 
 
 def test_open_warns_of_a_known_chip_that_moves(bench):
@@ -226,7 +226,7 @@ def test_where_nobody_answers_the_wires_are_told(bench):
 def test_a_chip_with_ad0_high_is_found(bench):
     b = bench()
     b.bus.devices[0x69] = b.bus.devices.pop(0x68)
-    assert start(b).found.address == 0x69
+    assert start(b).identity.address == 0x69
 
 
 def test_a_chip_that_gives_nothing_is_told(bench):

@@ -53,7 +53,7 @@ def test_a_clone_without_a_map_runs_and_its_temperature_is_unknown(bench, who_am
     device = start(b)
     assert np.isnan(loop(b, device, 0.1)[0].temperature_c)
     assert "°C" not in b.said[0]
-    assert device.found.warnings == ()
+    assert device.identity.warnings == ()
 
 
 def test_an_unknown_chip_runs_with_a_warning(bench):

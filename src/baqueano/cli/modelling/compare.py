@@ -18,10 +18,10 @@ from baqueano.printable import typed
 def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_json: bool) -> None:
     from baqueano.compare import compare
 
-    found = options.find_runs(runs, folder)
-    compared, named = compare(found, alignment=align, skip_s=skip_s), options.naming_own(folder)
+    loaded = options.find_runs(runs, folder)
+    compared, named = compare(loaded, alignment=align, skip_s=skip_s), options.naming_own(folder)
     answer(compared, as_json)
-    options.advise_to_fit(compared, found, named, folder)
-    if (without := [run for run in found if run.estimate is None]) and not as_json:
+    options.advise_to_fit(compared, loaded, named, folder)
+    if (without := [run for run in loaded if run.estimate is None]) and not as_json:
         name = without[0].path or without[0].name
         talk(note("cli.no-estimate", fix=typed("replay", name, *named), run=without[0].name))

@@ -51,20 +51,20 @@ def command(
 
     moves = None if animation is None else picture_file(animation)
 
-    found = options.find_runs((run,), folder)[0]
+    loaded = options.find_runs((run,), folder)[0]
     with busy(note("cli.drawing")):
-        path = out if out is not None else Path(f"{found.name}.html")
-        page = report(found, path, alignment=align)
+        path = out if out is not None else Path(f"{loaded.name}.html")
+        page = report(loaded, path, alignment=align)
         files = [] if figures is None else page.save_figures(figures, file_format, _width(width))
         if moves is not None:
-            files.append(save_text(moves, moving_picture(scene(found))))
+            files.append(save_text(moves, moving_picture(scene(loaded))))
     for written in (path, *files):
         tell(str(written))
 
 
-def _width(said: str | None) -> str | float | None:
+def _width(argument: str | None) -> str | float | None:
     """A name, or a number of millimetres."""
     try:
-        return None if said is None else float(said)
+        return None if argument is None else float(argument)
     except ValueError:
-        return said
+        return argument

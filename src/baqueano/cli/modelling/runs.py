@@ -27,11 +27,11 @@ def command() -> None: ...
 def ls(folder: str, as_json: bool) -> None:
     from baqueano.runs.folder import listing, listing_rows, listing_table
 
-    found = listing(folder)
+    folder_rows = listing(folder)
     if as_json:
-        answer(Listed(listing_rows(found)), as_json)
+        answer(Listed(listing_rows(folder_rows)), as_json)
     else:
-        tell(listing_table(found))
+        tell(listing_table(folder_rows))
 
 
 @command.command("show", help="What RUN holds: topics, rates, gaps, events.")
@@ -81,8 +81,8 @@ def recover(run: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.recover import recover
 
     saved = recover(find(run, folder), out)
-    for said in saved.notes:
-        talk(said)
+    for message in saved.notes:
+        talk(message)
     tell(note("cli.recovered", path=saved.path, duration_s=saved.run.duration_s))
 
 
@@ -217,10 +217,10 @@ class Written(NamedTuple):
 
     def _holds(self) -> str:
         run = self.imported.run
-        held = [*run.sensors, *([_("truth")] if run.truth is not None else [])]
+        channels = [*run.sensors, *([_("truth")] if run.truth is not None else [])]
         return _(
             "{ticks} ticks, {duration_s:.1f} s, with {sensors}",
-            ticks=len(run.t_ns), duration_s=run.duration_s, sensors=", ".join(held) or _("commands alone"),
+            ticks=len(run.t_ns), duration_s=run.duration_s, sensors=", ".join(channels) or _("commands alone"),
         )  # fmt: skip
 
 
@@ -263,17 +263,17 @@ def calibrate(
 
     file, recorded = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
     if turns is not None or turned_by_hand(recorded):
-        found = by_hand(recorded, file, turns)
+        calibration = by_hand(recorded, file, turns)
     else:
         with busy(note("cli.comparing")):
-            found = calibrate(recorded, file)
-    answer(found, as_json)
+            calibration = calibrate(recorded, file)
+    answer(calibration, as_json)
     if map_ is not None:
         from baqueano.runs.maps.mount import write_mount
 
-        write_mount(map_, recorded, *found.mount(file))
+        write_mount(map_, recorded, *calibration.mount(file))
         talk(note("cli.mount-written", fix=typed("runs", "import", str(map_), "RECORDING"), path=map_))
-    options.kept(found.updated(file), update)
+    options.kept(calibration.updated(file), update)
 
 
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
@@ -288,9 +288,9 @@ def calibrate(
 def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.export import export_csv, export_tum
 
-    found = options.find_runs((run,), folder)[0]
-    path = out if out is not None else Path(f"{found.name}.{to}")
-    tell(str(export_csv(found, path, decimal) if to == "csv" else export_tum(found, path, which)))
+    loaded = options.find_runs((run,), folder)[0]
+    path = out if out is not None else Path(f"{loaded.name}.{to}")
+    tell(str(export_csv(loaded, path, decimal) if to == "csv" else export_tum(loaded, path, which)))
 
 
 @command.command("noise", help="The sensors of RUN while it stands: bias, Allan deviation, warmth.")
@@ -310,14 +310,14 @@ def noise(
 
     recorded = options.find_runs((run,), folder)[0]
     with busy(note("cli.averaging")):
-        found = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
-    answer(found, as_json)
+        rest = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
+    answer(rest, as_json)
     if page is not None:
-        from baqueano.report.of_rest import page_of_rest
+        from baqueano.report.rest_report import page_of_rest
 
-        talk(note("cli.report", page=page_of_rest(found).save(page)))
+        talk(note("cli.report", page=page_of_rest(rest).save(page)))
     if vehicle or update:
-        options.kept(found.updated(options.load_vehicle(vehicle, settings)), update)
+        options.kept(rest.updated(options.load_vehicle(vehicle, settings)), update)
 
 
 @command.command("wear", help="Which parameter moved beyond its error bars over several RUNS, and when.")
@@ -332,15 +332,15 @@ def wear(
     page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify import FitOptions
-    from baqueano.identify.parameter_drift import Wear, parameter_history
+    from baqueano.identify.parameter_drift import Drift, parameter_history
 
     recorded, how = options.find_runs(runs, folder), FitOptions(backend=backend)
     with steps() as begin:
         followed = parameter_history(
             recorded, options.load_vehicle(vehicle, settings), options=how, say=begin
         )
-    answer(Wear(followed), as_json)
+    answer(Drift(followed), as_json)
     if page is not None:
-        from baqueano.report.of_wear import page_of_wear
+        from baqueano.report.drift_report import page_of_drift
 
-        talk(note("cli.report", page=page_of_wear(followed).save(page)))
+        talk(note("cli.report", page=page_of_drift(followed).save(page)))

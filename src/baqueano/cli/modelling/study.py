@@ -27,20 +27,20 @@ def command() -> None: ...
 @options.page
 @options.as_json
 def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool) -> None:
-    from baqueano.study.paper import two_models
+    from baqueano.study.paper import dynamic_vs_kinematic
     from baqueano.study.paper.case_study import ImpliedParameters, case_study, recorded
     from baqueano.study.paper.page import page_of_paper
 
     with progress(note("cli.study-paper", seeds=seeds), seeds) as each:
-        found = case_study(seed, seeds, backend, each)
-    answer(found, as_json)
+        result = case_study(seed, seeds, backend, each)
+    answer(result, as_json)
     with busy(note("cli.two-models")):
-        run, unseen = recorded(seed, backend)[1], recorded(seed + 1_000, backend)[1]
-        models = two_models.two_models(found.fits[0], run, unseen, backend)
+        run, validation_run = recorded(seed, backend)[1], recorded(seed + 1_000, backend)[1]
+        models = dynamic_vs_kinematic.compare_models(result.fits[0], run, validation_run, backend)
     if not as_json:
-        tell(f"\n{two_models.table(models)}\n\n{ImpliedParameters().table()}")
+        tell(f"\n{dynamic_vs_kinematic.table(models)}\n\n{ImpliedParameters().table()}")
     with busy(note("cli.drawing")):
-        written = page_of_paper(found, models, backend).save(page or Path("study-paper.html"))
+        written = page_of_paper(result, models, backend).save(page or Path("study-paper.html"))
     talk(note("cli.report", page=written))
 
 
@@ -64,7 +64,7 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
 def identification(
     seed: int, seeds: int, cases: tuple[str, ...], keep: Path | None, backend: str, page: Path | None, as_json: bool
 ) -> None:  # fmt: skip
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.errors import UsageError
     from baqueano.study.identification import identification
     from baqueano.study.identification.page import page_of_identification
@@ -74,14 +74,14 @@ def identification(
     if unknown := [case for case in cases if case not in CASES]:
         raise UsageError(fault("cli.case-unknown", found=unknown[0], near=nearest(unknown[0], CASES)))
     with progress(note("cli.study-identification", seeds=seeds), seeds) as each:
-        found = identification(seeds, seed, backend, processors(), each, cases=cases or CASES, keep=keep)
-    answer(found, as_json)
+        result = identification(seeds, seed, backend, processors(), each, cases=cases or CASES, keep=keep)
+    answer(result, as_json)
     with busy(note("cli.drawing")):
-        whole = replace(page_of_identification(found), reproduce=typed(*sys.argv[1:]))
+        whole = replace(page_of_identification(result), reproduce=typed(*sys.argv[1:]))
         written = whole.save(page or Path("study-identification.html"))
     talk(note("cli.report", page=written))
-    if found.seeds < seeds:
-        raise Interrupted(fault("cli.study-interrupted", done=found.seeds, asked=seeds))
+    if result.seeds < seeds:
+        raise Interruption(fault("cli.study-interrupted", done=result.seeds, asked=seeds))
 
 
 @command.command(
@@ -94,19 +94,19 @@ def identification(
 @options.backend
 @options.as_json
 def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.errors import AnswerNo
     from baqueano.study.faults import FAULTS, faults
     from baqueano.sweep.workers import processors
 
     count = seeds * len(FAULTS)
     with progress(note("cli.study-faults", count=count), count) as each:
-        found = faults(seeds, seed, processes=processors(), backend=backend, each=each)
-    answer(found, as_json)
-    if found.asked > found.tried:
-        raise Interrupted(fault("cli.study-interrupted", done=found.tried, asked=found.asked))
-    if found.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(found.reasons)))
+        result = faults(seeds, seed, processes=processors(), backend=backend, each=each)
+    answer(result, as_json)
+    if result.requested > result.tried:
+        raise Interruption(fault("cli.study-interrupted", done=result.tried, asked=result.requested))
+    if result.verdict == Verdict.REFUSED:
+        raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
 
 
 @command.command(
@@ -118,15 +118,15 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 @options.backend
 @options.as_json
 def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.study.driving import driving
     from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-driving", seeds=seeds), seeds) as each:
-        found = driving(seeds, seed, processors(), backend, controller=controller, each=each)
-    answer(found, as_json)
-    if found.driven < seeds:
-        raise Interrupted(fault("cli.study-interrupted", done=found.driven, asked=seeds))
+        result = driving(seeds, seed, processors(), backend, controller=controller, each=each)
+    answer(result, as_json)
+    if result.driven < seeds:
+        raise Interruption(fault("cli.study-interrupted", done=result.driven, asked=seeds))
 
 
 @command.command(
@@ -139,15 +139,15 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
 @options.backend
 @options.as_json
 def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.study.marks import marks
     from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-marks", seeds=seeds, laps=laps), seeds) as each:
-        found = marks(seeds, seed, laps, processors(), backend, each=each)
-    answer(found, as_json)
-    if found.robots < seeds:
-        raise Interrupted(fault("cli.study-interrupted", done=found.robots, asked=seeds))
+        result = marks(seeds, seed, laps, processors(), backend, each=each)
+    answer(result, as_json)
+    if result.robots < seeds:
+        raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seeds))
 
 
 @command.command("recordings", help="Real vehicles: fitted to one part of a recording, judged on another.")
@@ -155,20 +155,20 @@ def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None
 @options.page
 @options.as_json
 def recordings(backend: str, page: Path | None, as_json: bool) -> None:
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
+    from baqueano.study.cross_validation_cpm import cross_validate
     from baqueano.study.recordings import MAPS, files_of, missing_of, recordings
     from baqueano.study.recordings_page import page_of_recordings
-    from baqueano.study.two_ways import two_ways
 
     with steps() as begin:
-        found = recordings(backend, begin)
-    answer(found, as_json)
-    if found.stopped:
-        raise Interrupted(fault("cli.recordings-interrupted"))
+        result = recordings(backend, begin)
+    answer(result, as_json)
+    if result.stopped:
+        raise Interruption(fault("cli.recordings-interrupted"))
     with steps() as begin:
-        study = None if missing_of(files_of(MAPS)) else two_ways(backend, begin)
+        study = None if missing_of(files_of(MAPS)) else cross_validate(backend, begin)
     with busy(note("cli.drawing")):
-        written = page_of_recordings(found, study).save(page or Path("study-recordings.html"))
+        written = page_of_recordings(result, study).save(page or Path("study-recordings.html"))
     talk(note("cli.report", page=written))
 
 
@@ -184,8 +184,8 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     from baqueano.sweep.workers import processors
 
     with steps() as begin:
-        found = experiments(seed, seconds, processors(), backend, begin)
-    answer(found, as_json)
+        result = experiments(seed, seconds, processors(), backend, begin)
+    answer(result, as_json)
 
 
 @command.command("first-drives", help="Vehicles of which nothing is known, driven carefully in a small room.")
@@ -194,15 +194,15 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 @options.backend
 @options.as_json
 def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.study.first_drives import first_drives
     from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-first-drives", seeds=seeds), seeds) as each:
-        found = first_drives(seeds, seed, processors(), backend, each)
-    answer(found, as_json)
-    if (done := sum(row.drives for row in found.each)) < seeds:
-        raise Interrupted(fault("cli.study-interrupted", done=done, asked=seeds))
+        result = first_drives(seeds, seed, processors(), backend, each)
+    answer(result, as_json)
+    if (done := sum(row.drives for row in result.each)) < seeds:
+        raise Interruption(fault("cli.study-interrupted", done=done, asked=seeds))
 
 
 @command.command(
@@ -211,11 +211,11 @@ def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 @options.backend
 @options.as_json
 def fit_imu_only(backend: str, as_json: bool) -> None:
-    from baqueano.study.without_encoders import without_encoders_study
+    from baqueano.study.imu_only import imu_only_study
 
     with steps() as begin:
-        found = without_encoders_study(backend, begin)
-    answer(found, as_json)
+        result = imu_only_study(backend, begin)
+    answer(result, as_json)
 
 
 @command.command(
@@ -247,8 +247,8 @@ def estimation(
     if unknown := [case for case in cases if case not in CASES]:
         raise UsageError(fault("cli.case-unknown", found=unknown[0], near=nearest(unknown[0], CASES)))
     with steps() as begin:
-        found = estimation(seeds, backend, begin, cases or CASES, kinds, processors())
-    answer(found, as_json)
+        result = estimation(seeds, backend, begin, cases or CASES, kinds, processors())
+    answer(result, as_json)
 
 
 @command.command(
@@ -263,15 +263,15 @@ def estimation(
 @options.backend
 @options.as_json
 def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.study.corridor import corridor, with_recordings
     from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-corridor", vehicles=vehicles), vehicles) as each:
-        found = corridor(vehicles, seed, processors(), backend, each)
+        result = corridor(vehicles, seed, processors(), backend, each)
     if recordings:
         with steps() as begin:
-            found = with_recordings(found, backend, begin)
-    answer(found, as_json)
-    if (done := found.vehicles + len(found.refused)) < vehicles:
-        raise Interrupted(fault("cli.study-interrupted", done=done, asked=vehicles))
+            result = with_recordings(result, backend, begin)
+    answer(result, as_json)
+    if (done := result.vehicles + len(result.refused)) < vehicles:
+        raise Interruption(fault("cli.study-interrupted", done=done, asked=vehicles))

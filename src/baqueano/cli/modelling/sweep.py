@@ -71,19 +71,19 @@ def command(
     cluster: str | None, backend: str, folder: str, page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.sweep import sweep
     from baqueano.sweep.drawing import page_of_sweep
 
     own = {"estimators": estimators, "controllers": controllers, "guides": guides}
-    found = partial(
+    start = partial(
         sweep, **own, reference=reference, keep=keep, cluster=cluster, alignment=align, backend=backend
     )
     if runs:
         over = options.find_runs(runs, folder)
         file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
         named = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
-        found, drives = partial(found, over, vehicle=file, routes=named), len(over)
+        start, drives = partial(start, over, vehicle=file, routes=named), len(over)
     else:
         file = options.load_vehicle(vehicle, settings)
         named = {name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)}
@@ -93,14 +93,14 @@ def command(
             "laps": laps,
             "start": (0.0, aside_m, 0.0),
         }
-        found, drives = partial(found, file, **given), len(named) * seeds
+        start, drives = partial(start, file, **given), len(named) * seeds
     count = drives * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
     with progress(note("cli.sweep", drives=count), count) as each:
-        result = found(each=each)
+        result = start(each=each)
     answer(result, as_json, cells=result.cells())
     if page is not None:
         with busy(note("cli.drawing")):
             written = page_of_sweep(result, reproduce=typed(*sys.argv[1:])).save(page)
         talk(note("cli.report", page=written))
     if len(result.drives) < result.asked:
-        raise Interrupted(fault("cli.study-interrupted", done=len(result.drives), asked=result.asked))
+        raise Interruption(fault("cli.study-interrupted", done=len(result.drives), asked=result.asked))

@@ -92,11 +92,11 @@ def show_both(run: Path, ghost: Path | None, folder: str) -> None:
     needs_websockets()
     import asyncio
 
-    from baqueano.web.run import Served, show_runs
+    from baqueano.web.run import PageOptions, show_runs
 
     names = tuple(str(path.resolve()) for path in (run, ghost) if path is not None)
     talk(note("cli.page-replayed"))
-    asyncio.run(show_runs(names, Served(Path(folder)), talk, lasting=False))
+    asyncio.run(show_runs(names, PageOptions(Path(folder)), talk, lasting=False))
 
 
 def needs_websockets() -> None:

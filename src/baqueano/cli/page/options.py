@@ -11,7 +11,7 @@ from baqueano.cli import options
 from baqueano.cli.page.live import needs_websockets
 
 if TYPE_CHECKING:
-    from baqueano.web.run import Served
+    from baqueano.web.run import PageOptions
 
 serving = options.together(
     click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: a free one."),
@@ -25,12 +25,12 @@ serving = options.together(
 )  # fmt: skip
 
 
-def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "Served":
+def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "PageOptions":
     """Return how the page is served. UsageError where its library is missing."""
     needs_websockets()
-    from baqueano.web.run import Served
+    from baqueano.web.run import PageOptions
 
-    return Served(Path(folder), port, share or bool(address), address, browser)
+    return PageOptions(Path(folder), port, share or bool(address), address, browser)
 
 
 def run(page: Coroutine[None, None, None]) -> None:

@@ -80,8 +80,8 @@ def clear(host: str) -> None:
     with _reached(host) as remote:
         remote.say(do="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
-        said = remote.state
-        tell(f"{host}: {said['state']}" + (f": {text(said['why'])}" if said.get("why") else ""))
+        state = remote.state
+        tell(f"{host}: {state['state']}" + (f": {text(state['why'])}" if state.get("why") else ""))
 
 
 @command.command(help="The runs on the vehicle at HOST; with --fetch, copy those that are not here.")
@@ -117,18 +117,18 @@ for verb in (
 class RobotStatus:
     """The state of the vehicle, as the vehicle reports it."""
 
-    def __init__(self, said: "JsonObject") -> None:
-        self.said = {k: v for k, v in said.items() if k != "is"}
-        self.verdict = str(said.get("state"))
+    def __init__(self, reply: "JsonObject") -> None:
+        self.reply = {k: v for k, v in reply.items() if k != "is"}
+        self.verdict = str(reply.get("state"))
 
     def rows(self) -> list["TableRow"]:
         """Return one row; the reason for a stopped vehicle as a sentence, as its code and as its figures."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 
-        why = self.said.get("why")
+        why = self.reply.get("why")
         data = why.to_json() if isinstance(why, Diagnostic) else {"code": None, "figures": {}}
-        plain = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.said.items()}
+        plain = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.reply.items()}
         return [plain | {"code": data["code"], "figures": data["figures"]}]
 
     def table(self) -> str:
@@ -136,8 +136,8 @@ class RobotStatus:
         from baqueano.printable import in_lines
 
         (row,) = self.rows()
-        wide = max(len(name) for name in self.said)
-        shown = {k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.said}
+        wide = max(len(name) for name in self.reply)
+        shown = {k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.reply}
         return in_lines(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
 
 

@@ -81,9 +81,9 @@ def settings(
 
 def typed(given: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return the typed values by the name of their option, without those left out."""
-    found: dict[str, list[str]] = {}
+    changed: dict[str, list[str]] = {}
     for name in (*NAMES, *WAYS):
-        said = given[name.replace("-", "_")]
-        if said is not None and said != ():
-            found[name] = list(said) if name in WAYS else [said]
-    return found
+        value = given[name.replace("-", "_")]
+        if value is not None and value != ():
+            changed[name] = list(value) if name in WAYS else [value]
+    return changed

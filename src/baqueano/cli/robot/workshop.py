@@ -53,7 +53,7 @@ def flash(
 ) -> None:
     from baqueano.errors import UsageError
     from baqueano.robot import VEHICLE
-    from baqueano.robot.uno.flash import Flashed
+    from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
     from baqueano.robot.workshop.exclusive_hardware import service_off, there
 
@@ -64,7 +64,7 @@ def flash(
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
-        done = Flashed(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
+        done = FlashResult(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
     answer(done, as_json)
 
 
@@ -84,14 +84,14 @@ def calibrate() -> None:
 @options.as_json
 def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
     from baqueano.robot import VEHICLE
-    from baqueano.robot.workshop.calibrate_imu import MountedImu, Watched
+    from baqueano.robot.workshop.calibrate_imu import ImuReader, MountedImu
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import opened, there
 
     file = options.load_vehicle(vehicle, settings)
     if host == "here":
-        with opened(file.robot, talk, in_chip_axes=True, motors=False) as bench:
-            mounted = find(Watched(bench.imu), talk)
+        with opened(file.robot, talk, in_chip_axes=True, motors=False) as floor:
+            mounted = find(ImuReader(floor.imu), talk)
     else:  # its service opens the IMU by its own file, so that one is written there
         more = ["--update"] if update else []
         mounted = MountedImu.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
@@ -113,12 +113,12 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import opened, there
 
-    found: Any
+    motors: Any
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
-        with opened(file.robot, talk) as bench:
-            bench.uno.configure(config_of(file.robot, bench.uno.info))
-            found = find(bench, talk)
+        with opened(file.robot, talk) as floor:
+            floor.uno.configure(config_of(file.robot, floor.uno.info))
+            motors = find(floor, talk)
     else:
-        found = Motors.of(there(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
-    answer(found, as_json)
+        motors = Motors.of(there(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
+    answer(motors, as_json)

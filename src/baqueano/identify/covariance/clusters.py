@@ -1,4 +1,4 @@
-"""Error bars of a regression whose residuals are coloured, and how far they may be trusted.
+"""Error bars of a regression whose residuals are autocorrelated, and how far they may be trusted.
 
     x̂ = arg min Σ_i ρ(y_i − h_i(x)),   A = Σ_i ρ''_i ∂h_iᵀ ∂h_i                                            (1)
     s_b = Σ_{i in batch b} ρ'_i ∂h_iᵀ,   cov x̂ = A⁻¹ (Σ_b s_b s_bᵀ) A⁻¹ B/(B − p)                        (2)
@@ -35,11 +35,11 @@ def batch_covariance(
     return half @ half.T / np.outer(scale, scale) * (count / (count - p))
 
 
-def regress(slopes: np.ndarray, y: np.ndarray, rounds: int = 10) -> tuple[np.ndarray, np.ndarray]:
+def regress(slopes: np.ndarray, y: np.ndarray, iterations: int = 10) -> tuple[np.ndarray, np.ndarray]:
     """Huber's regression of y (N,) on `slopes` (N, p): estimate (p,) and weights (N,)."""
     weights = np.ones(len(y))
     x = np.zeros(slopes.shape[1])
-    for _ in range(rounds):
+    for _ in range(iterations):
         root = np.sqrt(weights)
         x = np.linalg.lstsq(root[:, None] * slopes, root * y, rcond=None)[0]
         residuals = np.abs(y - slopes @ x)

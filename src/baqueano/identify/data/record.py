@@ -118,7 +118,7 @@ def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
     return slots
 
 
-def beginning(record: FitRecord, rows: int) -> FitRecord:
+def first_rows(record: FitRecord, rows: int) -> FitRecord:
     """The first rows of it."""
     sensors = {
         name: Measurements(z[:rows], has[:rows], None if sample_fraction is None else sample_fraction[:rows])
@@ -161,8 +161,8 @@ def _measured(
     z, has = np.zeros((rows, m)), np.zeros((rows, m))
     good = _sound(name, block, channel, notes)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(late_s * 1e9))
-    begun = run.t_ns[0] - round(LATE * float(np.median(np.diff(run.t_ns))))
-    inside = (tick < len(run.t_ns)) & ((channel.t_ns >= begun) | (late_s > 0.0))
+    first_ns = run.t_ns[0] - round(LATE * float(np.median(np.diff(run.t_ns))))
+    inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (late_s > 0.0))
     at = ends[tick[inside]]
     z[at] = np.where(good[inside], channel.z[inside], 0.0)
     has[at] = good[inside]

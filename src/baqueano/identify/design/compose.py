@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify.design.motion_library import moved
+from baqueano.identify.design.motion_library import in_map
 from baqueano.identify.design.room import DEVIATIONS, Room, reach
 
 CLOSER = 24  # pieces that are weighed exactly at once, those of the highest bound first
@@ -112,7 +112,7 @@ class Composer:
             k = 0 if place is None else place[0]
             self.chosen.append(k)
             total = total + self.F[k]
-            pose = moved(pose, self.path[k, :, -1])
+            pose = in_map(pose, self.path[k, :, -1])
 
     def _sort(self) -> None:
         """Put pieces that leave the position unsure last, if that order stays inside too: the sum is the same."""
@@ -125,7 +125,7 @@ class Composer:
         before, after = self.chosen[:place], self.chosen[place + 1 :]
         pose = self._start()
         for k in before:
-            pose = moved(pose, self.path[k, :, -1])
+            pose = in_map(pose, self.path[k, :, -1])
         others = [*before, *after]
         paid = float(self.price[others].sum())
         first_inside = self._first_inside(self.F[others].sum(axis=0), pose, after, best + paid + 1e-6)
@@ -168,13 +168,13 @@ class Composer:
         """(C,) bool: whether the corridor of each of these pieces, followed by all of `after`, stays in the room
         from the poses (L, 3) on.  (3)"""
         fits = self._margin(pose[None], pieces) >= 0.0
-        poses = moved(pose, self.path[pieces][:, :, -1])
+        poses = in_map(pose, self.path[pieces][:, :, -1])
         for k in after:
             candidates = np.flatnonzero(fits)
             if not len(candidates):
                 break
             fits[candidates] = self._margin(poses[candidates], np.array([k])) >= 0.0
-            poses[candidates] = moved(poses[candidates], self.path[k, :, -1])
+            poses[candidates] = in_map(poses[candidates], self.path[k, :, -1])
         return fits
 
     def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:

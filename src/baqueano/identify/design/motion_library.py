@@ -63,7 +63,7 @@ class PieceShape(NamedTuple):
         return np.flatnonzero(self.limit > 0.0)
 
 
-def drawn(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
+def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
     """`count` pieces by chance, the first of which is to stand still."""
     length = shape.ticks - shape.coast
     pieces = [MotionPiece(np.zeros((length, len(shape.limit))), BACK - 1)]
@@ -100,7 +100,7 @@ def gentler(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
     return MotionPiece(out, piece.back)
 
 
-def moved(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
+def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Poses `path` (…, 3), told from `pose` (…, 3), in the map."""
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x, y = path[..., 0], path[..., 1]

@@ -22,7 +22,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.design.compose import Composer
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import MotionPiece, PieceShape, children, drawn, gentler
+from baqueano.identify.design.motion_library import MotionPiece, PieceShape, children, gentler, random_pieces
 from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contained, first_allowed
 from baqueano.identify.design.vehicle_cloud import Cloud, VehicleDistribution, possible_vehicles
 from baqueano.identify.parallel import each
@@ -160,7 +160,7 @@ class PlanSearch:
         coast_s = self._coast_s(limit)
         self.shape = PieceShape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
         self.to_rest = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
-        self._grow(drawn(self.shape, FIRST, self.rng))
+        self._grow(random_pieces(self.shape, FIRST, self.rng))
         self.composer.search()
         for turn in range(ROUNDS):
             if (

@@ -124,7 +124,7 @@ class Cloud:
         """The cloud (L, …) under `u` (T, n), from its `tick` on: where it is then, and poses (L, T, 3) on the
         way.  (3)"""
         noise = self._noise(tick, len(u))
-        return self.kernel.lanes((u, noise), self.belief.theta, carry=state, outputs=True)
+        return self.kernel.batch((u, noise), self.belief.theta, carry=state, outputs=True)
 
     def under(
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0

@@ -32,7 +32,7 @@ UNITS = {
 AXES, TURNING = ("forward", "sideways", "turning"), 2
 
 
-def checked(
+def check_gain_changes(
     file: FittedBlocks,
     names: Sequence[str],
     estimate: np.ndarray,

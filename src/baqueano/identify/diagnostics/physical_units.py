@@ -23,7 +23,7 @@ from baqueano.identify.diagnostics import channel_map
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
-from baqueano.runs.diagnostics.plausible import FASTEST_RAD_S
+from baqueano.runs.diagnostics.physical_limits import FASTEST_RAD_S
 from baqueano.runs.diagnostics.signal_map import NOTHING, Hypothesis, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
@@ -50,7 +50,7 @@ FEW_AT_REST = 20  # ticks at rest
 FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
-def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
+def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
     """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
     wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (3), (4)"""
     sensors, turned, curves = file.sensors._asdict(), [], []
@@ -168,7 +168,7 @@ def implausible(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list
             and run.sensors[name].z.shape[1] == block.size
         ):
             messages += _imu(run, name, block)
-            messages += checked(run, file, name)
+            messages += check_gyro_unit(run, file, name)
     return messages
 
 

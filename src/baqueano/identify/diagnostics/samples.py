@@ -41,7 +41,7 @@ class Grain(NamedTuple):
     step: float  # least difference of two values, rounding aside
 
 
-def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
+def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
     """The channel with NaN in place of what is no measurement, and what was found."""
     z, messages = channel.z.copy(), []
     lost = int(np.sum(~np.isfinite(z)))

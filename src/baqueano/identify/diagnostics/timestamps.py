@@ -30,7 +30,7 @@ LATE_S = 0.25
 FEW = 20  # samples
 
 
-def checked(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
+def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
     """The run, mended and in pieces, and what was found."""
     if len(run.t_ns) < FEW:
         return [run], []

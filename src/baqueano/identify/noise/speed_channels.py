@@ -43,7 +43,7 @@ class SpeedChannels(NamedTuple):
 def speed_channels(
     filters: Callable[[tuple[str, ...]], AugmentedEkf],
     own: tuple[str, ...],
-    unseen: Sequence[Run],
+    validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> SpeedChannels | None:
     """Return which numbers may correct the speed; None for a filter without accelerometers.  (1)
@@ -54,7 +54,7 @@ def speed_channels(
     numbers = tuple(_undecided(alone))
     if not numbers:
         return None
-    witnesses = [(run, *_witness(run, alone)) for run in unseen]
+    witnesses = [(run, *_witness(run, alone)) for run in validation_runs]
     with_speed = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
     if not with_speed:
         code = "speed.by-the-file" if own else "speed.by-the-model"

@@ -135,7 +135,7 @@ class Evaluation(NamedTuple):
     hessian: np.ndarray | BlockArrow  # (p, p)
 
 
-def begun(diagonal: np.ndarray, places: Places | None) -> np.ndarray | BlockArrow:
+def diagonal_matrix(diagonal: np.ndarray, places: Places | None) -> np.ndarray | BlockArrow:
     """diag(diagonal) (p, p), to be summed into."""
     return np.diag(diagonal) if places is None else BlockArrow.of_diagonal(places, diagonal)
 

@@ -25,9 +25,8 @@ from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import ThetaLayout
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import substitute
-from baqueano.identify.parameters.setup import Shape, beginning, example, shown_by, vehicle_at_start
-from baqueano.identify.residuals.block_arrow import Evaluation, add, places_of
-from baqueano.identify.residuals.block_arrow import begun as begun_arrow
+from baqueano.identify.parameters.setup import Shape, example, initial_state, shown_by, vehicle_at_start
+from baqueano.identify.residuals.block_arrow import Evaluation, add, diagonal_matrix, places_of
 from baqueano.identify.residuals.noise_level import profile_by_speed, telling
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
@@ -187,7 +186,7 @@ class Residuals:
             return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
         prior = self._prior if huber is not None else np.zeros(self.size)
         cost, g = 0.5 * float(prior @ theta**2), prior * theta
-        H = begun_arrow(prior, self._places)
+        H = diagonal_matrix(prior, self._places)
         parts = self._each(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
         for (c, g_r, _), index in zip(parts, self._index, strict=True):
             cost += c
@@ -323,7 +322,7 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
 
-    at_start = beginning(blocks, shape)
+    at_start = initial_state(blocks, shape)
 
     def start(theta: np.ndarray) -> SimulationState:
         vehicle, signals = at_start(theta)

@@ -42,9 +42,9 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     """Return all that a verdict on a finished search rests on."""
     cov = _covariance(end)
     sd = np.sqrt(np.diagonal(cov))
-    unseen, never = _unseen(end)
+    unobservable_terms, never = _unseen(end)
     doubts, off = _doubts(end, sd)
-    evidence = _evidence(end, doubts, unseen)
+    evidence = _evidence(end, doubts, unobservable_terms)
     far = _placed(end, _held_back(end, sd), 0.0) > HELD_BACK
     return VerdictBasis(cov, off, evidence, np.where(far, evidence.bound, 0), never)
 
@@ -89,7 +89,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         notes=(*_notes(end), *noted(evidence._replace(bound=evidence.bound - basis.held_back))),
         channels=evidence.channels,
         sigma=_by_sensor(problem, end.search.sigma),
-        coloured=end.info.coloured,
+        autocorrelated=end.info.autocorrelated,
         converged=solution.converged,
         cost=solution.at.cost,
         evaluations=end.search.evaluations,
@@ -124,7 +124,9 @@ def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     return out
 
 
-def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Diagnostic, ...]) -> Evidence:
+def _evidence(
+    end: FinishedFit, doubts: tuple[Diagnostic, ...], unobservable_terms: tuple[Diagnostic, ...]
+) -> Evidence:
     """Return the evidence for the verdict."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     identifiable = end.identifiability.mask[:s]
@@ -134,7 +136,7 @@ def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Di
         _placed(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _placed(end, end.identifiability.weak[:s], False).astype(bool),
         len(end.frozen),
-        unseen,
+        unobservable_terms,
         _channels(end.task.problem, solution.theta, end.search.sigma, end.info.colour),
         solution.converged,
         end.info.colour,
@@ -250,7 +252,7 @@ def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
 
 def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return findings on parameters that a better run would show, and on those that no run can."""
-    unseen, never = [], []
+    unobservable_terms, never = [], []
     columns: dict[int, list[Free]] = {}
     for one in (end.wanted[k] for k in end.frozen):
         assert one.column is not None
@@ -259,12 +261,12 @@ def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic,
     for j, some in columns.items():
         cannot = bool(end.file.command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
         message = missing_command(some, end.file.command.names[j], cannot)
-        (never if cannot else unseen).append(message)
+        (never if cannot else unobservable_terms).append(message)
     for i, one in enumerate(end.free):
         if not end.identifiability.mask[i]:
             ties, near = end.like(end.identifiability.collinear, i), end.like(end.identifiability.near, i)
-            unseen.append(unobservable(one, ties, float(end.task.first[i]), near))
-    return tuple(unseen), tuple(never)
+            unobservable_terms.append(unobservable(one, ties, float(end.task.first[i]), near))
+    return tuple(unobservable_terms), tuple(never)
 
 
 def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:

@@ -79,7 +79,7 @@ class Fit(Result):
         Measurement and prediction of each channel in each run.
     sigma : dict of str to ndarray (m,)
         Sensor → standard deviation of its noise.
-    coloured : bool
+    autocorrelated : bool
         The residuals are autocorrelated, and the errors were widened for it.
     converged : bool
         The search ended at a minimum.
@@ -124,7 +124,7 @@ class Fit(Result):
     notes: tuple[Diagnostic, ...]
     channels: tuple[ChannelFit, ...] = field(repr=False)
     sigma: dict[str, np.ndarray]
-    coloured: bool
+    autocorrelated: bool
     converged: bool
     cost: float
     evaluations: int
@@ -355,15 +355,16 @@ def marks(row: dict[str, Any]) -> str:
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     """Return the verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
     lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
-    reasons, unseen, notes = (grouped(by_weight(one)) for one in lists)
+    reasons, unobservable, notes = (grouped(by_weight(one)) for one in lists)
     if len(reasons) == 1:
         lines = [f"{_(fit.verdict)}: {reasons[0]}"]
     else:
         lines = [f"{_(fit.verdict)}: {text(MEANS.get(fit.verdict))}"]
         lines += [f"- {one}" for one in reasons[:REASONS]]
-    lines += [f"- {one}" for one in (*unseen[:UNSEEN], *notes[:NOTES])]
+    lines += [f"- {one}" for one in (*unobservable[:UNSEEN], *notes[:NOTES])]
     more = sum(
-        max(0, len(lines_of) - n) for lines_of, n in ((reasons, REASONS), (unseen, UNSEEN), (notes, NOTES))
+        max(0, len(lines_of) - n)
+        for lines_of, n in ((reasons, REASONS), (unobservable, UNSEEN), (notes, NOTES))
     )
     if not more:
         return lines

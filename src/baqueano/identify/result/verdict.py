@@ -120,14 +120,14 @@ def _refused(e: Evidence) -> list[Diagnostic]:
 def _unseen(e: Evidence) -> list[Diagnostic]:
     """Return why too few of the parameters are identified."""
     free, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
-    unseen = free - int(np.sum(np.isfinite(e.estimate)))
-    if free and unseen == free:
+    unidentified = free - int(np.sum(np.isfinite(e.estimate)))
+    if free and unidentified == free:
         return [note("fit.nothing-seen", ERROR, asked=free)]
-    if unseen > UNSEEN * free:
-        return [note("fit.most-unseen", ERROR, unseen=unseen, asked=free)]
-    if unseen + weak > UNSEEN * free:
-        code = "fit.most-unseen-or-weak" if unseen else "fit.most-weak"
-        return [note(code, ERROR, asked=free, unseen=unseen, weak=weak)]
+    if unidentified > UNSEEN * free:
+        return [note("fit.most-unseen", ERROR, unseen=unidentified, asked=free)]
+    if unidentified + weak > UNSEEN * free:
+        code = "fit.most-unseen-or-weak" if unidentified else "fit.most-weak"
+        return [note(code, ERROR, asked=free, unseen=unidentified, weak=weak)]
     return []
 
 

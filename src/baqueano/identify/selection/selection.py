@@ -161,11 +161,11 @@ class _Growing:
         self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
-        runs, use, options, unseen = how
+        runs, use, options, validation_runs = how
         self.how, self.said_least, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
-        blocks, runs, only = sensors_of(file, [*runs, *unseen], use)
+        blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
         if any(tells_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
         options = for_sensors(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
@@ -179,7 +179,7 @@ class _Growing:
         self.paths = [one.path for one in wanted]
         shape = shape_of(blocks, wanted, records, options)
         rest = [begins_at_rest(run, blocks.sensors) for run in runs]
-        every = HeldOut(blocks, shape, records, rest, len(unseen), how.options.backend)
+        every = HeldOut(blocks, shape, records, rest, len(validation_runs), how.options.backend)
         theta, every.low, every.high = first_theta(blocks, wanted, shape, records, FitOptions())
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are none

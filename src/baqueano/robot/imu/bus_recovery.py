@@ -153,19 +153,19 @@ class _Pins:
 
     def look(self) -> tuple[BusLine, BusLine]:
         """SDA and SCL."""
-        said = self._call("get", BOTH)
-        lines = {number: BusLine(function, level == "hi") for number, function, level in LINE.findall(said)}
+        reply = self._call("get", BOTH)
+        lines = {number: BusLine(function, level == "hi") for number, function, level in LINE.findall(reply)}
         if len(lines) != 2:
-            raise RobotUnreachable(fault("bus.pinctrl-said", pins=BOTH, found=repr(said)))
+            raise RobotUnreachable(fault("bus.pinctrl-said", pins=BOTH, found=repr(reply)))
         return lines[SDA], lines[SCL]
 
     def set(self, pin: str, *options: str) -> None:
         """Function, pull and level of a pin."""
-        if said := self._call(
+        if refusal := self._call(
             "set", pin, *options
         ):  # it says something where it refuses, and ends well all the same
             raise RobotUnreachable(
-                fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=said)
+                fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=refusal)
             )
 
     def give_back(self) -> None:

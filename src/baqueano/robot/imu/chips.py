@@ -41,7 +41,7 @@ class Chip(NamedTuple):
     fifo_bytes: int
     lsb_per_c: float | None
     offset_c: float
-    known: bool = True
+    is_listed: bool = True
 
     @property
     def bands(self) -> dict[int, FilterBand]:
@@ -95,8 +95,8 @@ CHIPS = {
 
 
 def chip_of(who_am_i: int) -> Chip:
-    """The chip that answers so; one that nobody listed is driven as a 6500, and `known` says no."""
-    unknown = Chip(f"unknown chip 0x{who_am_i:02X}", True, 512, None, 0.0, known=False)
+    """The chip that answers so; one that nobody listed is driven as a 6500, and `is_listed` is False."""
+    unknown = Chip(f"unknown chip 0x{who_am_i:02X}", True, 512, None, 0.0, is_listed=False)
     return CHIPS.get(who_am_i, unknown)
 
 

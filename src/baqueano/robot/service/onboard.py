@@ -47,9 +47,9 @@ def serve(
         loading.start()
 
         def find_imu() -> Any:
-            found = imu_driver.of(file.robot, say)
-            open_things.callback(found.close)
-            return found
+            imu = imu_driver.of(file.robot, say)
+            open_things.callback(imu.close)
+            return imu
 
         imu, has_imu = None, "imu" in file.sensors._fields
         if has_imu:

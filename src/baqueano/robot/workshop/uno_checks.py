@@ -57,7 +57,7 @@ def answers(
     """Check a link that has listened for a while, since its statistics were `before`."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
 
-    info, heard = link.info, link.receive()
+    info, telemetry = link.info, link.receive()
     if info is None:
         yield Check(
             N_("firmware"),
@@ -89,13 +89,13 @@ def answers(
         _("{ppm:+.0f} ppm", ppm=-ppm),
         _("More than a resonator may be off: does the board run at 16 MHz?"),
     )
-    if heard:
-        yield battery(heard[-1].battery_v, least_battery_v)
-    known = any(way != Way() for way in link.settings(wait).ways)
+    if telemetry:
+        yield battery(telemetry[-1].battery_v, least_battery_v)
+    calibrated = any(way != Way() for way in link.settings(wait).ways)
     yield Check(
         N_("motors"),
-        "ok" if known else "warn",
-        _("calibrated") if known else _("not calibrated"),
+        "ok" if calibrated else "warn",
+        _("calibrated") if calibrated else _("not calibrated"),
         _("Type: baqueano robot calibrate motors"),
     )
 

@@ -67,8 +67,8 @@ def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnos
     return Doubt(hypothesis.code, "error", None, _why(hypothesis, entry, code), line)
 
 
-def _why(found: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
-    r = found.relation
+def _why(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
+    r = hypothesis.relation
     return note(code, key=entry.key, slope=r.slope, correlation=r.correlation)
 
 

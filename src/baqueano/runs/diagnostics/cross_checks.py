@@ -1,7 +1,7 @@
 """Errors that an imported recording may contain.
 
-Each signal alone (plausible.py), the truth by itself (truth.py), then all against each other (by_motion.py). An error
-contradicts the map: the import ends with the line to write, or goes on when the map lists it under `accept`.
+Each signal alone (physical_limits.py), the truth by itself (truth.py), then all against each other (by_motion.py). An
+error contradicts the map: the import ends with the line to write, or goes on when the map lists it under `accept`.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.by_motion import by_motion
 from baqueano.runs.diagnostics.doubt import Doubt
-from baqueano.runs.diagnostics.plausible import commands, plausible
+from baqueano.runs.diagnostics.physical_limits import commands, plausible
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.diagnostics.truth import course_and_heading
 from baqueano.runs.run import Run

@@ -12,7 +12,7 @@ import numpy as np
 from baqueano.diagnostics import note
 from baqueano.geometry import wrap
 from baqueano.runs.diagnostics.doubt import Doubt
-from baqueano.runs.diagnostics.plausible import ENOUGH, FASTEST_M_S, FASTEST_RAD_S
+from baqueano.runs.diagnostics.physical_limits import ENOUGH, FASTEST_M_S, FASTEST_RAD_S
 from baqueano.runs.run import TruthLog
 from baqueano.signals import NANOSECONDS
 

@@ -88,7 +88,7 @@ def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:
 
 
 def _summed(ours: np.ndarray, reference: np.ndarray, block: np.ndarray) -> Beside:
-    known, size = np.isfinite(ours) & np.isfinite(reference), int(block[-1]) + 1
-    sums = [np.bincount(block[known], x[known], size) for x in (ours, reference, np.ones(len(ours)))]
+    finite, size = np.isfinite(ours) & np.isfinite(reference), int(block[-1]) + 1
+    sums = [np.bincount(block[finite], x[finite], size) for x in (ours, reference, np.ones(len(ours)))]
     some = sums[2] > 0
     return Beside(*(x[some] for x in sums))

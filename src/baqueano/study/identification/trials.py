@@ -24,7 +24,7 @@ from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import (
     FREE_CAR,
     FREE_ROBOT,
-    Shown,
+    GroupDrive,
     car_file,
     car_values,
     driven,
@@ -36,7 +36,7 @@ from baqueano.study.counterpart import (
 from baqueano.study.counterpart.cars import SPEED, speed_at
 from baqueano.study.demo import GUESS
 from baqueano.study.identification.bound import beside, bound_of
-from baqueano.study.truth import Cars, Robots, drawn, drawn_cars
+from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
 OF_ROBOTS = (N_("clean"), N_("rough"), N_("floor"), N_("floor, innovations"), N_("wrong start"))
@@ -89,7 +89,7 @@ def work(job: TrialJob) -> list[TrialOutcome]:
 
 def robot(seed: int) -> Robots:
     """Return the robot of that seed."""
-    draw, q = np.random.default_rng([seed, 40]), drawn(1, seed)
+    draw, q = np.random.default_rng([seed, 40]), draw_robots(1, seed)
     at, towards = draw.uniform(-np.pi, np.pi, 2)
     imu = q.imu.changed(
         place_m=0.03 * np.array([[np.cos(at), np.sin(at)]]),
@@ -104,7 +104,7 @@ def robot(seed: int) -> Robots:
 
 def car(seed: int, case: str) -> Cars:
     """Return the car of that seed."""
-    q = drawn_cars(1, seed)
+    q = draw_cars(1, seed)
     return (
         q
         if case == "understeer"
@@ -127,7 +127,7 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     robots = [robot(seed) for seed in job.seeds]
     us = [_steps(guess(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
     t_ns, n = times(len(us[0]), 100.0), len(robots)
-    given: dict[str, Shown] = {}
+    given: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
     if not all("floor" in case for case in cases):
         bounds = _bounds(robots, us, t_ns)
@@ -172,7 +172,9 @@ def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> lis
     return [bound_of(piece, q) for piece, q in zip(pieces, robots, strict=True)]
 
 
-def _roughly(robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray) -> Shown:
+def _roughly(
+    robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray
+) -> GroupDrive:
     """Return the readings of robots whose logger wakes up irregularly."""
     late = np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
     irregular = t_ns + np.round(1e9 * late).astype(np.int64)
@@ -220,14 +222,14 @@ def _of_cars(job: TrialJob, case: str) -> list[TrialOutcome]:
 def _outcome(
     case: str, seed: int, fit: Fit, truth: dict[str, np.ndarray], bound: dict[str, float], clean: Fit | None
 ) -> TrialOutcome:
-    found = {
+    results = {
         **dict(zip(fit.own_names, zip(fit.own[0], fit.own_sd[0], strict=True), strict=True)),
         **dict(zip(fit.names, zip(fit.estimate, fit.sd, strict=True), strict=True)),
     }
     if SPEED in truth:
-        found[SPEED] = _speed(fit)
-    names = tuple(name for name in truth if name in found)
-    estimate, sd = np.array([found[name] for name in names]).T
+        results[SPEED] = _speed(fit)
+    names = tuple(name for name in truth if name in results)
+    estimate, sd = np.array([results[name] for name in names]).T
     met = clean is None or _same(fit, clean)
     reasons = tuple((one.code, one.subject) for one in fit.reasons)
     return TrialOutcome(
@@ -275,8 +277,8 @@ def _car_steps(seed: int, rate_hz: float, duration_s: float, lock: float) -> np.
     draw, ticks = np.random.default_rng([seed, 44]), round(duration_s * rate_hz)
     columns = []
     for low, high, hold_s in ((0.1, 0.55, 2.0), (-lock, lock, 1.2)):
-        held = round(hold_s * rate_hz)
-        columns.append(np.repeat(draw.uniform(low, high, ticks // held + 1), held)[:ticks])
+        hold_ticks = round(hold_s * rate_hz)
+        columns.append(np.repeat(draw.uniform(low, high, ticks // hold_ticks + 1), hold_ticks)[:ticks])
     u = np.stack(columns, axis=1)
     u[: round(REST_S * rate_hz)] = 0.0
     return u

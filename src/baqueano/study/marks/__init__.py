@@ -34,10 +34,10 @@ def marks(
     """Return the laps of robots `first` … `first + seeds − 1`; `each` hears of the robots that are done."""
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, laps=laps, backend=backend, shapes=shapes, read=read)
-    found = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
-    refused = tuple(sorted(k for _, _, refused in found for k in refused))
+    parts = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
+    refused = tuple(sorted(k for _, _, refused in parts for k in refused))
     return Marks(
-        tuple(lap for _, rows, _ in found for lap in rows), sum(n for n, _, _ in found), laps, refused
+        tuple(lap for _, rows, _ in parts for lap in rows), sum(n for n, _, _ in parts), laps, refused
     )
 
 

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.diagnostics import Diagnostic, fault, joined
-from baqueano.errors import Coded
+from baqueano.errors import DiagnosticError
 
 if TYPE_CHECKING:
     import ctypes
@@ -42,7 +42,7 @@ double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
 """
 
 
-class CompileError(Coded, RuntimeError):
+class CompileError(DiagnosticError, RuntimeError):
     """The compiler refused a text, or there is none."""
 
 
@@ -77,23 +77,23 @@ def find() -> FoundCompiler:
 
 
 @cache
-def _find(asked: str, path: str) -> FoundCompiler:
+def _find(wanted: str, path: str) -> FoundCompiler:
     whys: list[Diagnostic] = []
-    for compiler in _candidates(asked, path):
+    for compiler in _candidates(wanted, path):
         try:
             _load(PROBE, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
             whys.append(error.diagnostic)
         else:
             return FoundCompiler(compiler, joined(whys))
-    if asked and not whys:
-        whys.append(fault("compiler.no-command", found=asked))
+    if wanted and not whys:
+        whys.append(fault("compiler.no-command", found=wanted))
     return FoundCompiler(None, joined(whys) or fault("compiler.absent", "pip install ziglang"))
 
 
-def _candidates(asked: str, path: str) -> Iterator[Compiler]:
-    if asked:
-        command = [asked] if shutil.which(asked, path=path) else shlex.split(asked)
+def _candidates(wanted: str, path: str) -> Iterator[Compiler]:
+    if wanted:
+        command = [wanted] if shutil.which(wanted, path=path) else shlex.split(wanted)
         file = shutil.which(command[0], path=path)
         if file:
             yield _compiler((file, *command[1:]))

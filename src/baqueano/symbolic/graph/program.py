@@ -81,7 +81,7 @@ class Kernel(Protocol):
         """The outputs as residuals: cost, gradient (p,), hessian (p, p)."""
         ...
 
-    def lanes(
+    def batch(
         self,
         count: int,
         n: int,

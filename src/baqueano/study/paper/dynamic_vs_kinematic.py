@@ -47,26 +47,26 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
     return parse(vehicle.text[:a] + KINEMATIC + vehicle.text[b:], f"{vehicle.name}, kinematic")
 
 
-def two_models(
-    dynamic: Fit, run: "Run", unseen: "Run", backend: str = "auto"
+def compare_models(
+    dynamic: Fit, run: "Run", validation_run: "Run", backend: str = "auto"
 ) -> tuple[JudgedModel, JudgedModel]:
     """The dynamic model of `dynamic` and the kinematic one, fitted to the same `run`."""
     kinematic = identify(
         run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
     )
     return tuple(
-        _judged(name, fit, run, unseen, backend)
+        _judged(name, fit, run, validation_run, backend)
         for name, fit in (("dynamic", dynamic), ("kinematic", kinematic))
     )  # type: ignore[return-value]
 
 
-def _judged(model: str, fit: Fit, run: "Run", unseen: "Run", backend: str) -> JudgedModel:
+def _judged(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> JudgedModel:
     noise = measure_noise(fit, run, source="truth", backend=backend)
-    believed = replay(unseen, noise.updated(fit.vehicle_file), backend=backend)
-    log = believed.estimate
+    replayed = replay(validation_run, noise.updated(fit.vehicle_file), backend=backend)
+    log = replayed.estimate
     assert log is not None
-    assert unseen.truth is not None
-    error = log.nu - at_times(log.t_ns, unseen.truth.t_ns, unseen.truth.nu)
+    assert validation_run.truth is not None
+    error = log.nu - at_times(log.t_ns, validation_run.truth.t_ns, validation_run.truth.nu)
     return JudgedModel(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
 
 
@@ -88,15 +88,15 @@ def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
 
 def table(judged: tuple[JudgedModel, ...]) -> str:
     """For people."""
-    found = rows(judged)
-    keys = list(found[0])
+    figures = rows(judged)
+    keys = list(figures[0])
     lines = ["  ".join(f"{_(key):>22}" for key in keys)]
     lines += [
         "  ".join(
             f"{_(row[key]) if isinstance(row[key], str) else format(number(row[key]), '.3g'):>22}"
             for key in keys
         )
-        for row in found
+        for row in figures
     ]
     return "\n".join(
         [_("Which model predicts what (one step ahead, and as the EKF's model on another run)"), *lines]

@@ -49,7 +49,7 @@ CAVEATS = (
 )
 
 
-class Predicted(NamedTuple):
+class RunPrediction(NamedTuple):
     """Speed and yaw rate of a run by a model that sees the commands alone."""
 
     t_s: np.ndarray  # (N,)
@@ -68,7 +68,7 @@ class Predicted(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Fitted:
+class RunFit:
     """The results of a run."""
 
     fit: Fit
@@ -82,7 +82,7 @@ class Judgement:
 
     fitted_on: str
     judged_on: str
-    predicted: Predicted
+    predicted: RunPrediction
     replayed: "Run"
     figures: "JsonObject"  # of `compare`
     driven_m: float  # by the camera
@@ -110,10 +110,10 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class TwoWays:
+class CrossValidation:
     """Both ways round."""
 
-    fitted: dict[str, Fitted]  # by run
+    fitted: dict[str, RunFit]  # by run
     judged: tuple[Judgement, ...]
 
     def rows(self) -> list["TableRow"]:
@@ -126,8 +126,8 @@ class TwoWays:
         out = []
         for name, first in next(iter(fits.values())).items():
             row = {"name": name, "unit": first["unit"]}
-            for run, said in fits.items():
-                row |= {run: said[name]["estimate"], f"{run}_sd": said[name]["sd"]}
+            for run, parameters in fits.items():
+                row |= {run: parameters[name]["estimate"], f"{run}_sd": parameters[name]["sd"]}
             out.append(row)
         return out
 
@@ -139,11 +139,13 @@ class TwoWays:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return where a run commands more than the runs of its model."""
-        out, seen = [], {one.judged_on: one.replayed.applied for one in self.judged}
-        for one in self.judged if len(seen) > 1 else ():
+        out, applied = [], {one.judged_on: one.replayed.applied for one in self.judged}
+        for one in self.judged if len(applied) > 1 else ():
             names = self.fitted[one.fitted_on].file.command.names
-            for name, known, asked in zip(names, seen[one.fitted_on].T, seen[one.judged_on].T, strict=True):
-                low, high, least, most = np.min(known), np.max(known), np.min(asked), np.max(asked)
+            for name, fitted, commanded in zip(
+                names, applied[one.fitted_on].T, applied[one.judged_on].T, strict=True
+            ):
+                low, high, least, most = np.min(fitted), np.max(fitted), np.min(commanded), np.max(commanded)
                 if least < low - BEYOND * (high - low) or most > high + BEYOND * (high - low):
                     out.append(
                         _(
@@ -232,7 +234,9 @@ _LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
 )
 
 
-def two_ways(backend: str = "auto", say: Callable[[str], object] = lambda text: None) -> TwoWays:
+def cross_validate(
+    backend: str = "auto", say: Callable[[str], object] = lambda text: None
+) -> CrossValidation:
     """Fits the car to each run and judges it on both. FileError, with the names, where files are missing."""
     check_present()
     runs = {SHORT[name]: import_run(name).run for name in MAPS}
@@ -245,14 +249,14 @@ def two_ways(backend: str = "auto", say: Callable[[str], object] = lambda text: 
         for other, run in runs.items():
             say(_("the model of run {name} on run {other}", name=name, other=other))
             judged.append(judge(done.file, name, run, other, backend))
-    return TwoWays(fitted, tuple(sorted(judged, key=lambda one: not one.held_out)))
+    return CrossValidation(fitted, tuple(sorted(judged, key=lambda one: not one.held_out)))
 
 
-def fit_to(run: "Run", backend: str = "auto") -> Fitted:
+def fit_to(run: "Run", backend: str = "auto") -> RunFit:
     """The garage's car fitted to a run by odometer and gyro, with the noise that the run shows."""
     fit = identify(run, load("car"), use=USE, options=FitOptions(backend=backend))
     noise = measure_noise(fit, run, backend=backend)
-    return Fitted(fit, noise, noise.updated(fit.vehicle_file, run.name))
+    return RunFit(fit, noise, noise.updated(fit.vehicle_file, run.name))
 
 
 def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto") -> Judgement:
@@ -264,7 +268,7 @@ def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend
     return Judgement(fitted_on, judged_on, predicted(file, run, backend), again, figures, driven_m)
 
 
-def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> Predicted:
+def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
     """Speed and yaw rate by the model of `file` under the commands of `run`, from the velocity that was
     measured first."""
     odometer, imu, vehicle = file.sensors.odometer, file.sensors.imu, file.vehicle
@@ -281,15 +285,15 @@ def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> Predicted
 
     rows = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
     model = np.asarray(scan(step, start, np.zeros(1 + vehicle.commands), backend=backend).run(rows)[1])
-    said = [(record.sensors[name], entry) for name, entry in (("odometer", 0), ("imu", 2))]
-    measured = np.stack([np.where(s.has[:, k] > 0.0, s.z[:, k], np.nan) for s, k in said], axis=1)
-    return Predicted(record.t_s, measured, model)
+    readings = [(record.sensors[name], entry) for name, entry in (("odometer", 0), ("imu", 2))]
+    measured = np.stack([np.where(s.has[:, k] > 0.0, s.z[:, k], np.nan) for s, k in readings], axis=1)
+    return RunPrediction(record.t_s, measured, model)
 
 
 def _first(record: FitRecord, sensor: str, entry: int) -> float:
     """The first measurement of a channel."""
-    said = record.sensors[sensor]
-    return float(said.z[np.argmax(said.has[:, entry] > 0.0), entry])
+    readings = record.sensors[sensor]
+    return float(readings.z[np.argmax(readings.has[:, entry] > 0.0), entry])
 
 
 def _head(one: Judgement) -> str:

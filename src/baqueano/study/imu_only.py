@@ -29,9 +29,9 @@ from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.runs.importing import import_run
+from baqueano.study.cross_validation_cpm import predicted
 from baqueano.study.recorded.bars import row
-from baqueano.study.recordings import Recorded, check_present
-from baqueano.study.two_ways import predicted
+from baqueano.study.recordings import RecordingStudy, check_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
 
 if TYPE_CHECKING:
@@ -68,12 +68,10 @@ class KnownGains(NamedTuple):
     sd: np.ndarray  # (5,)
 
 
-def without_encoders_study(
-    backend: str = "auto", say: Callable[[str], object] = lambda text: None
-) -> Recorded:
+def imu_only_study(backend: str = "auto", say: Callable[[str], object] = lambda text: None) -> RecordingStudy:
     """Both runs, both gyros. FileError, with the names of the files, where the recordings are missing."""
     check_present()
-    return Recorded(tuple(rows(say, backend)), ())
+    return RecordingStudy(tuple(rows(say, backend)), ())
 
 
 def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
@@ -82,10 +80,10 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
     car = load("car").with_values(
         BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, Verdict.USABLE)}
     )
-    known = {}
+    reference = {}
     for name, run in runs.items():
         say(_("run {name}: fitting the odometer, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
-        known[name] = identify(
+        reference[name] = identify(
             run, car, FREE, use=("odometer", "imu[2]"), options=FitOptions(backend=backend)
         )
     gyros = (
@@ -105,8 +103,10 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
                 tolerance={"gyro": gyro.tolerance},
                 options=FitOptions(backend=backend),
             )
-            out += held_out(fit, known[name], runs[other], f"cpm {name} → {other}, {_(gyro.name)}", backend)
-            says, truth = drive_of(fit, file), drive_of(known[name], car)
+            out += held_out(
+                fit, reference[name], runs[other], f"cpm {name} → {other}, {_(gyro.name)}", backend
+            )
+            says, truth = drive_of(fit, file), drive_of(reference[name], car)
             fits.append(fit)
             both = np.hypot(says.sd, truth.sd)
             inside.append(np.abs(says.value - truth.value) <= QUANTILE_95 * both)
@@ -114,9 +114,9 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
     return out + of_intervals(np.array(inside), np.array(width)) + of_words(fits[-1], runs)
 
 
-def held_out(fit: Fit, known: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
+def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
     """The speed of a run that neither fit has seen."""
-    car = known.vehicle_file  # odometer and gyro as they are: what is judged is the model
+    car = reference.vehicle_file  # odometer and gyro as they are: what is judged is the model
     mine = car.with_values({name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))})
     error = [float(predicted(one, run, backend).rmse[0]) for one in (mine, car)]
     ratio = error[0] / error[1]

@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from baqueano.symbolic.scan import Scan
 
 
-class Lanes(NamedTuple):
+class Batch(NamedTuple):
     """L lanes of N ticks, as a kernel takes them."""
 
-    lanes: int
+    count: int
     ticks: int
     theta: np.ndarray  # (L, p)
     start: np.ndarray | None  # (L, c); None where it follows from θ
     inputs: tuple[np.ndarray, np.ndarray, tuple[bool, ...]]  # shared (N, ·), own (L, N, ·), which is which
 
     @classmethod
-    def of(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Lanes":
+    def from_trees(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Batch":
         """Return them from trees whose leaves may lead with a lane axis, by the number of their axes."""
         leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
         own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]

@@ -75,7 +75,7 @@ class FaultOutcome(NamedTuple):
     lost: float = np.nan  # the part of the readings that this is
 
 
-class Made(NamedTuple):
+class FaultInputs(NamedTuple):
     """Inputs of one fit, and the truth behind them."""
 
     file: "VehicleFile"
@@ -94,7 +94,7 @@ def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
     return outcomes
 
 
-def _outcome(job: FaultJob, made: Made, before: "_Before") -> FaultOutcome:
+def _outcome(job: FaultJob, made: FaultInputs, before: "_Before") -> FaultOutcome:
     try:
         fit = identify(made.run, made.file, made.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
@@ -144,7 +144,7 @@ def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
 
 
-def _made(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, Made]]:
+def _made(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, FaultInputs]]:
     """Return the inputs of each job; the vehicles of all structures are simulated side by side."""
     u = of.signal(SECONDS)
     (sound,) = of.runs([of.vehicle], [u], [u])
@@ -163,11 +163,11 @@ def _made(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, Ma
             clean = sound if job.fault in MENDED else None
             if damaged is not None:
                 truth = {k: x for k, x in of.truth.items() if (job.fault, k) not in SUMS}
-                out.append((job, Made(of.file, damaged, of.free, truth, clean)))
+                out.append((job, FaultInputs(of.file, damaged, of.free, truth, clean)))
     return out + _planned(of, plans)
 
 
-def _sound(of: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> Made:
+def _sound(of: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> FaultInputs:
     file, run = of.file, sound
     if job.fault == "sound, 60 s":
         u = of.signal(2.0 * SECONDS)
@@ -176,23 +176,25 @@ def _sound(of: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator
         run = outliers(_copy(sound), file, rng)
     elif job.fault == "sound, other start":
         file = _other_start(file, rng)
-    return Made(file, run, of.free, of.truth)
+    return FaultInputs(file, run, of.free, of.truth)
 
 
 def _planned(
     of: FaultSubject, plans: list[tuple[FaultJob, FaultPlan, np.ndarray]]
-) -> list[tuple[FaultJob, Made]]:
+) -> list[tuple[FaultJob, FaultInputs]]:
     if not plans:
         return []
-    first = [(plan.vehicle, plan.felt, u) for _, plan, u in plans]
-    second = [(plan.second or plan.vehicle, plan.felt, u) for _, plan, u in plans if plan.second is not None]
+    first = [(plan.vehicle, plan.effective, u) for _, plan, u in plans]
+    second = [
+        (plan.second or plan.vehicle, plan.effective, u) for _, plan, u in plans if plan.second is not None
+    ]
     runs = of.runs(*zip(*first, *second, strict=True))
     others, out = iter(runs[len(plans) :]), []
     for (job, plan, _u), run in zip(plans, runs, strict=False):
         other = next(others) if plan.second is not None else run
         run = plan.change(run, other) if plan.change else run
         free = tuple(path for path in of.free if path.removeprefix("+") not in plan.without)
-        out.append((job, Made(plan.file, run, free, of._replace(vehicle=plan.vehicle).truth)))
+        out.append((job, FaultInputs(plan.file, run, free, of._replace(vehicle=plan.vehicle).truth)))
     return out
 
 
@@ -216,7 +218,7 @@ class Faults:
     """All outcomes."""
 
     outcomes: tuple[FaultOutcome, ...]
-    asked: int  # fits that were asked for
+    requested: int  # fits that were asked for
     tried: int  # and those that were come to
 
     def rows(self) -> list["TableRow"]:
@@ -300,15 +302,15 @@ class Faults:
         sound = [o for o in self.outcomes if o.job.fault in SOUND]
         warned = sum(o.verdict == Verdict.WARN for o in sound)
         lines += ["", _("{warned} of {sound} sound runs with a warning", warned=warned, sound=len(sound))]
-        if self.tried < self.asked:
-            lines.append(_("interrupted: {tried} of {asked} fits", tried=self.tried, asked=self.asked))
+        if self.tried < self.requested:
+            lines.append(_("interrupted: {tried} of {asked} fits", tried=self.tried, asked=self.requested))
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
 
 
 def _ratio(pairs: list[tuple[float, float]]) -> float | None:
     """Of the medians of both, over the pairs that are known.  (1), (2)"""
-    known = [pair for pair in pairs if np.isfinite(pair).all()]
-    return float(np.divide(*np.median(known, axis=0))) if known else None
+    finite = [pair for pair in pairs if np.isfinite(pair).all()]
+    return float(np.divide(*np.median(finite, axis=0))) if finite else None
 
 
 def faults(
@@ -334,8 +336,8 @@ def faults(
     tell = each or (lambda n: None)
     done = spread_over(work, batches, processes, lambda n: tell(n * TOGETHER))
     outcomes = tuple(o for batch in done for o in batch)
-    asked = sum(map(len, batches))
-    return Faults(outcomes, asked, min(asked, sum(map(len, batches[: len(done)]))))
+    requested = sum(map(len, batches))
+    return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(done)]))))
 
 
 SUMS = {("late sensors", "model.drivetrain.delay_s")}  # a run shows the sum of two, and a note says so

@@ -13,7 +13,7 @@ from baqueano.report.lab import panels, styled
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 
-def page_of_wear(history: Any) -> Page:
+def page_of_drift(history: Any) -> Page:
     """The page of `over_time`."""
     sentences = "\n".join(text(one.message) for one in history.moved) or _(
         "Nothing moved beyond its error bars."
