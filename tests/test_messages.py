@@ -222,6 +222,22 @@ def test_what_is_no_diagnostic_is_refused(said):
         Diagnostic.of_json(said)
 
 
+@pytest.mark.parametrize(
+    ("then", "now"),
+    [
+        ("doubt.clock-later", "recording.clock-later"), ("seen.not", "identifiability.not"),
+        ("led.others", "imu-only.others"), ("unseen-runs.off", "validation.off"),
+        ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
+    ],
+)  # fmt: skip
+def test_a_message_of_an_older_run_has_its_code_and_sentence_of_today(then, now):
+    outer = {"code": "run.event", "severity": "warning", "subject": "", "fix": "", "figures": {}}
+    words = outer | {"figures": {"cause": outer | {"code": then}}}
+    assert Diagnostic.of_json(words).figures["cause"].code == now
+    assert now in templates()
+    assert then not in templates()
+
+
 def test_a_code_of_another_version_is_shown_with_its_figures_and_never_raises():
     assert (
         text(note("uno.new", fix="baqueano help", volts=7.1)) == "uno.new (volts = 7.1). Type: baqueano help"

@@ -98,6 +98,21 @@ class StopReason(StrEnum):
     RECORDED = "recorded.stop"  # of a run that holds no code: its words
 
 
+FORMER = (  # beginning of a code in older runs → that of today
+    ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
+    ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
+)  # fmt: skip
+
+
+def code_of_today(code: str) -> str:
+    """Return the code that a message of an older run has today.
+
+    >>> code_of_today("seen.tied"), code_of_today("sensor.agrees-again")
+    ('identifiability.tied', 'sensor.agrees-again')
+    """
+    return next((now + code.removeprefix(then) for then, now in FORMER if code.startswith(then)), code)
+
+
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
     """A message as data. `figures` carry their unit in their name, and one may be another diagnostic,
@@ -129,7 +144,8 @@ class Diagnostic:
             plain = all(isinstance(v, str | int | float | Diagnostic | None) for v in figures.values())
             if not (plain and all(isinstance(text, str) for text in (*texts, *figures))):
                 raise ValueError("a figure or text of another type")
-            return cls(texts[0], Severity(words["severity"]), texts[1], figures, texts[2])
+            code, subject, fix = texts
+            return cls(code_of_today(code), Severity(words["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
 

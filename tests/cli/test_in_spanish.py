@@ -181,7 +181,7 @@ def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
         found = [one for one in run.events if one.source == "import" and one.level == "warning"]
         assert found
         for one in found:
-            assert one.diagnostic.figures["cause"].code.startswith("doubt.")
+            assert one.diagnostic.figures["cause"].code.startswith("recording.")
             assert one.text == in_english(one.diagnostic)
             with language.within("es"):
                 assert one.sentence != one.text

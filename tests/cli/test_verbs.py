@@ -243,6 +243,6 @@ def test_with_a_camera_the_estimator_is_one_that_corrects_a_pose(baqueano, tmp_p
     from baqueano.vehicle_file import load
 
     text = load("small").text + '\n[sensors.camera]\nkind = "pose"\nnoise_std = [0.01, 0.01, 0.02]\n'
-    (tmp_path / "seen.toml").write_text(text, encoding="utf-8")
-    said = baqueano("blocks", "ls", "--vehicle", "seen.toml").err
+    (tmp_path / "identifiability.toml").write_text(text, encoding="utf-8")
+    said = baqueano("blocks", "ls", "--vehicle", "identifiability.toml").err
     assert 'augmented_ekf with use = ["imu", "camera"]: it corrects the pose by camera' in said

@@ -71,7 +71,7 @@ def test_the_column_of_a_command_that_the_vehicle_lacks_is_null_once_in_words_an
     null = [row["name"] for row in fit.rows() if row["estimate"] is None]
     assert null == [f"model.actuator_matrix[{i},1]" for i in range(3)]
     assert len(fit.never) == 1
-    assert fit.never[0].code == "seen.never-sideways"
+    assert fit.never[0].code == "identifiability.never-sideways"
     assert fit.unobservable == ()
 
 

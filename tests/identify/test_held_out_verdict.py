@@ -78,13 +78,13 @@ def test_one_short_run_cannot_tell(fit, logs):
     found = validate(fit, logs["step -1"])
     assert found.verdict == "CANNOT TELL"
     few = found.reasons[0]
-    assert (few.code, few.subject) == ("unseen-runs.too-few", "u_psi")
+    assert (few.code, few.subject) == ("validation.too-few", "u_psi")
     assert (few.figures["pieces"], few.figures["least"]) == (1.0, 5)
 
 
 def test_the_sentence_tells_the_horizon_and_the_start(fit, logs):
     basis = validate(fit, logs["step -1"]).basis.figures
-    assert (basis["span_s"], basis["start"].code) == ("4", "unseen-runs.from-standstill")
+    assert (basis["span_s"], basis["start"].code) == ("4", "validation.from-standstill")
     assert basis["pieces"] == 1.0
 
 
@@ -108,7 +108,7 @@ def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not
     )
     found = validate(replace(fit, verdict="USABLE"), logs["step -1"])
     assert found.verdict == "REFUSED"
-    assert (found.reasons[0].code, found.reasons[0].subject) == ("unseen-runs.worse-than-mean", "imu[2]")
+    assert (found.reasons[0].code, found.reasons[0].subject) == ("validation.worse-than-mean", "imu[2]")
     assert found.reasons[0].figures["explained"] < 0.0
 
 

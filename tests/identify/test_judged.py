@@ -55,7 +55,7 @@ def test_another_vehicle_is_not_explained(fit, small):
     turned = -np.asarray(small.value("model.actuator_matrix"))
     found = validate(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
     assert found.verdict == "REFUSED"
-    assert ("unseen-runs.worse-than-mean", "imu[2]", "run 4") in [
+    assert ("validation.worse-than-mean", "imu[2]", "run 4") in [
         (one.code, one.subject, one.figures.get("run")) for one in found.reasons
     ]
     assert "REFUSED" in found.table()
@@ -76,7 +76,7 @@ def test_errors_on_unseen_runs_have_their_units(fit, small):
 
 
 def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
-    with pytest.raises(UsageError, check=of_code("unseen-runs.refused-fit")):
+    with pytest.raises(UsageError, check=of_code("validation.refused-fit")):
         validate(replace(fit, verdict="REFUSED"), run(small, 2))
 
 
@@ -111,11 +111,11 @@ def test_a_run_that_is_far_off_is_told_with_few_blocks_too():
     rng = np.random.default_rng(0)
     for count, own in ((2, 2), (3, 3), (1, 6)):
         said = told(8.0 + rng.normal(0.0, 0.3, count), rng.normal(0.0, 0.3, own))
-        assert said[0].code == "unseen-runs.off", (count, own)
+        assert said[0].code == "validation.off", (count, own)
 
 
 def test_of_a_single_block_on_both_sides_it_is_said_that_it_tells_nothing_of_chance():
-    assert told(np.array([2.0]), np.array([0.0]))[0].code == "unseen-runs.off-perhaps"
+    assert told(np.array([2.0]), np.array([0.0]))[0].code == "validation.off-perhaps"
     assert told(np.array([0.5]), np.array([0.0])) == []
 
 

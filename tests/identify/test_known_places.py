@@ -196,7 +196,7 @@ def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do
     )
     assert np.isnan(fit.estimate[fit.names.index(GYRO)])
     assert fit.verdict == "WARN"
-    (scale,) = (one for one in fit.unobservable if one.code == "seen.scale")
+    (scale,) = (one for one in fit.unobservable if one.code == "identifiability.scale")
     assert scale.subject == GYRO
     assert "turn it twice on its mark" in text(scale)
 

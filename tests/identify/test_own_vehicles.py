@@ -150,7 +150,7 @@ def test_what_a_run_does_not_show_is_said_in_the_words_of_its_metadata(files):
     assert any("turning on the spot, to and fro" in said for said in held)
     fit = identify(of_omni(file), file, ["+model.mass_kg"], options=FitOptions(diagnose=False))
     (mass,) = (one for one in fit.unobservable if one.subject == "model.mass_kg")
-    assert (mass.code, mass.figures["how"].code) == ("seen.tied", "seen.by-hand")
+    assert (mass.code, mass.figures["how"].code) == ("identifiability.tied", "identifiability.by-hand")
 
 
 @pytest.mark.parametrize(

@@ -151,7 +151,7 @@ def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed, small):
 
 
 def test_a_clock_of_what_is_not_believed_is_refused(case, driven):
-    with pytest.raises(UsageError, check=of_code("clock.not-believed", known="imu")):
+    with pytest.raises(UsageError, check=of_code("clock.unreliable", known="imu")):
         identify(driven(0, 3.0), case, FREE, options=FitOptions(clocks=("truth",)))
 
 

@@ -58,7 +58,7 @@ def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
 
 def test_what_no_imu_can_know_is_said(fitted):
     _, _, fit = fitted
-    assert "seen.gyro-scale" in [one.code for one in fit.never]
+    assert "identifiability.gyro-scale" in [one.code for one in fit.never]
     assert "fit.envelope" in [one.code for one in fit.notes]
 
 
@@ -153,12 +153,12 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
 
 def test_what_cannot_be_fitted_by_an_imu_is_told_so(fitted):
     file, run, _ = fitted
-    with pytest.raises(UsageError, check=of_code("led.not-an-imu")):
+    with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
         fit_imu_only(run, file, use=("compass",))
     with pytest.raises(UsageError, check=of_code("runs.all-still")):
         fit_imu_only(replace(run, applied=np.zeros_like(run.applied)), file)
     silent = run.sensors["imu"]._replace(z=run.sensors["imu"].z * np.array([1.0, 1.0, np.nan]))
-    with pytest.raises(UsageError, check=of_code("led.silent-gyro")):
+    with pytest.raises(UsageError, check=of_code("imu-only.silent-gyro")):
         fit_imu_only(replace(run, sensors={"imu": silent}), file)
 
 
@@ -208,15 +208,15 @@ def test_a_led_fit_is_searched_by_the_solver_that_was_given(fitted):
 
 def test_what_a_led_fit_would_not_heed_is_refused(fitted):
     file, run, _ = fitted
-    with pytest.raises(UsageError, check=of_code("led.others", others="clocks, sigma")):
+    with pytest.raises(UsageError, check=of_code("imu-only.others", others="clocks, sigma")):
         identify(
             run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
         )
-    with pytest.raises(UsageError, check=of_code("led.others", others="segment_s")):
+    with pytest.raises(UsageError, check=of_code("imu-only.others", others="segment_s")):
         fit_imu_only(run, file, options=FitOptions(segment_s=5.0))
-    with pytest.raises(UsageError, check=of_code("led.others", others="residuals")):
+    with pytest.raises(UsageError, check=of_code("imu-only.others", others="residuals")):
         identify(run, file, residuals=GyroAidedResiduals, options=FitOptions(gyro_leads=True))
-    with pytest.raises(UsageError, check=of_code("led.not-an-imu")):
+    with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
         identify(run, file, use=("imu", "odometer"), options=FitOptions(gyro_leads=True))
     with pytest.raises(UsageError, match="odometer"):
         identify(run, file, use=("odometer",), options=FitOptions(gyro_leads=True))
@@ -303,5 +303,5 @@ gyro_noise_std = 0.01
     (tmp_path / "cart.toml").write_text(text, encoding="utf-8")
     file = load(tmp_path / "cart.toml")
     u = np.tile([0.5, 0.0, 0.3], (200, 1))
-    with pytest.raises(UsageError, check=of_code("led.no-dynamics")):
+    with pytest.raises(UsageError, check=of_code("imu-only.no-dynamics")):
         fit_imu_only(simulate(file, u, 0), file)

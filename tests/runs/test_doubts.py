@@ -190,7 +190,7 @@ def test_held_samples_are_told(lab):
     (doubt,) = (d for d in lab.run().doubts if d.code == "held samples")
     figures = doubt.why.figures
     assert (doubt.why.code, round(figures["share"], 2), round(figures["every"], 1)) == (
-        "doubt.held",
+        "recording.held",
         0.8,
         5.0,
     )

@@ -100,7 +100,7 @@ def identify(
     runs = [runs] if isinstance(runs, Run) else list(runs)
     own = residuals is not Residuals
     if own and options.gyro_leads:
-        raise UsageError(fault("led.others", others=["residuals"]))
+        raise UsageError(fault("imu-only.others", others=["residuals"]))
     if not own and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
         how = {"options": options, "solver": solver, "say": say}
         return imu_only.fit_imu_only(runs, vehicle_file, free, use, **how)

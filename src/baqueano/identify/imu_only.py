@@ -78,13 +78,13 @@ def fit_imu_only(
     IMU.
     """
     if others := _others(options):
-        raise UsageError(fault("led.others", others=others))
+        raise UsageError(fault("imu-only.others", others=others))
     imu = _imu(vehicle_file, use)
     scales = scales_of(vehicle_file, imu, tolerance or {})
     data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
     if not can_be_gyro_aided(data.blocks):
         kind = type(data.file.vehicle).__name__
-        raise UsageError(fault("led.no-dynamics", vehicle=data.file.name, kind=kind))
+        raise UsageError(fault("imu-only.no-dynamics", vehicle=data.file.name, kind=kind))
     zero = zero_of(data.file, imu) if acts_alone(data.file.vehicle) else 0.0
     wanted = _wanted(data.blocks, free, options, imu)
     parameters = unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
@@ -199,8 +199,8 @@ def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
     if use is not None and len(use) == 1 and use[0] in names:
         return use[0]
     if use is not None:
-        raise UsageError(fault("led.not-an-imu", vehicle=file.name, known=names, use=list(use)))
-    raise UsageError(fault("led.which-imu", vehicle=file.name, known=names))
+        raise UsageError(fault("imu-only.not-an-imu", vehicle=file.name, known=names, use=list(use)))
+    raise UsageError(fault("imu-only.which-imu", vehicle=file.name, known=names))
 
 
 def _wanted(blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
@@ -222,8 +222,10 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
     turn = "baqueano runs calibrate RUN --update"
     never = (
-        note("seen.gyro-scale", fix=turn, subject=imu, at=float(sensor.gyro_scale), percent=gyro),
-        note("seen.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel),
+        note("identifiability.gyro-scale", fix=turn, subject=imu, at=float(sensor.gyro_scale), percent=gyro),
+        note(
+            "identifiability.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel
+        ),
     )
     fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
     return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, fitted_to))

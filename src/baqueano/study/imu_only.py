@@ -165,7 +165,7 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
 
 def of_words(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     """Return the rows about the gyro, and about the run beyond the range of the fit."""
-    reported = any(one.code == "seen.gyro-scale" for one in fit.never)
+    reported = any(one.code == "identifiability.gyro-scale" for one in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
         row("cpm", _("the gyro's scale is called not identifiable"), reported, _("yes"), reported),

@@ -215,7 +215,7 @@ def _coloured(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diag
     if not (share > SHARE or (share > 0.1 * SHARE and excess > EXCESS)):
         return []
     percent = 100.0 * float(share) if np.isfinite(share) else 100.0
-    return [note("residual.coloured", Severity.WARNING, subject=label, percent=percent, times=excess)]
+    return [note("residual.autocorrelated", Severity.WARNING, subject=label, percent=percent, times=excess)]
 
 
 def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:

@@ -126,7 +126,7 @@ def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
-            raise UsageError(fault("clock.not-believed", sensor=name, known=names))
+            raise UsageError(fault("clock.unreliable", sensor=name, known=names))
     poses = any(tells_pose(sensor) for sensor in blocks.sensors)
     return replace(options, segment_s=POSE_S) if poses and options.segment_s is None else options
 

@@ -122,7 +122,7 @@ def _led(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) ->
     z, has, sample_fraction = record.sensors[imu]
     there = has[:, 2] > 0.0
     if np.sum(there) < 2:
-        raise UsageError(fault("led.silent-gyro", run=record.name))
+        raise UsageError(fault("imu-only.silent-gyro", run=record.name))
     block = blocks.sensors[0]
     late_s = float(block.delay_s) + float(low_pass_s(block))
     t_s = (

@@ -57,7 +57,7 @@ def only_autocorrelated(basis: VerdictBasis) -> bool:
 
 def _explained(evidence: Evidence) -> Evidence:
     """The evidence without the colour and the size of residuals, which a floor explains."""
-    messages = tuple(one for one in evidence.messages if one.code != "residual.coloured")
+    messages = tuple(one for one in evidence.messages if one.code != "residual.autocorrelated")
     return evidence._replace(messages=messages, prior_sigma=None, colour=np.zeros(len(evidence.colour)))
 
 

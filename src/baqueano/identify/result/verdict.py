@@ -141,7 +141,7 @@ def _doubts(e: Evidence) -> list[Diagnostic]:
     out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
     if e.unobservable:
         out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
-    subjects = {one.subject for one in e.messages if one.code == "residual.coloured"}
+    subjects = {one.subject for one in e.messages if one.code == "residual.autocorrelated"}
     for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False):
         if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in subjects:
             out.append(note("residual.lacking", WARNING, subject=label))

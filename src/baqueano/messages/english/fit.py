@@ -60,37 +60,37 @@ TEMPLATES: dict[str, str] = {
         "{count} of {of} runs are further from the model in {subject} than from their own mean ({runs}). Was it the "
         "same vehicle, floor and battery? Fit them by themselves"
     ),
-    "seen.weakly": "{subject} is poorly identified{why}. {needs}",
-    "seen.weakly-beside": "{subject} and {others} are hardly separable{why}. {needs}",
-    "seen.not": f"the data do not determine {{subject}}{{why}}; {HELD}. {{needs}}",
-    "seen.not-beside": "{subject} and {others} are hardly separable{why}; {subject} is fixed at {at:.4g}. {needs}",
-    "seen.scale": f"{{subject}} cannot be identified better than a data sheet gives it, ± 3 %; {HELD}. {{needs}}",
-    "seen.tied": (
+    "identifiability.weakly": "{subject} is poorly identified{why}. {needs}",
+    "identifiability.weakly-beside": "{subject} and {others} are hardly separable{why}. {needs}",
+    "identifiability.not": f"the data do not determine {{subject}}{{why}}; {HELD}. {{needs}}",
+    "identifiability.not-beside": "{subject} and {others} are hardly separable{why}; {subject} is fixed at {at:.4g}. {needs}",
+    "identifiability.scale": f"{{subject}} cannot be identified better than a data sheet gives it, ± 3 %; {HELD}. {{needs}}",
+    "identifiability.tied": (
         f"{{subject}} and {{others}} are not separable: only their combination affects the data; {HELD}. {{how}}"
         "{apart}"
     ),
-    "seen.by-hand": "Measure it with {by:word}",
-    "seen.fix-one": "Fix one whose value you have from elsewhere",
-    "seen.apart": ", or separate them by {motion:word}",
-    "seen.apart-by-two": ", or separate them by {first:word} and by {second:word}",
-    "seen.hardly-sideways": ": the vehicle hardly moved sideways",
-    "seen.few-speeds": ": it drove at too few speeds",
-    "seen.few-turn-rates": ": it turned at too few speeds",
-    "seen.needs": "This needs {motion:word}",
-    "seen.needs-command": "This needs {command:word} commands, and {motion:word} motion caused by them",
-    "seen.needs-run": "This needs a run in which it matters",
-    "seen.command-still": "{names}: {command} was 0 all the time. This needs a run in which it changes",
-    "seen.never": (
+    "identifiability.by-hand": "Measure it with {by:word}",
+    "identifiability.fix-one": "Fix one whose value you have from elsewhere",
+    "identifiability.apart": ", or separate them by {motion:word}",
+    "identifiability.apart-by-two": ", or separate them by {first:word} and by {second:word}",
+    "identifiability.hardly-sideways": ": the vehicle hardly moved sideways",
+    "identifiability.few-speeds": ": it drove at too few speeds",
+    "identifiability.few-turn-rates": ": it turned at too few speeds",
+    "identifiability.needs": "This needs {motion:word}",
+    "identifiability.needs-command": "This needs {command:word} commands, and {motion:word} motion caused by them",
+    "identifiability.needs-run": "This needs a run in which it matters",
+    "identifiability.command-still": "{names}: {command} was 0 all the time. This needs a run in which it changes",
+    "identifiability.never": (
         "{names}: the vehicle cannot move {command}, so this is never identifiable and never matters"
     ),
-    "seen.never-sideways": (
+    "identifiability.never-sideways": (
         "{names}: the vehicle cannot be driven sideways, so this is never identifiable and never matters"
     ),
-    "seen.gyro-scale": (
+    "identifiability.gyro-scale": (
         "{subject}: its gyro scale is not identifiable, so it is fixed at {at:.4g} ± {percent:.2g} %. Speeds have the "
         "same relative error. Turn it twice on its mark, by hand, and rest before and after. Type: {fix}"
     ),
-    "seen.accelerometer-scale": (
+    "identifiability.accelerometer-scale": (
         "{subject}: its accelerometer scale is not identifiable, so it is fixed at {at:.4g} ± {percent:.2g} %. Speeds "
         "have the same relative error. Lay it on a known slope"
     ),
@@ -145,31 +145,31 @@ TEMPLATES: dict[str, str] = {
         "on held-out segments the open-loop error of the innovations fit is {percent:.2g} % larger"
     ),
     "cost.try-innovations": "{cause}. Type: {fix}",
-    "unseen-runs.carries-over": "the model carries over {basis}",
-    "unseen-runs.checked": "checked over {basis}",
-    "unseen-runs.basis": "{span_s} s open loop {start}, in {pieces:.3g} independent segments of motion",
-    "unseen-runs.from-standstill": "from standstill",
-    "unseen-runs.from-velocity": "from a fitted velocity",
-    "unseen-runs.some-from-velocity": "from a fitted velocity in {count} of {of} runs",
-    "unseen-runs.still": (
+    "validation.carries-over": "the model carries over {basis}",
+    "validation.checked": "checked over {basis}",
+    "validation.basis": "{span_s} s open loop {start}, in {pieces:.3g} independent segments of motion",
+    "validation.from-standstill": "from standstill",
+    "validation.from-velocity": "from a fitted velocity",
+    "validation.some-from-velocity": "from a fitted velocity in {count} of {of} runs",
+    "validation.still": (
         "{subject} does not move in the held-out runs. Hold out {needed_s:.0f} s or more in which it moves to and fro"
     ),
-    "unseen-runs.too-few": (
+    "validation.too-few": (
         "{subject} has {pieces:.2g} independent segments of motion in the held-out runs. With fewer than {least}, a "
         "wrong model may pass by chance. Hold out {needed_s:.0f} s or more in which it moves to and fro"
     ),
-    "unseen-runs.worse-than-mean": (
+    "validation.worse-than-mean": (
         "for {subject} of {run} the model explains {explained:.4g} %, less than the mean does: it is off by "
         "{error:.3g}{unit}. Compare signs, units and mounting, or fit to runs with this motion"
     ),
-    "unseen-runs.off": (
+    "validation.off": (
         "{subject} of {run} is off by {error:.3g}{unit}, {times:.1f} times what noise explains. The model explains "
         "{explained:.4g} % of it, and {of_own:.4g} % of the fitted runs"
     ),
-    "unseen-runs.off-perhaps": (
+    "validation.off-perhaps": (
         "{off}. The runs are too short, or sampled too rarely, to exclude chance: hold out more"
     ),
-    "unseen-runs.off-once": (
+    "validation.off-once": (
         "{subject} of {run} is off by {here:.3g}{unit} from {from_s:.0f} s to {to_s:.0f} s, but not elsewhere. Did "
         "something happen there? Cut it off with baqueano runs cut {run} --to {from_s:.0f}, or fit to such a run"
     ),

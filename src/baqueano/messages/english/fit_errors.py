@@ -5,11 +5,11 @@ ASK = (
     "Leave it there for 3 s again."
 )
 TEMPLATES: dict[str, str] = {
-    "led.not-an-imu": (
+    "imu-only.not-an-imu": (
         "{arg[use]:{use}}: {vehicle} has these IMUs: {known}; expected one of them for a gyro-aided fit. Name it, or "
         "describe it in the file under [sensors.imu]."
     ),
-    "led.which-imu": (
+    "imu-only.which-imu": (
         "{vehicle} has these IMUs: {known}; expected one to fit the vehicle by. Name it with {arg[use]}, or describe "
         "it in the file under [sensors.imu]."
     ),
@@ -46,7 +46,7 @@ TEMPLATES: dict[str, str] = {
         "The validation runs last {total_s:.1f} s together: expected at least {needed_s:.0f} s. Drive longer, or leave "
         "--choose out."
     ),
-    "clock.not-believed": (
+    "clock.unreliable": (
         "{arg[clocks]:{sensor}}: expected one of the sensors in use, {known}. Use another of the vehicle file, or the "
         "truth, with {arg[use]}."
     ),
@@ -71,14 +71,14 @@ TEMPLATES: dict[str, str] = {
     ),
     "forecast.ran-away": "the fitted model diverges in open loop, so a drive cannot be predicted.",
     "forecast.refused": "the fit is refused, so it cannot predict anything. Its reasons say what to correct.",
-    "led.no-dynamics": (
+    "imu-only.no-dynamics": (
         "{vehicle} is a {kind}: its velocity is its command, so a gyro cannot improve it. Use identify."
     ),
-    "led.others": (
+    "imu-only.others": (
         "gyro_leads = True does not go with {others}: a gyro-aided fit has its own noise and segments. Leave one of "
         "them out."
     ),
-    "led.silent-gyro": (
+    "imu-only.silent-gyro": (
         "{run}: the gyro is silent, and without encoders the fit needs it. Is the third channel of the IMU in the "
         "recording?"
     ),
@@ -242,7 +242,7 @@ TEMPLATES: dict[str, str] = {
         "The gyro of {run} is silent for {gap_s:.2g} s at {at_s:.1f} s, so its turn in that time is unknown. Turn it "
         "again, or cut that part off. Type: {fix}"
     ),
-    "unseen-runs.refused-fit": "The fit is refused, so it cannot be judged: correct that first.",
+    "validation.refused-fit": "The fit is refused, so it cannot be judged: correct that first.",
     "use.no-channel": '{arg[use]} = "{sensor}[{entry}]": its channels are 0 to {last}.',
     "use.nothing-common": (
         "the runs contain {read}, the vehicle file {known}: expected at least one in common."

@@ -56,8 +56,10 @@ def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Do
         limit, limit_text, guess = LIMITS.get(kind) or LIMITS.get(measures, (np.inf, "", ""))
         if value > limit:
             beyond = True
-            why = note("doubt.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=limit_text)
-            yield Doubt("unit", "error", None, why, note("doubt.perhaps", line=guess))
+            why = note(
+                "recording.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=limit_text
+            )
+            yield Doubt("unit", "error", None, why, note("recording.perhaps", line=guess))
     if signal.kind == "imu" and not beyond:
         yield from _tyres(signal, channel)
         yield from _gyro(signal, channel, run)
@@ -72,10 +74,10 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
         most = float(np.quantile(np.abs(a - np.median(a)), 0.99))
         if most > TYRES_M_S2:
             level = "error" if most > 2.0 * TYRES_M_S2 else "warning"
-            why = note("doubt.tyres", key=entry.key, unit_read=entry.unit, most=most, window_s=WINDOW_S)
-            smaller = note("doubt.perhaps", line='unit = "m/s^2"')
+            why = note("recording.tyres", key=entry.key, unit_read=entry.unit, most=most, window_s=WINDOW_S)
+            smaller = note("recording.perhaps", line='unit = "m/s^2"')
             if entry.unit == "m/s^2":
-                smaller = note("doubt.perhaps-smaller")
+                smaller = note("recording.perhaps-smaller")
             yield Doubt("unit", level, None, why, smaller)
 
 
@@ -99,21 +101,25 @@ def _at_rest(run: Run, channel: Channel) -> np.ndarray:
 def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
     """Two turns a second, (2) and (3)."""
     entry, rate, still = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
-    cure = note("doubt.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("doubt.check-scale")
+    cure = (
+        note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
+    )
     most = float(np.quantile(np.abs(rate), 0.99)) if np.isfinite(rate).all() else 0.0
     rest = rate[still][np.isfinite(rate[still])]
     off, sd = (abs(float(np.median(rest))), _spread(rest)) if len(rest) > 5 else (0.0, 0.0)
     of: JsonObject = {"key": entry.key, "unit_read": entry.unit}
     if off > BIAS_RAD_S or sd > TREMBLE_RAD_S:
-        yield Doubt("gyro at rest", "warning", None, note("doubt.gyro-at-rest", **of, off=off, sd=sd), cure)
+        yield Doubt(
+            "gyro at rest", "warning", None, note("recording.gyro-at-rest", **of, off=off, sd=sd), cure
+        )
     elif most > TURNS_RAD_S:
-        why = note("doubt.fast-turns", **of, most=most, turns=most / (2.0 * np.pi))
+        why = note("recording.fast-turns", **of, most=most, turns=most / (2.0 * np.pi))
         yield Doubt("fast turns", "warning", None, why, cure)
     for entry, a in zip(signal.entries[:2], channel.z[still, :2].T, strict=True):
         most = float(np.quantile(np.abs(channel.z[:, int(entry.key[-2])]), 0.99))
         if len(a) and np.isfinite(a).all() and 0.0 < _spread(a) < TREMBLE_M_S2 and most < TYRES_M_S2 / 10.0:
-            why = note("doubt.quiet", key=entry.key, unit_read=entry.unit, sd=_spread(a), most=most)
-            yield Doubt("quiet accelerometer", "info", None, why, note("doubt.if-in", in_unit="g"))
+            why = note("recording.quiet", key=entry.key, unit_read=entry.unit, sd=_spread(a), most=most)
+            yield Doubt("quiet accelerometer", "info", None, why, note("recording.if-in", in_unit="g"))
 
 
 def _spread(x: np.ndarray) -> float:
@@ -126,10 +132,10 @@ def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
     curve = relation(*_means(channel).T[1:])
     if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:
         first, last = signal.entries[1], signal.entries[2]
-        why = note("doubt.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)
-        cure = note("doubt.check-both-units")
+        why = note("recording.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)
+        cure = note("recording.check-both-units")
         if last.unit == "deg/s":
-            cure = note("doubt.perhaps-gyro", line='unit = "rad/s"')
+            cure = note("recording.perhaps-gyro", line='unit = "rad/s"')
         yield Doubt("curve", "warning", None, why, cure)
 
 
@@ -144,7 +150,9 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
     )
     for name, u, entry in zip(names, columns.T, entries, strict=True):
         if np.ptp(u) == 0.0 and entry.constant is None:
-            yield Doubt("constant", "warning", None, note("doubt.constant-command", name=name, value=u[0]))
+            yield Doubt(
+                "constant", "warning", None, note("recording.constant-command", name=name, value=u[0])
+            )
         most, unit_of_entry, cure = _largest([u]), unit(entry.unit), None
         if most > OVER and entry.unit == "1":
             cure = _full(counts)
@@ -153,7 +161,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
         elif 0.0 < most < TINY and unit_of_entry is not None and unit_of_entry.measures == "time":
             cure = _full([c / unit_of_entry.si for c in columns.T], 'unit = "raw", ')
         if cure:
-            why = note("doubt.command-range", key=entry.key, name=name, most=most, unit_read=entry.unit)
+            why = note("recording.command-range", key=entry.key, name=name, most=most, unit_read=entry.unit)
             yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), why, cure)
 
 
@@ -161,7 +169,7 @@ def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
     """Return the line for a command that hardly moves as one of the `percents`; None where it is one that is small."""
     together = percents if _largest(percents) < 100.0 * TINY else [u]
     if _largest(together) <= OVER:
-        return note("doubt.write", line='unit = "1"')
+        return note("recording.write", line='unit = "1"')
     return _full(percents, 'unit = "1", ') if together is percents else None
 
 
@@ -174,14 +182,16 @@ def _full(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
     are not too small."""
     least, most = min(float(np.min(u)) for u in counts), _largest(counts)
     if PULSE_US[0] <= least and most <= PULSE_US[1]:
-        return note("doubt.write-pulses", line=f"{unit_of_it}scale = 0.002, offset = -3.0")
+        return note("recording.write-pulses", line=f"{unit_of_it}scale = 0.002, offset = -3.0")
     if most < TINY * FULL[0]:
-        return note("doubt.write-largest", line=f"{unit_of_it}scale = {1.0 / most:.6g}", most=f"{most:.6g}")
+        return note(
+            "recording.write-largest", line=f"{unit_of_it}scale = {1.0 / most:.6g}", most=f"{most:.6g}"
+        )
     percent = most <= FULL[0]
     full = next((full for full in FULL[percent:] if most <= full), most)
     scale: JsonObject = {"line": f"{unit_of_it}scale = {1.0 / full:.6g}", "full": f"{full:g}"}
     if not percent:
-        return note("doubt.write-full", **scale)
+        return note("recording.write-full", **scale)
     if most < TINY * full:
-        return note("doubt.write", line='unit = "%"')
-    return note("doubt.write-percent-or-full", **scale)
+        return note("recording.write", line='unit = "%"')
+    return note("recording.write-percent-or-full", **scale)

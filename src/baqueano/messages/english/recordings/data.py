@@ -145,7 +145,7 @@ TEMPLATES: dict[str, str] = {
     "part.in-turns": "in more than usual turns",
     "part.gaining-speed": "while it gains speed",
     "part.turning-faster": "while it turns ever faster",
-    "residual.coloured": (
+    "residual.autocorrelated": (
         "the residuals of {subject} are autocorrelated: {percent:.2g} % of the motion that the model explains there, "
         "and {times:.1f} times its noise. The model is incomplete"
     ),
