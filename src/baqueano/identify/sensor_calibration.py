@@ -345,7 +345,7 @@ def _best(
 
 
 def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
-    x, _ = regress(slopes, y, rounds=3)
+    x, _ = regress(slopes, y, iterations=3)
     return float(np.mean(np.abs(y - slopes @ x)))
 
 

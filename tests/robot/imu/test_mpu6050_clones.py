@@ -59,7 +59,7 @@ def test_a_clone_without_a_map_runs_and_its_temperature_is_unknown(bench, who_am
 def test_an_unknown_chip_runs_with_a_warning(bench):
     b = bench(who_am_i=0x33)
     device = start(b)
-    assert not device.chip.known
+    assert not device.chip.is_listed
     assert "WHO_AM_I 0x33 is not known: driven as an MPU-6500" in b.said[-1]
     assert len(loop(b, device, 1.0)) > 190
 

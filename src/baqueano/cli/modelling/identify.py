@@ -97,7 +97,7 @@ def command(
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused
 
-    _meant(parameter_history, choose, unseen=bool(held_out))
+    _meant(parameter_history, choose, with_validation=bool(held_out))
     _named(table)
     lap = _lap(how["route"])
     recorded, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
