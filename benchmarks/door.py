@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,67 +30,79 @@ FLOODING, MANY = 5, 12  # guests
 MOST_STOP_MS, MOST_TOLD_MS, MOST_MB = 50.0, 5.0, 20.0
 RUNS = 300  # in the folder: the answer to `runs` is long
 STARTS_S = 120.0
-EVERY = 5  # ticks: then the loop tells the time
+EVERY = 2  # ticks: then the loop tells the time
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
     """A stop and what is told, quiet and flooded, and what guests cost in memory."""
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the door", "it is a socket of Unix")]
+    with before_others() as share, served(2 if smallest else RUNS) as (service, guest, door):
+        found = _stops(guest, door, 1 if smallest else 20, share)
+        return [*found, _memory(service, guest, door, 0.5 if smallest else 10.0)]
+
+
+@contextmanager
+def served(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
+    """The process of a service with so many runs, somebody at its door, and the door."""
     with ExitStack() as open_things:
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
-        share = open_things.enter_context(before_others())
-        for k in range(2 if smallest else RUNS):
+        for k in range(runs):
             (folder / f"{k:04d}-experiment.mcap").touch()
         service, door = open_things.enter_context(_child("serve", folder))
-        guest = open_things.enter_context(_Teacher(door))
-        return [
-            *_stops(guest, door, 1 if smallest else 20, share),
-            _memory(service, guest, door, 0.5 if smallest else 10.0),
-        ]
+        yield service, open_things.enter_context(Teacher(door)), door
 
 
-def _stops(guest: "_Teacher", door: Path, rounds: int, share: str) -> list[Bench | LeftOut]:
-    quiet, flooded, told, told_flooded = [], [], [], []
+class Times(NamedTuple):
+    """Times of the same service in turn [ms]: until a STOP is a zero command, and until what the loop tells is there.
+    Those of what is told come in rounds of half a second."""
+
+    quiet: list[float]
+    flooded: list[float]
+    told: list[list[float]]
+    told_flooded: list[list[float]]
+
+
+def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
+    """Begin and stop drives, while nobody else is there and while FLOODING guests flood the door."""
+    times = Times([], [], [], [])
     for _ in range(rounds):
-        told += guest.begin()
-        quiet.append(guest.stop())
-        told_flooded += guest.begin()
-        with _flood(door, FLOODING):
-            told_flooded += guest.told_ms(0.5)
-            flooded.append(guest.stop())
-    most = quantile(flooded, 0.95)
+        guest.begin()
+        times.told.append(guest.told_ms(0.5))
+        times.quiet.append(guest.stop())
+        guest.begin()
+        with flooded(door, FLOODING):
+            times.told_flooded.append(guest.told_ms(0.5))
+            times.flooded.append(guest.stop())
+    return times
+
+
+def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench | LeftOut]:
+    times = in_turn(guest, door, rounds)
+    told, besides = [[x for one in rows for x in one] for rows in (times.told, times.told_flooded)]
+    most, late = quantile(times.flooded, 0.95), quantile(told, 0.95)
     first = f"{'with' if guest.first else 'without'} SCHED_FIFO, {share}"
     stops = (
-        Row("nobody else is there", 1e-3 * median(quiet), 1.0, note=f"p95 {quantile(quiet, 0.95):.1f} ms, {first}"),
+        Row("nobody else is there", 1e-3 * median(times.quiet), 1.0,
+            note=f"p95 {quantile(times.quiet, 0.95):.1f} ms, {first}"),
         Row(
-            f"{FLOODING} guests flood", 1e-3 * median(flooded), median(flooded) / median(quiet),
+            f"{FLOODING} guests flood", 1e-3 * median(times.flooded), median(times.flooded) / median(times.quiet),
             missed=most > MOST_STOP_MS,
-            note=f"p95 {most:.1f} ms (at most {MOST_STOP_MS:g}) of {rounds}; {spread(flooded)}",
+            note=f"p95 {most:.1f} ms (at most {MOST_STOP_MS:g}) of {rounds}; {spread(times.flooded)}",
         ),
     )  # fmt: skip
-    late = quantile(told, 0.95)
     tellings = (
         Row("nobody else is there", 1e-3 * median(told), 1.0, missed=late > MOST_TOLD_MS,
-            note=f"p95 {late:.2f} ms (at most {MOST_TOLD_MS:g}) of {len(told)}, {first}"),
-        Row(f"{FLOODING} guests flood", 1e-3 * median(told_flooded), median(told_flooded) / median(told),
-            note=f"p95 {quantile(told_flooded, 0.95):.2f} ms of {len(told_flooded)}"),
+            note=f"p95 {late:.2f} ms (at most {MOST_TOLD_MS:g}) of {len(told)}"),
+        Row(f"{FLOODING} guests flood", 1e-3 * median(besides), median(besides) / median(told),
+            note=f"p95 {quantile(besides, 0.95):.2f} ms of {len(besides)}"),
     )  # fmt: skip
-    return [
-        Bench("from a STOP to the zero command", stops),
-        Bench("from the loop's word to who listens", tellings),
-    ]
+    names = "from a STOP to the zero command", "from the loop's word to who listens"
+    return [Bench(name, rows) for name, rows in zip(names, (stops, tellings), strict=True)]
 
 
-def _memory(service: int, guest: "_Teacher", door: Path, seconds: float) -> Bench:
-    """Most resident memory while many ask for the runs, half of whom read nothing."""
-    guest.begin()
-    before = resident_mb(service)
-    forget_most(service)
-    with _flood(door, MANY):
-        guest.told_ms(seconds)
-    grown = resident_mb(service, most=True) - before
-    guest.stop()
+def _memory(service: int, guest: "Teacher", door: Path, seconds: float) -> Bench:
+    before, grown = grown_mb(service, guest, door, seconds)
     note = f"{grown:+.1f} MB to {before:.0f} MB (at most {MOST_MB:g})"
     return Bench(
         f"memory of the service while {MANY} guests ask for `runs`, half of whom read nothing",
@@ -98,7 +110,18 @@ def _memory(service: int, guest: "_Teacher", door: Path, seconds: float) -> Benc
     )
 
 
-class _Teacher:
+def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tuple[float, float]:
+    """Return the memory of the service before MANY guests ask for the runs, and by how much it was larger at most."""
+    guest.begin()
+    before = resident_mb(service)
+    forget_most(service)
+    with flooded(door, MANY):
+        guest.told_ms(seconds)
+    guest.stop()
+    return before, resident_mb(service, most=True) - before
+
+
+class Teacher:
     """Somebody who begins a drive, hears what is told, and stops it."""
 
     def __init__(self, door: Path) -> None:
@@ -112,7 +135,7 @@ class _Teacher:
         self._line = socket.socket(socket.AF_UNIX)
         self.first = False  # the loop of the service runs before all else
 
-    def __enter__(self) -> "_Teacher":
+    def __enter__(self) -> "Teacher":
         self._line.connect(str(self._door))
         self._line.settimeout(STARTS_S)
         self._file = self._line.makefile("rb")
@@ -122,15 +145,14 @@ class _Teacher:
         self._file.close()
         self._line.close()
 
-    def begin(self) -> list[float]:
-        """Begin a drive; how late was what is told during half a second of it [ms]."""
+    def begin(self) -> None:
+        """Begin a drive."""
         from baqueano.door import VERSION
 
         self._say(do="clear")
         self._hear("state", lambda word: word["state"] == "READY")
         self._say(do="mission", door=VERSION, mission=self._mission, attended=False)
         self._hear("tick")
-        return self.told_ms(0.5)
 
     def told_ms(self, seconds: float) -> list[float]:
         """Return how late each word of the loop came in the next seconds."""
@@ -195,7 +217,7 @@ def serve(folder: str) -> None:
     door.close()
 
 
-def flood(door: str, number: str) -> None:
+def flooding(door: str, number: str) -> None:
     """Say `runs` without end; of more than FLOODING guests every second one reads nothing."""
     words, look = b'{"do": "runs"}\n' * 1000, selectors.DefaultSelector()
     for k in range(int(number)):
@@ -225,8 +247,9 @@ def _come(look: selectors.BaseSelector, door: str, reads: bool) -> None:
 
 
 @contextmanager
-def _flood(door: Path, number: int) -> Iterator[None]:
-    with _program("flood", str(door), str(number)) as program:
+def flooded(door: Path, number: int) -> Iterator[None]:
+    """Let so many guests flood a door, from a process of their own."""
+    with _program("flooding", str(door), str(number)) as program:
         assert program.stdout is not None
         program.stdout.readline()
         yield
