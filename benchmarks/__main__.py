@@ -7,7 +7,7 @@ import sys
 
 BENCHES = (
     "kernels", "simulation", "many", "filter", "recommended", "fit", "live_information", "tuning", "start", "onboard",
-    "page",
+    "door", "page",
 )  # fmt: skip
 
 

@@ -7,7 +7,6 @@ time to wait is the machine's, too. Two ways are measured in turn, so that a bus
 
 import asyncio
 import json
-import os
 import re
 import signal
 import socket
@@ -22,6 +21,7 @@ from statistics import median
 from typing import Any
 
 from benchmarks.harness import Bench, LeftOut, Row
+from benchmarks.processes import first_of_all, p99, quantile, resident_mb, spread
 
 VIEWERS = 5
 MOST_PERCENT, MOST_MB = 2.0, 35.0
@@ -55,13 +55,13 @@ async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
         alone.append(await _share(page, seconds))
         async with _looking(port, VIEWERS):
             watched.append(await _share(page, seconds))
-    resident = _resident_mb(page)
+    resident = resident_mb(page)
     none, five = median(alone), median(watched)
     rows = (
         Row("nobody looks", none / 100.0, 1.0, note=f"{none:.2f} % of a core"),
         Row(
             f"{VIEWERS} browsers at 20 Hz", five / 100.0, five / max(none, 1e-9), missed=five > MOST_PERCENT,
-            note=f"{five:.2f} % of a core (at most {MOST_PERCENT:g}); {_spread(watched)}",
+            note=f"{five:.2f} % of a core (at most {MOST_PERCENT:g}); {spread(watched)}",
         ),
         Row(
             "memory", 0.0, 1.0, missed=resident > MOST_MB,
@@ -73,7 +73,7 @@ async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
 
 async def _history(service: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
     """How late a tick begins in the service while a visitor of the page takes the last 60 s twice a second."""
-    first = "with SCHED_FIFO" if _first_of_all(service) else "without SCHED_FIFO"
+    first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
     plain, taken = [], []
     await asyncio.sleep(0.5 if rounds == 1 else 10.0)  # the ring of the page fills
     for _ in range(rounds):
@@ -82,8 +82,8 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
             asking = asyncio.create_task(_ask_again(lines[0]))
             taken.append(await asyncio.to_thread(guest.late_ms, seconds))
             asking.cancel()
-    without, beside = (_p99([x for one in several for x in one]) for several in (plain, taken))
-    later = median(_p99(b) - _p99(a) for a, b in zip(plain, taken, strict=True))
+    without, beside = (p99([x for one in several for x in one]) for several in (plain, taken))
+    later = median(p99(b) - p99(a) for a, b in zip(plain, taken, strict=True))
     rows = (
         Row("p99 without a visitor", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
         Row(
@@ -129,12 +129,12 @@ def _browser(smallest: bool) -> list[Bench | LeftOut]:
             pictures.append(other.js("first_ms"))
             other.close()
         tab.close()
-    picture, key, drawing = median(pictures), median(keys), _quantile(drawings, 0.95)
+    picture, key, drawing = median(pictures), median(keys), quantile(drawings, 0.95)
     rows = (
         Row("from open to the first picture", 1e-3 * picture, 1.0, missed=picture > MOST_PICTURE_MS,
-            note=f"median of {len(pictures)} (at most {MOST_PICTURE_MS:g} ms); {_spread(pictures)}"),
+            note=f"median of {len(pictures)} (at most {MOST_PICTURE_MS:g} ms); {spread(pictures)}"),
         Row("from a key to the command of a tick", 1e-3 * key, key / picture, missed=key > MOST_KEY_MS,
-            note=f"median of {len(keys)} (at most {MOST_KEY_MS:g} ms); {_spread(keys)}"),
+            note=f"median of {len(keys)} (at most {MOST_KEY_MS:g} ms); {spread(keys)}"),
         Row(f"a drawing of the map and {strips} strips", 1e-3 * drawing, drawing / picture,
             missed=drawing > MOST_FRAME_MS,
             note=f"p95 of {len(drawings)}, median {median(drawings):.1f} ms (at most {MOST_FRAME_MS:g})"),
@@ -307,30 +307,3 @@ def _used_s(process: int) -> float:
     """Return the processor time of all threads of a process until now."""
     tasks = Path(f"/proc/{process}/task").glob("*/schedstat")
     return 1e-9 * sum(float(task.read_text().split()[0]) for task in tasks)
-
-
-def _resident_mb(process: int) -> float:
-    text = Path(f"/proc/{process}/status").read_text()
-    return 1024e-6 * float(re.search(r"VmRSS:\s+(\d+)", text)[1])  # pyright: ignore[reportOptionalSubscript]
-
-
-def _first_of_all(process: int) -> bool:
-    """Let the loop of a process run before all others, where that is allowed."""
-    try:
-        os.sched_setscheduler(process, os.SCHED_FIFO, os.sched_param(50))
-    except (OSError, AttributeError):
-        return False
-    return True
-
-
-def _p99(values: list[float]) -> float:
-    return _quantile(values, 0.99)
-
-
-def _quantile(values: list[float], q: float) -> float:
-    ordered = sorted(values)
-    return ordered[min(len(ordered) - 1, int(q * len(ordered)))]
-
-
-def _spread(values: list[float]) -> str:
-    return f"{min(values):.3g} to {max(values):.3g}"

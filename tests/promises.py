@@ -141,7 +141,9 @@ class Ends:
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         test = report.nodeid.partition("[")[0]
-        end = {"passed": "kept", "skipped": "skipped", "failed": "not kept"}[report.outcome]
+        end = {"passed": "kept", "skipped": "skipped", "failed": "not kept"}.get(report.outcome)
+        if end is None:  # it runs again: the last end counts
+            return
         if report.when == "call" or end != "kept":
             self.of[test] = max(self.of.get(test, "skipped"), end, key=RESULTS.index)
 

@@ -31,7 +31,7 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     before = tree(pi)
     setup("r1", wheels, PI, root=str(pi))
     told = capfd.readouterr().out
-    assert told.count("done  ") == 9  # the clock is right already
+    assert told.count("done  ") == 11  # the clock is right already
     said = subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True, text=True, check=True)
     assert said.stdout == "here I am\n"
     assert (pi / "usr/local/bin/baqueano").is_symlink()
@@ -39,15 +39,19 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     assert config.startswith(before["boot/firmware/config.txt"])
     assert "i2c_arm_baudrate=400000" in config
     unit = (pi / "etc/systemd/system/baqueano.service").read_text()
-    assert "User=ana\nSupplementaryGroups=dialout i2c gpio input\n" in unit
+    assert "User=baqueano\nGroup=baqueano\nSupplementaryGroups=dialout i2c gpio\n" in unit
     assert (pi / "var/lib/baqueano/vehicle.toml").read_text() == "# mine\n"
     calls = (tmp_path / "calls").read_text()
-    assert "usermod -aG dialout,gpio,input ana" in calls
+    assert "usermod -aG dialout,gpio,input,baqueano ana" in calls
+    (made,) = [line for line in calls.splitlines() if line.startswith("useradd")]
+    assert "--system" in made
+    assert "--shell /usr/sbin/nologin baqueano" in made
+    assert f"chown -R baqueano:baqueano {pi}/var/lib/baqueano\nchmod 2775" in calls
     assert "systemctl enable baqueano.service" in calls
     assert not Path(install.THERE).exists()
 
     setup("r1", wheels, PI, root=str(pi))
-    assert capfd.readouterr().out.count("as it is") == 8  # groups are not written by the recorded usermod
+    assert capfd.readouterr().out.count("as it is") == 9  # usermod and chown are recorded, and change nothing
 
     remove("r1", PI, root=str(pi))
     told = capfd.readouterr().out
@@ -56,8 +60,10 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     calls = (tmp_path / "calls").read_text()
     assert "systemctl disable --now baqueano.service" in calls
     assert [line for line in calls.splitlines() if line.startswith("gpasswd")] == [
-        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input")
+        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input", "baqueano")
     ]
+    assert calls.rindex("gpasswd") < calls.rindex("userdel baqueano")
+    assert f"chown -R ana: {pi}/var/lib/baqueano" in calls  # runs are nobody's otherwise
     assert (pi / "var/lib/baqueano/vehicle.toml").exists()
     remove("r1", PI, root=str(pi))
     assert "nothing of baqueano is installed here" in capfd.readouterr().out
@@ -67,7 +73,7 @@ def test_a_dry_run_tells_every_step_and_changes_nothing(programs, pi, wheels, ca
     before = tree(pi)
     setup("r1", wheels, PI, dry=True, root=str(pi))
     told = capfd.readouterr().out
-    assert told.count("would") == 9
+    assert told.count("would") == 11
     assert "I2C at 400 kHz" in told
     assert tree(pi) == before
 
@@ -77,9 +83,28 @@ def test_a_set_up_that_was_cut_off_says_so_and_can_be_taken_back(programs, pi, w
     programs(usermod="echo no such user >&2; exit 6")
     with refused("setup.not-finished", RobotUnreachable, host="r1"):
         setup("r1", wheels, PI, root=str(pi))
-    assert "usermod -aG dialout,gpio,input ana failed (6): no such user" in capfd.readouterr().err
+    assert "usermod -aG dialout,gpio,input,baqueano ana failed (6): no such user" in capfd.readouterr().err
     remove("r1", PI, root=str(pi))
     assert tree(pi) == before
+
+
+def test_a_person_who_has_the_name_of_the_service_is_left_alone(programs, pi, wheels, capfd):
+    with (pi / "etc/passwd").open("a") as file:
+        file.write("baqueano:x:1001:1001::/home/baqueano:/bin/bash\n")
+    before = tree(pi)
+    for verb in (setup, setup):
+        with refused("setup.not-finished", RobotUnreachable):
+            verb("r1", wheels, PI, root=str(pi))
+        assert "baqueano is somebody who logs in" in capfd.readouterr().err
+    assert tree(pi) == before
+
+
+def test_the_service_is_in_no_group_but_those_of_its_devices(programs, pi, wheels, tmp_path):
+    setup("r1", wheels, PI, root=str(pi))
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert not [line for line in calls if line.startswith("usermod") and not line.endswith(" ana")]
+    unit = (pi / "etc/systemd/system/baqueano.service").read_text()
+    assert {"sudo", "input"}.isdisjoint(unit.split("SupplementaryGroups=")[1].split("\n")[0].split())
 
 
 def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels, tmp_path):
@@ -91,7 +116,7 @@ def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels
     remove("r1", PI, root=str(pi))
     calls = (tmp_path / "calls").read_text().splitlines()
     assert [line for line in calls if line.startswith("gpasswd")] == [
-        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input")
+        f"gpasswd -d ana {group}" for group in ("dialout", "baqueano", "gpio", "input")
     ]
 
 
