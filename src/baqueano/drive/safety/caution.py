@@ -1,17 +1,18 @@
 """A drive that cannot trust its estimate slows down, and stops if that lasts.
 
     doubt = a sensor is DEGRADED, or σ > SHARE · max_position_std_m of the supervisor                     (1)
-    pace  = SLOW while there is doubt, 0 once it has lasted WAIT_S, 1 again after it                        (2)
+    pace  = SLOW while there is doubt, 0 once it is grave and has lasted WAIT_S, 1 again after it           (2)
     stop  when the reference has stood for STAND_S under doubt                                            (3)
 
-A sensor is DEGRADED by the monitor (monitor/). One that disagrees because the model is worn is no doubt of the estimate.
+A sensor is DEGRADED by the monitor (monitor/). Where it cannot tell whether sensor or model is off, the doubt is not
+grave: the vehicle only goes slower. A model that is off for certain, worn or loaded, is no doubt of the estimate.
 """
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, joined, note, stop
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.safety.paced_guide import PacedGuide
 from baqueano.loop import Blocks, Record
-from baqueano.monitor.findings import MODEL
+from baqueano.monitor.findings import MODEL, SENSOR
 from baqueano.signals import seconds
 from baqueano.supervisor import position_std
 
@@ -28,7 +29,8 @@ class Caution(Observer):
         self._most_m, self._watches = most_m, watches
         self._guide: PacedGuide | None = None
         self._doubt: Diagnostic | None = None
-        self._since_ns = self._now_ns = 0
+        self._grave = False
+        self._since_ns = 0
         self._lines: list[LastLine] = []
 
     def begin(self, blocks: Blocks) -> Blocks:
@@ -39,20 +41,21 @@ class Caution(Observer):
     def look(self, record: Record) -> None:
         """Choose the pace of the next tick.  (2)"""
         assert self._guide is not None
-        self._now_ns = record.tick.t_ns
-        doubt = self._doubt_of(record)
+        t_ns = record.tick.t_ns
+        doubt, grave = self._doubt_of(record)
+        if grave != self._grave:
+            self._since_ns = t_ns
         if (doubt is None) != (self._doubt is None):
-            self._since_ns = self._now_ns
             code = "caution.over" if doubt is None else "caution.slow"
             level = Severity.INFO if doubt is None else Severity.WARNING
             self._lines.append((SOURCE, str(level), note(code, level, cause=doubt or self._doubt)))
-        self._doubt = doubt
-        lasted_s = seconds(self._now_ns, self._since_ns)
-        self._guide.want(WHO, 1.0 if doubt is None else SLOW if lasted_s < WAIT_S else 0.0)
+        self._doubt, self._grave = doubt, grave
+        stands = grave and seconds(t_ns, self._since_ns) >= WAIT_S
+        self._guide.want(WHO, 1.0 if doubt is None else 0.0 if stands else SLOW)
 
     def why(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle stops.  (3)"""
-        if self._doubt is None or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
+        if not self._grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
             return None
         return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._doubt)
 
@@ -61,14 +64,12 @@ class Caution(Observer):
         lines, self._lines = self._lines, []
         return lines
 
-    def _doubt_of(self, record: Record) -> Diagnostic | None:
-        """Return why the estimate is not to be trusted.  (1)"""
+    def _doubt_of(self, record: Record) -> tuple[Diagnostic | None, bool]:
+        """Return why the estimate is not to be trusted, and whether that is grave.  (1)"""
         if not self._watches:
-            return None
-        found = joined(one.diagnostic for one in record.degraded if one.off != MODEL)
-        if found is not None:
-            return found
+            return None, False
         std_m = float(position_std(record.estimate.cov))
         if std_m > SHARE * self._most_m:
-            return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._most_m)
-        return None
+            return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._most_m), True
+        found = [one for one in record.degraded if one.off != MODEL]
+        return joined(one.diagnostic for one in found), any(one.off == SENSOR for one in found)

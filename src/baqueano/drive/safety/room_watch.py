@@ -39,11 +39,13 @@ class RoomWatch(Observer):
         v = self._turn @ map_from_body(eta[2])[:2, :2] @ nu[:2]
         std = np.sqrt(np.maximum(np.diag(self._turn @ cov[:2, :2] @ self._turn.T), 0.0))
         region = np.sqrt(CHI_SQUARE) * std
-        beyond = np.abs(place) + STOP_S * np.abs(v) + region - self._free
+        stop_m = STOP_S * np.abs(v)
+        beyond = np.abs(place) + stop_m + region - self._free
         if np.max(beyond) > 0.0 and self._why is None:
             i = int(np.argmax(beyond))
-            figures = {"axis": "xy"[i], "wall_m": float(self._free[i] - abs(place[i])), "region_m": float(region[i])}
-            self._why = stop(StopReason.ROOM, **figures)
+            wall_m = float(self._free[i] - abs(place[i]))
+            figures = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
+            self._why = stop(StopReason.ROOM, axis="xy"[i], **figures)
 
     def why(self, t_ns: int) -> Diagnostic | None:
         """Return why the vehicle stops."""
