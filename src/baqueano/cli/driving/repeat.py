@@ -88,7 +88,7 @@ def command(
     talk(note("cli.run", path=path))
     say_ledger(run, file, shake)
     compared = compare(run)
-    answer(compared, as_json)
+    answer(compared, as_json, laps=compared.laps())
     options.advise_to_fit(compared, [run], options.naming(file, folder), folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run
