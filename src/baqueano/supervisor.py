@@ -71,16 +71,13 @@ class Supervisor:
         """The command (n,) that may reach the motors."""
         heard_ns: Value = np.where((self._has(tick) > 0.0) | (state.heard_ns < 0), tick.t_ns, state.heard_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
-        p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
-        spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
-        position_std = np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + spread, 0.0))  # along the longest axis
         numbers = np.concatenate([eta, nu, cov.reshape(-1)])
         faults = (  # in the order of REASONS
             np.sum(np.isfinite(command.u)) < len(self.limit),
             np.sum(np.isfinite(numbers)) < len(numbers),
             np.hypot(*np.minimum(np.abs(nu[:2]), SQUARABLE)) > self.max_speed_m_s,
             np.abs(nu[2]) > self.max_yaw_rate_rad_s,
-            position_std > self.max_position_std_m,
+            position_std(cov) > self.max_position_std_m,
             seconds(tick.t_ns, heard_ns) > self.imu_timeout_s,
         )
         reason: Value = 0.0
@@ -93,6 +90,13 @@ class Supervisor:
 
     def _has(self, tick: Tick) -> Value:
         return getattr(tick.sensors, self.watch).has if self.watch in tick.sensors._fields else 1.0
+
+
+def position_std(cov: Value) -> Value:
+    """Return the standard deviation [m] of the position along its longest axis, of a covariance (6, 6)."""
+    p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
+    spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
+    return np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + spread, 0.0))
 
 
 def stop_reason(state: Tree) -> Diagnostic | None:

@@ -29,6 +29,8 @@ from tests.light_robot import LIMIT, SENSORS, VEHICLE, R
 FILE = SimpleNamespace(
     name="small",
     text="# small\n",
+    path=None,
+    guessed=False,
     rate_hz=100.0,
     command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=LIMIT),
     vehicle=VEHICLE,

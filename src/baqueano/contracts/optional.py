@@ -28,6 +28,8 @@ NEUTRAL: dict[str, object] = {
     "stacks_innovations": False,  # whether its innovations are those of the sensors in `use`, one after the other
     # of a guide
     "laps": None,  # how often it goes round
+    "joined": None,  # its state where the vehicle joins its route at a time of it; it has begun so much before
+    "want": None,  # takes the pace that somebody wants, while it is driven
     # of any block
     "as_written": False,  # it asks a person or a clock, so its step is never compiled
 }

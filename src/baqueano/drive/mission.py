@@ -6,7 +6,7 @@ double with all its digits, the text of the vehicle file and of the blocks that 
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from baqueano.blocks import read
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.drive.first_drive import careful_drive
+from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.verbs import experiment, lesson, repeat
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
@@ -45,12 +46,17 @@ class Mission:
     laps: int = 1  # 0: for ever
     hold: bool = True  # by hand: the heading, where the vehicle has a gyro
     blocks: dict[str, str] = field(default_factory=dict)  # room → "file.py:Class" in place of the file's own
+    start: tuple[float, ...] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; else where the route begins
+    precautions: JsonObject = field(default_factory=dict)  # of a repetition, as Precautions.to_json
     vehicle: str = ""  # text of the vehicle file, once it is packed
     texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise UsageError(fault("mission.kind", kind=self.kind, known=KINDS))
+        if len(self.start) not in (0, 3):
+            raise UsageError(fault("mission.damaged", kind="ValueError", error=f"start = {self.start!r:.80}"))
+        Precautions.of_json(self.precautions)
         for kind, name in (("experiment", "u"), ("repeat", "route")):
             if self.kind == kind and getattr(self, name) is None:
                 raise UsageError(fault("mission.lacks", kind=kind, name=name))
@@ -58,10 +64,12 @@ class Mission:
     def json(self) -> str:
         """Return a line of JSON."""
         route = None if self.route is None else {k: _listed(v) for k, v in self.route._asdict().items()}
+        unusual = {"start": list(self.start), "precautions": self.precautions}
         return json.dumps(
             {
                 "format": FORMAT, "kind": self.kind, "vehicle": self.vehicle, "u": _listed(self.u), "route": route,
                 "laps": self.laps, "hold": self.hold, "blocks": self.blocks, "texts": self.texts,
+                **{name: value for name, value in unusual.items() if value},
             },
             allow_nan=False,
         )  # fmt: skip
@@ -76,6 +84,7 @@ class Mission:
             route, u = document.pop("route"), document.pop("u")
             for name, value in document.items():
                 _check(name, value)
+            said["start"] = tuple(map(float, said.get("start", ())))
             return cls(
                 **document,
                 u=None if u is None else np.atleast_2d(np.array(u, dtype=float)),
@@ -137,7 +146,10 @@ def perform(
                 raise UsageError(fault("mission.no-driver"))
             return lesson(vehicle_file, driver, mission.hold, mission.kind, **options)
     assert mission.route is not None
-    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **options)
+    care = Precautions.of_json(mission.precautions)
+    given = {field.name: getattr(care, field.name) for field in fields(care)}
+    given |= {"eta": np.array(mission.start)} if mission.start else {}
+    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(given | options))
 
 
 def unpacked(mission: Mission, folder: Path) -> VehicleFile:
@@ -174,6 +186,7 @@ def _check(name: str, value: object) -> None:
     right = {
         "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_LAPS,
         "hold": isinstance(value, bool), "blocks": of_texts, "texts": of_texts,
+        "start": isinstance(value, list), "precautions": isinstance(value, dict),
     }  # fmt: skip
     if not right.get(name, isinstance(value, str)):
         raise ValueError(f"{name} = {value!r:.80}")

@@ -10,6 +10,8 @@ from baqueano.contracts.blocks import Controller, Guide, OwnBlock
 from baqueano.controllers import Hand, Schedule
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import holding
+from baqueano.drive.safety.precautions import Precautions
+from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.guides import Idle, Playback
@@ -167,7 +169,10 @@ def repeat(
     vehicle_file: VehicleFile, route: Route, laps: int = 1, *, estimator: OwnBlock | None = None,
     guide: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
-    """Repeat a route from the pose at which it begins, with the blocks of the file.
+    """Repeat a route, with the blocks of the file.
+
+    The route is judged before anything moves (`routes.examine`). The vehicle begins at its start, or at the pose `eta`;
+    it then drives onto the route first. While it drives, a doubtful estimate slows and stops it.
 
     Parameters
     ----------
@@ -181,7 +186,10 @@ def repeat(
         In place of the file's: a kind of ours, "file.py:Class", a class, which is made with what the file holds, or a
         block as it is. The run records the text of those that are not ours.
     **options : object
-        Keywords of `drive` and of its `Conditions`: `path`, `seed`, `truth`, `world`, …
+        `anyway`: also a route that is too fast or has gaps; `room`: stop before the vehicle may leave it; `lead_in`:
+        False to begin with the route wherever the vehicle stands; `way_back`: drive back to the start afterwards;
+        `caution`: False to go on with a doubtful estimate; `patience_s`: after which a vehicle that is stuck is given
+        up. Keywords of `drive` and of its `Conditions`: `path`, `seed`, `eta`, `truth`, `world`, …
 
     Returns
     -------
@@ -190,6 +198,8 @@ def repeat(
 
     Raises
     ------
+    AnswerNo
+        Where the route jumps, has a gap or a wall in its way, or is faster than the vehicle.
     FileError
         Where the file lacks gains or noise: `tune` and `identify` find them.
     UsageError
@@ -203,13 +213,21 @@ def repeat(
     >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
     9.4 s, 0.6 m wide
     """
+    care, options = Precautions.of(options)
+    options = {"eta": route.eta[0], "backend": "auto"} | options
+    measured = not vehicle_file.guessed or (vehicle_file.path is None and options.get("world") is None)
+    warnings_of(
+        route, vehicle_file, care.room, measured=measured, anyway=care.anyway, backend=options["backend"]
+    )
     blocks = Blocks(
         vehicle_file.estimator(estimator),
         with_laps(vehicle_file.guide(route, guide), laps),
         vehicle_file.controller(controller),
         vehicle_file.supervisor(),
     )
-    return drive(blocks, vehicle_file, "repeat", **({"eta": route.eta[0]} | options))
+    led = care.around(blocks.guide, route, vehicle_file, np.asarray(options["eta"]), blocks.estimator)
+    options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
+    return drive(blocks._replace(guide=led), vehicle_file, "repeat", **options)
 
 
 def replay(

@@ -4,8 +4,11 @@ init() -> state;   step(state, estimate) -> (state, Reference)
 """
 
 from baqueano.contracts.blocks import Guide
+from baqueano.guides.drive_to import DriveTo
 from baqueano.guides.first_drive_pulses import CarefulGuide
 from baqueano.guides.idle import Idle
+from baqueano.guides.in_turn import InTurn
+from baqueano.guides.paced import Paced
 from baqueano.guides.playback import Playback
 from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.repeat_by_progress import ProgressState, RepeatByProgress
@@ -14,8 +17,11 @@ from baqueano.guides.shapes import SinuousCircle
 
 __all__ = [
     "CarefulGuide",
+    "DriveTo",
     "Guide",
     "Idle",
+    "InTurn",
+    "Paced",
     "Playback",
     "Repeat",
     "RepeatByProgress",

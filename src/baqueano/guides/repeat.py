@@ -21,7 +21,7 @@ from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.parameter import documented, parameter
-from baqueano.signals import Estimate, Reference, seconds
+from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 
 
 class RepeatState(NamedTuple):
@@ -85,6 +85,10 @@ class Repeat:
     def init(self) -> RepeatState:
         """Not begun."""
         return RepeatState(-1)
+
+    def joined(self, t_ns: Value, tau_s: Value) -> Tree:
+        """Return the state of a vehicle that joins the route at its time `tau_s`."""
+        return RepeatState(t_ns - np.rint(tau_s * NANOSECONDS))
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
         """Return the pose and velocity of the teacher at this time.  (1)"""

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 NAME = "NAME"  # of routes.path, which loads numpy
-FASTER = ("route.speed-too-high", "route.turns-too-fast")
 XY = (("x_m", "y_m"), ("x", "y"))  # columns of points
 
 
@@ -223,25 +222,54 @@ def faster(
 
 
 def drivable(
-    route: "Route",
-    name: str,
-    file: "VehicleFile",
-    room: "Room | None",
-    robot: str,
-    anyway: bool,
-    backend: str,
-) -> None:
-    """Refuse a route that leaves the room or jumps, and one that is faster than the vehicle unless `anyway`, before
-    anything moves. A model that nobody measured cannot tell that a route is too fast: it only warns."""
-    from baqueano.routes import examine
+    route: "Route", name: str, file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
+) -> None:  # fmt: skip
+    """Refuse a route that may not be driven before a run is begun, with the name of its file, and tell its warnings."""
+    from baqueano.drive.safety.route_check import warnings_of
 
-    for one in examine(route, file, room, backend=backend).findings:
-        finding = named(one, name)
-        warns = finding.severity != Severity.ERROR
-        if warns or (finding.code in FASTER and (anyway or not options.measured(file, robot))):
-            talk(note("cli.warning", cause=finding))
-        else:
-            raise AnswerNo(finding)
+    how = {"measured": options.measured(file, robot), "anyway": anyway, "backend": backend}
+    try:
+        warnings = warnings_of(route, file, room, **how)
+    except AnswerNo as error:
+        raise AnswerNo(named(error.diagnostic, name)) from error
+    for one in warnings:
+        talk(note("cli.warning", cause=named(one, name)))
+
+
+def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: str) -> "Route":
+    """Return the route at the fastest speeds that the identified vehicle can drive."""
+    from baqueano.routes import fastest
+
+    try:
+        return fastest(route, file, backend=backend)
+    except UsageError as error:
+        raise UsageError(named(error.diagnostic, name)) from error
+
+
+def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
+    """Return the pose in the map of a vehicle that stands at "x,y,degrees" from where the route begins; empty where it
+    stands there. UsageError for what is no pose."""
+    import numpy as np
+
+    from baqueano.geometry import map_from_body
+
+    if stand is None:
+        return ()
+    x, y, degrees = pose_of(stand, "cli.from-unreadable")
+    start = route.eta[0]
+    xy = start[:2] + map_from_body(start[2])[:2, :2] @ np.array([x, y])
+    return (float(xy[0]), float(xy[1]), float(start[2] + np.radians(degrees)))
+
+
+def pose_of(words: str, code: str) -> tuple[float, float, float]:
+    """Return x, y and degrees of an option; UsageError of this code for what is no pose."""
+    try:
+        x, y, degrees = (float(part) for part in words.split(","))
+    except ValueError as error:
+        raise UsageError(fault(code, found=words)) from error
+    if not abs(x) + abs(y) + abs(degrees) < float("inf"):
+        raise UsageError(fault(code, found=words))
+    return x, y, degrees
 
 
 def named(finding: Diagnostic, route: str) -> Diagnostic:
@@ -284,10 +312,7 @@ def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | N
 
     from baqueano.identify.design.room import room_of
 
-    try:
-        x, y, degrees = (float(part) for part in (start or "0,0,0").split(","))
-    except ValueError as error:
-        raise UsageError(fault("cli.start-unreadable", found=start)) from error
+    x, y, degrees = pose_of(start or "0,0,0", "cli.start-unreadable")
     return room_of(file, room, start=(x, y, float(np.radians(degrees))))
 
 

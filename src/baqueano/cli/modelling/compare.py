@@ -20,7 +20,7 @@ def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_js
 
     loaded = options.find_runs(runs, folder)
     compared, named = compare(loaded, alignment=align, skip_s=skip_s), options.naming_own(folder)
-    answer(compared, as_json)
+    answer(compared, as_json, laps=compared.laps())
     options.advise_to_fit(compared, loaded, named, folder)
     if (without := [run for run in loaded if run.estimate is None]) and not as_json:
         name = without[0].path or without[0].name

@@ -55,6 +55,10 @@ TEMPLATES: dict[str, str] = {
     "cli.route-stored": "Stored as {path}. To judge it by your vehicle: {check}. To drive it: {repeat}",
     "cli.two-tolerances": "--rms and --max are two tolerances: give one of them.",
     "cli.start-without-room": "--start is a place in a room: give the room too, as --room 2x3.",
+    "cli.from-unreadable": (
+        'from "{found}": expected x, y and a heading in metres and degrees, from where the route begins, as '
+        "-0.5,0.2,30."
+    ),
     "cli.start-unreadable": (
         'start "{found}": expected x, y and a heading in metres and degrees, from the middle of the room, as '
         "0.5,-0.2,90."

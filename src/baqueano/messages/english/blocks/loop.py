@@ -20,6 +20,15 @@ TEMPLATES: dict[str, str] = {
     S.TERMINAL_SILENT: "the terminal has not answered for {silent_ms:.0f} ms",
     S.PROGRAM_ENDED: "another process ended the program",
     S.RECORDED: "{words}",
+    S.STUCK: "the vehicle has not moved for {waited_s:.0f} s, and its reference is {away_m:.2f} m away",
+    S.ROOM: (
+        "the vehicle may leave the room: the wall across {axis} is {wall_m:.2f} m from its body, its place is known to "
+        "{region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop"
+    ),
+    S.ESTIMATE_DOUBTFUL: "the estimate is not to be trusted, so the vehicle slowed down and stopped. {cause}",
+    "caution.slow": "the vehicle slows down. {cause}",
+    "caution.over": "the vehicle goes on at full pace; this is over: {cause}",
+    "caution.uncertain": "the position is known to {std_m:.2f} m; at {most_m:.2f} m the supervisor stops",
     "drive.on-mark": "on the mark",
     "drive.disk-full": "the disk is full and does not store more of this run ({error}); the drive goes on",
     "drive.not-compiled": "{room} {block} runs as it is written, not compiled: {error}",

@@ -38,6 +38,14 @@ TEMPLATES: dict[str, str] = {
         "the route jumps by {gap_m:.2f} m at {at_m:.2f} m ({at_s:.1f} s), {count} times in all: the path between is "
         "not known. Cut it there, or teach it again: {fix}"
     ),
+    "route.gap": (
+        "samples are missing at {at_m:.2f} m ({at_s:.1f} s): the next pose is {gap_m:.2f} m and {gap_s:.1f} s further, "
+        "and the path between is not known. There are {count} such places. Cut it there, or teach it again: {fix}"
+    ),
+    "route.no-number": (
+        "{count} rows of the route hold something that is not a number, first row {row}. Correct the file, or teach the "
+        "route again: {fix}"
+    ),
     "route.speed-too-high": (
         "the route needs {needs_m_s:.2f} m/s at {at_m:.1f} m, the vehicle has {has_m_s:.2f}. Make it slower: {fix}"
     ),

@@ -62,6 +62,7 @@ TEMPLATES: dict[str, str] = {
     "door.swapped": "{kind} drives as {room}, in place of the block of the vehicle file",
     "door.set": "{path} is now {now}, before it was {before}",
     "door.pace": "pace {found:g}: expected a factor from {slowest:g} to {fastest:g}",
+    "door.guide-pace": "guide.pace = {found}: expected a number from 0, where the vehicle waits, to 1",
     "door.route-name": "{found} cannot be the name of a route. Use letters, digits and hyphens, as in lab-1.",
     "door.no-route": "route {found} does not exist; stored are {known}. Teach it first.",
     "door.not-a-number": "{name} = {found}: expected a number",
