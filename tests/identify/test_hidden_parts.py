@@ -17,18 +17,19 @@ SECONDS, SEED, HZ = 10.0, 5, 44.0
 @pytest.fixture(scope="module")
 def logs():
     """A robot with quiet sensors, its file, and its logs: with counts of the timer, with what was asked for, and with
-    the counts and an IMU behind a low-pass."""
+    the counts and an IMU behind a low-pass, or behind one and a delay, which an IMU shows as one of the motors."""
     plain = robot(SEED)
     plain = plain.changed(imu=plain.imu.changed(noise=0.2 * plain.imu.noise))
     behind = plain.changed(imu=plain.imu.changed(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
+    chip = behind.changed(delay_s=behind.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
     file = robot_file(plain)
     asked = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
     sent = as_sent(asked)
-    both = np.stack([sent, sent], axis=1)
-    shown = driven(plain.joined([behind]), both, [SEED, SEED], times(len(sent), file.rate_hz))
-    kinds = {"counts": (0, sent), "asked": (0, asked), "filtered": (1, sent)}
+    each = np.stack([sent] * 3, axis=1)
+    shown = driven(plain.joined([behind, chip]), each, [SEED] * 3, times(len(sent), file.rate_hz))
+    kinds = {"counts": (0, sent), "asked": (0, asked), "filtered": (1, sent), "chip": (2, sent)}
     runs = {name: recorded(shown, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return plain, file, runs
 
@@ -54,6 +55,18 @@ def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
     assert not {"residual.missing-free", "delay.sum"} & {one.code for one in fit.findings}
     assert off(fit, q, DELAY) < 3.0
     assert off(fit, q, LAG) < 3.0
+
+
+def test_the_setting_of_the_chip_tells_its_filter_and_the_delay_of_it(logs):
+    """A lag of 44 Hz and a pure delay, together the 4.8 ms that the data sheet has for setting 3."""
+    q, file, runs = logs
+    plain, set_up = (
+        identify(runs["chip"], f, FREE, options=FitOptions(diagnose=False))
+        for f in (file, file.with_values({"robot.imu_filter": 3}))
+    )
+    assert plain.value(DELAY) - q.delay_s[0] > 0.003
+    assert abs(set_up.value(DELAY) - q.delay_s[0]) < 5e-4
+    assert abs(set_up.value(LAG) - q.lag_s[0]) < 5e-4
 
 
 def test_a_low_pass_can_be_fitted(logs):

@@ -10,6 +10,8 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
 from baqueano.sensors import Encoders, Imu, Mark, Wheels
+from baqueano.sensors.imu_filter import low_pass_hz
+from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Command, measured_ns, sensor_slots
 from baqueano.worlds.robot import Body, Robot, Sample, Telemetry
 from tests.codes import refused
@@ -84,6 +86,17 @@ def test_samples_since_the_last_tick_are_averaged():
     )
     assert robot.read(20 * MS)[0].sensors.imu.has == 0.0
     assert ("imu_temperature", 10 * MS) in [(name, t_ns) for name, t_ns, _ in robot.new_channels()]
+
+
+def test_what_the_low_pass_of_the_file_explains_is_not_in_the_stamps_too():
+    """The estimators take their sum for the age, and a fit has the filter in h."""
+    total_s = []
+    for imu in (Imu(), Imu(low_pass_hz=low_pass_hz(3)), Imu(low_pass_hz=100.0)):
+        chip = Chip(Sample(8 * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0))
+        slot = Robot(sensors(imu=imu), Line(), chip, Body()).read(10 * MS)[0].sensors.imu
+        total_s.append(slot.age_s + low_pass_s(imu))
+    assert total_s == pytest.approx([0.0068] * 3)
+    assert 0.5 / (np.pi * low_pass_hz(3)) == pytest.approx(Chip.delay_s[1])
 
 
 def test_a_drive_that_ended_within_a_tick_leaves_nothing_to_the_next():

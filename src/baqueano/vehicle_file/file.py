@@ -12,6 +12,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators import AugmentedEkf
+from baqueano.sensors.imu_filter import low_pass_hz
 from baqueano.signals import ByName
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
@@ -79,8 +80,6 @@ class VehicleFile:
         Name of the file in messages.
     robot : Hardware
         The table [robot].
-    simulation : Simulation
-        The table [simulation].
     simulation : Simulation
         The table [simulation].
     on_disk : str or None
@@ -195,13 +194,20 @@ class VehicleFile:
         if named is None:
             return self
         if named in garage.names():
-            return load(named)
+            return self._filtering(load(named))
         home = Path(self.folder or ".").resolve()
         if not (home / named).resolve().is_relative_to(home):
             raise FileError(
                 fault("vehicle.truth-elsewhere", file=self.label, found=named, garage=garage.names())
             )
-        return load(home / named)
+        return self._filtering(load(home / named))
+
+    def _filtering(self, truth: "VehicleFile") -> "VehicleFile":
+        """Return the truth with this file's setting of the IMU's filter, which its owner chooses."""
+        from baqueano.vehicle_file.text.edit import override
+
+        setting = self.data.get("robot", {}).get("imu_filter")
+        return truth if setting is None else override(truth, [f"robot.imu_filter={setting}"])
 
     @property
     def noiseless(self) -> tuple[str, ...]:
@@ -321,7 +327,8 @@ def parse(
     data = tables(text, name)
     top = read_top(sheet, data)
     channels, geometry, hardware, simulation = read_head(sheet, data)
-    around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry)
+    filtered = low_pass_hz(hardware.imu_filter) if "imu_filter" in data.get("robot", {}) else None
+    around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry, filtered)
     vehicle = build.vehicle(sheet, data["model"], around)
     sensors = build.sensors(sheet, data.get("sensors", {}), around)
     sheet.finish()

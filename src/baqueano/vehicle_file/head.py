@@ -73,8 +73,9 @@ class Hardware:
     imu_accel_range_g: float = parameter("g", "range of the accelerometers", low=2.0, high=16.0, default=4.0)
     imu_gyro_range_dps: float = parameter("°/s", "range of the gyro", low=250.0, high=2000.0, default=1000.0)
     imu_filter: float = parameter(
-        "1", "low pass of the IMU, 1 to 6 (3 is 44 Hz)", low=1.0, high=6.0, default=3.0
-    )
+        "1", "low pass of the IMU, 1 to 6 (3 is 44 Hz); where it is written, [sensors.imu] low_pass_hz follows",
+        low=1.0, high=6.0, default=3.0,
+    )  # fmt: skip
     max_tilt_rad: float = parameter("rad", "tilt that stops the vehicle", low=0.05, high=1.6, default=0.6)
     max_temperature_c: float = parameter(
         "°C", "temperature of the computer that stops the vehicle", low=40.0, high=120.0, default=82.0

@@ -22,6 +22,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Sensor, SensorBlocks, World
 from baqueano.diagnostics import Diagnostic, StopReason, fault, stop
 from baqueano.errors import UsageError
+from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import AS_SENT, AppliedDuties, AppliedMotors
@@ -259,7 +260,9 @@ class Robot(World):
         now = self._last
         reads = optional.of(sensor, "reads")
         if reads == "imu" and imu is not None:
-            return imu
+            return imu._replace(
+                age_s=max(0.0, imu.age_s - float(low_pass_s(sensor)))
+            )  # h has that of its low-pass
         if now is not None and before is not None and now is not before and now.boot == before.boot:
             if reads == "wheels":
                 z = self._rolled(before, now)

@@ -8,7 +8,8 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
-from baqueano.robot.imu.chips import ACCEL_RANGES_G, BANDS_6050, GYRO_RANGES_DPS
+from baqueano.robot.imu.chips import ACCEL_RANGES_G, GYRO_RANGES_DPS
+from baqueano.sensors.imu_filter import BANDS_6050
 
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
 MODES = ("fifo", "burst")
