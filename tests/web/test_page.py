@@ -1,82 +1,16 @@
-"""The page in a real browser, against a page process that plays a script: pictures, keys, scrub bar, stop."""
+"""The page in a real browser, against a page process that plays a script: keys, scrub bar, stop."""
 
-import json
-import os
 import time
-from pathlib import Path
 
 import pytest
 
-from tests.web.chromium import CHROMIUM, SIZES, Tab
+from tests.web.chromium import CHROMIUM
+from tests.web.screens import PAGE, READY, opened, until
 from tests.web.scripted import RADIUS, Scripted
 
-LIVE = ("drive", "identify", "tune", "runs", "blocks", "faults")
-REPLAYED = ("replay", "ghost", "identify", "tune", "runs", "blocks")
-BOXES = (Path(__file__).parent / "boxes.js").read_text(encoding="utf-8")
-SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder, to look at what the tests see
 FRAME_MS = 8.0
-READY = "Boolean(globalThis.baqueano?.page?.screen)"
-PAGE = "baqueano.page"
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
-
-
-def opened(tab: Tab, server: Scripted, language: str = "en", screen: str = "") -> Tab:
-    tab.goto(f"{server.url}?lang={language}")
-    tab.wait(READY)
-    if server.mode == "replay":
-        tab.wait(f"Boolean({PAGE}.opened && {PAGE}.opened.record.length === 4160)")
-    else:
-        tab.wait(f"{PAGE}.record.length > 1990")
-    if screen:
-        tab.click(f"#tab-{screen}")
-    return tab
-
-
-def until(true, seconds: float = 10.0):
-    end = time.monotonic() + seconds
-    while not (found := true()):
-        assert time.monotonic() < end, "still not true"
-        time.sleep(0.02)
-    return found
-
-
-LOOKS = [("light", "en"), ("dark", "es")]  # each theme and each language; all four with BAQUEANO_SCREENS=all
-ALL_LOOKS = [*LOOKS, ("light", "es"), ("dark", "en")]
-
-
-@pytest.mark.parametrize(
-    ("theme", "language"), ALL_LOOKS if os.environ.get("BAQUEANO_SCREENS") == "all" else LOOKS
-)
-@pytest.mark.parametrize("size", SIZES)
-def test_every_screen_is_whole(browser, size, theme, language):
-    """No text cut, none over another, none faint, nothing beyond the edge."""
-    wrong = {}
-    for mode, screens in (("live", LIVE), ("replay", REPLAYED)):
-        for screen in screens:
-            with Scripted(mode, ghost=screen == "ghost") as server:
-                tab = browser.tab()
-                tab.size(*SIZES[size])
-                tab.media(prefers_color_scheme=theme)
-                opened(tab, server, language, "replay" if screen == "ghost" else screen)
-                if screen == "ghost":
-                    tab.wait(f"Boolean({PAGE}.ghost)")
-                if screen in ("replay", "ghost", "identify") and mode == "replay":
-                    tab.js(f"{PAGE}.screens.replay.seek(22.4)")
-                if screen == "tune":
-                    tab.wait(f"{PAGE}.screens.tune.land?.side === 20 && Boolean({PAGE}.screens.tune.lap)")
-                    tab.js(f"{PAGE}.screens.tune.jump([0.5, 1, 1, 0.8])")
-                    tab.wait(f"{PAGE}.screens.tune.lap.rms > 0.05")
-                    tab.wait(f"{PAGE}.screens.tune.land?.side === 20")
-                time.sleep(0.3)
-                found = tab.js(BOXES) + tab.errors
-                if SHOTS:
-                    Path(SHOTS).mkdir(parents=True, exist_ok=True)
-                    tab.shot(Path(SHOTS, f"{mode}-{screen}-{theme}-{language}-{size}.png"))
-                if found:
-                    wrong[f"{mode} {screen}"] = found
-                tab.close()
-    assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
 
 
 @pytest.mark.parametrize("screen", ["drive", "identify", "replay", "tune", "runs", "blocks"])
