@@ -29,7 +29,8 @@ NEUTRAL: dict[str, object] = {
     # of a guide
     "laps": None,  # how often it goes round
     # of any block
-    "as_written": False,  # it asks a person or a clock, so its step is never compiled
+    "as_written": False,  # it asks a person, a clock or a library, so its step is never compiled
+    "says": None,  # state → the Diagnostic that the run is to hold of this tick, or None; it never has one
 }
 
 
