@@ -44,6 +44,7 @@ class Record(NamedTuple):
     estimate: Estimate
     reference: Reference
     degraded: tuple[Finding, ...] = ()  # the sensors that have been off for long: monitor.Finding
+    states: States | None = None  # of the blocks after it, in the clocked loop; a run does not hold them
 
 
 def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:
@@ -143,4 +144,4 @@ def careful_step(
         blocks = Blocks(*(Off(r, len(tick.u)) if r in rooms else b for r, b in blocks._asdict().items()))
         states = States(*(None if r in rooms else s for r, s in states._asdict().items()))
         return *careful_step(blocks, states, tick)[:3], fault.why
-    return blocks, states, record, stop_reason(states.supervisor)
+    return blocks, states, record._replace(states=states), stop_reason(states.supervisor)

@@ -31,7 +31,8 @@ NEUTRAL: dict[str, object] = {
     "joined": None,  # its state where the vehicle joins its route at a time of it; it has begun so much before
     "want": None,  # takes the pace that somebody wants, while it is driven
     # of any block
-    "as_written": False,  # it asks a person or a clock, so its step is never compiled
+    "as_written": False,  # it asks a person, a clock or a library, so its step is never compiled
+    "says": None,  # state → the Diagnostic that the run is to hold of this tick, or None; it never has one
 }
 
 

@@ -18,7 +18,7 @@ from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.observers import Observer, Watchdog
-from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording
+from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, spoken
 from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.loop import Blocks
 from baqueano.monitor import Watching
@@ -163,6 +163,7 @@ def drive(
     given = Conditions(**conditions)
     world = given.world_of(vehicle_file)
     own, unknown = texts_of_own(blocks, vehicle_file)
+    says = spoken(blocks)
     blocks, sensors, notes = _prepared(blocks, vehicle_file, given, live)
     for one in observers:
         blocks = one.begin(blocks)
@@ -172,7 +173,7 @@ def drive(
     ticking = given.clock_of(vehicle_file)
 
     def driven(sink: RunSink) -> None:
-        recording = Recording(sink, world, health, observers, _first_ns(ticking))
+        recording = Recording(sink, world, health, observers, _first_ns(ticking), says)
         start, elsewhere = initial_pose_for(blocks.estimator, given.start)
         recording.begin([*world.notes, *unknown, *notes, *([] if elsewhere is None else [elsewhere])])
         _run(blocks, ticking, start, recording)

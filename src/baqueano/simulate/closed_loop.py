@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller, Guide, Supervision
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
@@ -28,6 +29,7 @@ from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, quiet, varied
 from baqueano.supervisor import REASONS, numbered
 from baqueano.symbolic import scan
+from baqueano.symbolic.backends import chosen
 from baqueano.symbolic.scan import Scan
 
 if TYPE_CHECKING:
@@ -166,8 +168,10 @@ def closed_loop(
 ) -> Scan:
     """The kernel of (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
 
-    With `paths` into the system it takes the numbers there as θ.
+    With `paths` into the system it takes the numbers there as θ. UsageError for a block that nothing compiles.
     """
+    if chosen(backend) != "numpy":
+        compilable(**system.blocks._asdict())
     dt_s = 1.0 / rate_hz
     example = Input(1, quiet(system.sensors) if noise else None)
 
@@ -182,6 +186,14 @@ def closed_loop(
         return step_of(varied(system, paths, theta), state, x)
 
     return scan(step, begin(system), example, flat(system, paths), backend=backend)
+
+
+def compilable(**blocks: Tree) -> None:
+    """Raise UsageError, with what to type, for a block of a room whose step is never compiled."""
+    for room, block in blocks.items():
+        if optional.of(block, "as_written"):
+            how = f"baqueano repeat ROUTE --{room} KIND"
+            raise UsageError(fault("simulate.as-written", how, room=room, block=type(block).__name__))
 
 
 def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> Run:

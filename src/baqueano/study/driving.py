@@ -39,6 +39,7 @@ from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
+from baqueano.simulate.closed_loop import compilable
 from baqueano.simulate.open_loop import times
 from baqueano.study.demo import GUESS
 from baqueano.study.truth import Robots, TruthWorld, draw_robots
@@ -230,7 +231,7 @@ def driving(
 
     `controller` is a kind, ours or "file.py:Class", in place of the file's; its gains are its defaults.
     """
-    guess().controller(controller)  # a kind that there is not is refused before the first drive
+    compilable(controller=guess().controller(controller))  # what cannot drive is refused before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
     parts = spread_over(work, jobs, processes, lambda done: each(done * BATCH))

@@ -66,7 +66,12 @@ TEMPLATES: dict[str, str] = {
         "step {number} of the drive is {found}: expected a time above 0 s and {commands} finite numbers."
     ),
     "drive.no-steps": "the drive lacks a step: give at least one (seconds, command).",
+    "drive.says-failed": "says() of the {room} failed: {error}. It is not asked again in this drive.",
     "mpc.no-solver": "osqp is not installed, and the controller mpc needs its solver. Type: {fix}",
+    "mpc.old-plan": (
+        "The solver of mpc found no command in time. The plan of the tick before goes on, for at most {most} ticks "
+        "in a row."
+    ),
     "mpc.unsolved": (
         "the solver of mpc found no command in {ticks} ticks in a row. Is the vehicle beyond a wall of wall_low and "
         "wall_high, or its estimate not finite? Take another controller: --controller lqr"

@@ -1,6 +1,10 @@
 """English sentences of simulations."""
 
 TEMPLATES: dict[str, str] = {
+    "simulate.as-written": (
+        "the {room} {block} asks a solver, a person or a clock, so its step cannot be compiled. It is neither tuned "
+        "nor simulated in one kernel. Drive it tick by tick: {fix}"
+    ),
     "simulate.never-done": "this guide never says that it is done: say how long, with duration_s.",
     "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
     "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, another value for {expected}.',

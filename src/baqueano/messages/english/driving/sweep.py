@@ -10,8 +10,9 @@ TEMPLATES: dict[str, str] = {
     "sweep.spread": "Each dot is a drive, each bar the median of a cell.",
     "sweep.ratios": "The error of each cell over that of {reference} on the same drives, and its interval of 95 %.",
     "sweep.interval": (
-        "A ratio below 1 is less than the reference's. Its interval of 95 % comes from drawing whole blocks with "
-        "replacement. A block is a drive, or of fewer than 5 drives a piece of 10 s."
+        "A ratio below 1 is less than the reference's. Its interval of 95 % is Student's, by leaving out one block "
+        "after the other. A block is a drive. Of fewer than 5 drives it is a piece of 10 s, or of 4 correlation times "
+        "if that is longer. Fewer than 5 blocks cannot tell."
     ),
     "sweep.reference": "No cell is called {found}. {near}.",
     "sweep.setting": "sweep() does not take {found}. {near}.",
