@@ -79,18 +79,11 @@ class PlainScan(Scan):
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
         lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
-        shared, own, is_shared = lanes.inputs
-        rows, mask = np.empty((lanes.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
-        rows[:, mask] = shared
         ends: list[np.ndarray] = []
         every: list[Tree] = []
         carry_shape = self.carry_shape
-        for k in range(lanes.lanes):
-            rows[:, ~mask] = own[k]
-            start = None if lanes.start is None else tree_of(self.carry_shape, lanes.start[k])
-            last, outputs_of = self.run(
-                tree_of(self.input_shape, rows), None if self.parameters is None else lanes.theta[k], start
-            )
+        for lane in self._each(lanes):
+            last, outputs_of = self.run(*lane)
             carry_shape = shape_of(last, "carry")
             ends.append(flat_row(carry_shape, last))
             every.append(outputs_of)
@@ -102,6 +95,28 @@ class PlainScan(Scan):
             for column in zip(*(values(shape, outputs_of) for outputs_of in every), strict=True)
         ]
         return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacked))
+
+    def lane_sums(
+        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        self._need_theta()
+        lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
+        each = [self.sensitivities(*lane, tree) for *lane, tree in self._each(lanes)]
+        return np.array([y.sum(0) for y, _ in each]), np.array([d.sum(0)[:, :slopes] for _, d in each])
+
+    def _each(self, lanes: Lanes) -> Iterator[tuple[Tree, Tree, Tree]]:
+        """Yield inputs, θ and start of each lane."""
+        shared, own, is_shared = lanes.inputs
+        rows, mask = np.empty((lanes.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
+        rows[:, mask] = shared
+        for k in range(lanes.lanes):
+            rows[:, ~mask] = own[k]
+            start = None if lanes.start is None else tree_of(self.carry_shape, lanes.start[k])
+            yield (
+                tree_of(self.input_shape, rows),
+                None if self.parameters is None else lanes.theta[k],
+                start,
+            )
 
     def _loop(self, inputs: Tree, theta: np.ndarray | TracedArray, carry: Tree) -> tuple[Tree, list[Tree]]:
         theta_of = () if self.parameters is None else (theta,)
