@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.tune import tune
-from baqueano.tune.gains import rehearse
+from baqueano.tune.rehearsal import rehearse
 from baqueano.vehicle_file import load
 from benchmarks import peers
 from benchmarks.harness import ROUNDS, Bench, Case, interleaved, row
@@ -23,7 +23,7 @@ def benches(smallest: bool) -> list[Bench]:
 
     file = load("case-study-1")
     found = ours(file, duration_s)
-    rehearsal = rehearse(file, ROUTE, laps=0, duration_s=duration_s, effort_m2=0.0, aside_m=0.0)
+    rehearsal = rehearse(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)
     low, high = rehearsal.asked.low, rehearsal.asked.high
     theta, m, I = peers.parameters()
     weights, limit, ticks = found.weights, file.command.limit, round(duration_s * file.rate_hz)
@@ -64,4 +64,4 @@ def benches(smallest: bool) -> list[Bench]:
 
 def ours(file, duration_s):
     """The gains of the least cost of the paper."""
-    return tune(file, ROUTE, laps=0, duration_s=duration_s, effort_m2=0.0, aside_m=0.0)
+    return tune(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)

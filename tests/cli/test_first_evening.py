@@ -34,10 +34,10 @@ def test_a_second_demo_keeps_the_first(tmp_path, monkeypatch):
 
 
 def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
-    from baqueano.tune.gains import rehearse
+    from baqueano.tune.rehearsal import rehearse
 
     typed = {param.name: param.default for param in tune.params}
-    for name in ("effort_m2", "aside_m"):
+    for name in ("jerk_m2", "aside_m"):
         assert typed[name] == signature(rehearse).parameters[name].default == 0.1
 
 

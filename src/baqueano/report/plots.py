@@ -23,6 +23,7 @@ from baqueano.report.page import Drawing, Table
 from baqueano.runs import Run
 from baqueano.simulate import Ensemble
 from baqueano.tune import TuneResult
+from baqueano.tune.tuned import FACTORS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,7 +98,7 @@ def _of_comparison(result: Comparison) -> dict[str, Draw]:
 
 @drawings_of.register(TuneResult)
 def _of_tuned(result: TuneResult) -> dict[str, Draw]:
-    return {"search": lambda: search(result)}
+    return {"search": lambda: search(result), "cost": lambda: cost_around(result)}
 
 
 @drawings_of.register(CorridorAhead)
@@ -161,6 +162,23 @@ def search(result: TuneResult) -> "Figure":
     axes.set_yscale("log")
     axes.set_xlabel(_("evaluations"))
     axes.set_ylabel(_("cost [m²]"))
+    axes.legend()
+    return figure
+
+
+@styled
+def cost_around(result: TuneResult) -> "Figure":
+    """Draw the cost around the optimum: one gain at a time is smaller and larger."""
+    figure, axes = panel((7.2, 3.6))
+    rows = [np.where(np.isfinite(row), row, np.nan) for row in result.around]
+    for gain, row in zip(result.gains, rows, strict=True):
+        axes.plot(FACTORS, 100.0 * (row - 1.0), "o-", ms=3, lw=1.5, label=gain.name)
+    axes.axvline(1.0, color=REFERENCE, lw=1)
+    axes.set_xscale("log")
+    axes.set_xticks(FACTORS, [f"{number(factor):g}" for factor in FACTORS], minor=False)
+    axes.minorticks_off()
+    axes.set_xlabel(_("gain over the tuned one"))
+    axes.set_ylabel(_("more cost [%]"))
     axes.legend()
     return figure
 

@@ -217,7 +217,7 @@ def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> 
 
 def start_of(system: System) -> np.ndarray:
     """The pose (3,) that the guide asks for first."""
-    return np.array(_reference_of(system, [0])[0].eta, dtype=float)
+    return np.array(references_of(system, [0])[0].eta, dtype=float)
 
 
 def lasting(system: System) -> float:
@@ -237,10 +237,10 @@ def ticks_of(system: System, rate_hz: float) -> int:
 
 
 def _done(system: System, t_ns: int) -> bool:
-    return bool(_reference_of(system, [0, t_ns])[-1].done > 0.0)
+    return bool(references_of(system, [0, t_ns])[-1].done > 0.0)
 
 
-def _reference_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
+def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
     """The references of a fresh guide for a vehicle at rest at the origin."""
     state, out = system.guide.init(), []
     for t_ns in times_ns:

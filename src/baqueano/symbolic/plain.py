@@ -79,18 +79,11 @@ class PlainScan(Scan):
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
         batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
-        shared, own, is_shared = batch.inputs
-        rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
-        rows[:, mask] = shared
         ends: list[np.ndarray] = []
         every: list[Tree] = []
         carry_shape = self.carry_shape
-        for k in range(batch.count):
-            rows[:, ~mask] = own[k]
-            start = None if batch.start is None else tree_of(self.carry_shape, batch.start[k])
-            last, outputs_of = self.run(
-                tree_of(self.input_shape, rows), None if self.parameters is None else batch.theta[k], start
-            )
+        for one in self._each(batch):
+            last, outputs_of = self.run(*one)
             carry_shape = shape_of(last, "carry")
             ends.append(flat_row(carry_shape, last))
             every.append(outputs_of)
@@ -102,6 +95,28 @@ class PlainScan(Scan):
             for column in zip(*(values(shape, outputs_of) for outputs_of in every), strict=True)
         ]
         return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacked))
+
+    def batch_sums(
+        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        self._need_theta()
+        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
+        each = [self.sensitivities(*one, tree) for *one, tree in self._each(batch)]
+        return np.array([y.sum(0) for y, _ in each]), np.array([d.sum(0)[:, :slopes] for _, d in each])
+
+    def _each(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
+        """Yield inputs, θ and start of each lane."""
+        shared, own, is_shared = batch.inputs
+        rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
+        rows[:, mask] = shared
+        for k in range(batch.count):
+            rows[:, ~mask] = own[k]
+            start = None if batch.start is None else tree_of(self.carry_shape, batch.start[k])
+            yield (
+                tree_of(self.input_shape, rows),
+                None if self.parameters is None else batch.theta[k],
+                start,
+            )
 
     def _loop(self, inputs: Tree, theta: np.ndarray | TracedArray, carry: Tree) -> tuple[Tree, list[Tree]]:
         theta_of = () if self.parameters is None else (theta,)

@@ -15,9 +15,10 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.symbolic.backends import Runner, chosen
+from baqueano.symbolic.derivatives.sums import summed
 from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import below
-from baqueano.symbolic.graph.program import NormalEquations
+from baqueano.symbolic.graph.program import NormalEquations, Program
 from baqueano.symbolic.graph.trace import trace_step
 from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, values
 
@@ -159,6 +160,13 @@ class Scan(ABC):
         """L runs side by side: theta (L, p); leaves of `carry` (L, …) or shared; leaves of `inputs`
         (L, N, …) or shared. The carry after the last tick, (L, …), and the outputs, (L, N, …), or None."""
 
+    @abstractmethod
+    def batch_sums(
+        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """L runs side by side, as in `batch`: the numbers of the output summed over the ticks, (L, m), and the
+        derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes)."""
+
     def _theta(self, theta: Tree, many: bool = False) -> np.ndarray:
         wanted = "(L, p)" if many else "(p,)"
         if self.parameters is None:
@@ -203,6 +211,7 @@ class TracedScan(Scan):
         candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
         self.trace, self.symmetric = self._traced(candidates)
         self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
+        self.summing: dict[tuple[int, int], tuple[Assembly, Program, Runner]] = {}
         self.begun: dict[bool, tuple[tuple[Assembly, Runner], np.ndarray]] = {}
 
     @property
@@ -272,6 +281,34 @@ class TracedScan(Scan):
         runner.call("batch", count, n, batch.theta, start, *batch.inputs, every, final)
         last = tree_of(self.trace.carry_shape, assembly.whole(final, start))
         return last, None if every is None else tree_of(self.trace.output_shape, every)
+
+    def batch_sums(
+        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        from baqueano.symbolic.batch import Batch
+
+        self._need_theta()
+        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
+        (assembly, _), start = self._prepared(False, carry, batch.start)
+        program, runner = self._summing(assembly, slopes)
+        count, m = batch.count, len(assembly.program.outputs)
+        start = np.broadcast_to(start, (count, start.shape[-1]))
+        final = np.empty((count, len(program.carry)))
+        runner.call("batch", count, batch.ticks, batch.theta, start, *batch.inputs, None, final)
+        sums = final[:, len(program.carry) - m * (1 + slopes) :]
+        return sums[:, :m], np.moveaxis(sums[:, m:].reshape(count, slopes, m), 1, 2)
+
+    def _summing(self, assembly: Assembly, slopes: int) -> tuple[Program, Runner]:
+        key = id(assembly), slopes
+        with self.trace.graph.lock:
+            if key not in self.summing:
+                program = summed(assembly.program, slopes)
+                self.summing[key] = (
+                    assembly,
+                    program,
+                    Runner(program, self.asked),
+                )  # it keeps the assembly's id
+        return self.summing[key][1:]
 
     def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:
         theta, rows = self._theta(theta), self._rows(inputs)

@@ -122,7 +122,8 @@ class CKernel:
     ) -> None:
         """L vehicles: theta (L, p), start (L, s). Inputs that `is_shared` are columns of shared (N, ·), the
         others those of own (L, N, ·). Fills final (L, c) and outputs (L, N, m), unless it is None."""
-        function = self._function("batch", tuple(is_shared), outputs is not None)
+        hasty = not self.program.outputs  # sums with their derivatives are long: -O3 takes ten times as long
+        function = self._function("batch", tuple(is_shared), outputs is not None, hasty=hasty)
 
         def run(part: slice) -> None:
             to = None if outputs is None else outputs[part].ctypes.data

@@ -61,8 +61,8 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
     base: dict[Node, Combination] = {
         x: {TangentRow("unit", lanes, value=j): one} for j, x in enumerate(seeds)
     }
-    active = _active(program, seeds)
-    base |= {x: {drift: one} for x, drift in zip(program.carry, drifts, strict=True) if x in active}
+    moved = active(program, seeds)
+    base |= {x: {drift: one} for x, drift in zip(program.carry, drifts, strict=True) if x in moved}
     parts = (program.initial, program.next_carry, program.outputs)
     order = postorder([root for part in parts for root in part], lambda _: False)
     count = len(list(blocks(len(program.theta))))
@@ -79,17 +79,17 @@ def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
     return terms
 
 
-def _active(program: Program, seeds: Iterable[Node]) -> set[Node]:
+def active(program: Program, seeds: Iterable[Node]) -> set[Node]:
     """Return the nodes that depend on the seeds, also by way of the carry."""
     order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
-    active = set(seeds)
+    found = set(seeds)
     size = -1
-    while size != len(active):
-        size = len(active)
-        active.update(node for node in order if any(a in active for a in node.args))
+    while size != len(found):
+        size = len(found)
+        found.update(node for node in order if any(a in found for a in node.args))
         ends = zip(program.carry, program.initial, program.next_carry, strict=True)
-        active.update(x for x, begin, end in ends if begin in active or end in active)
-    return active
+        found.update(x for x, begin, end in ends if begin in found or end in found)
+    return found
 
 
 class _Rows:

@@ -15,8 +15,9 @@ from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import SHAPES, shape
 from baqueano.runs.route_file import read_route
-from baqueano.tune.gains import EFFORT_M2
+from baqueano.tune.asked import file_values
 from baqueano.tune.laps import SimulatedLaps, simulated_laps
+from baqueano.tune.rehearsal import JERK_M2
 from baqueano.tune.search import UNUSABLE, descend, gains, place
 
 if TYPE_CHECKING:
@@ -44,18 +45,18 @@ class TuningBench:
         name = word.get("route") or names[0]
         file, route, laps = self._laps(word | {"route": name})
         search = laps.asked
-        block = file.controller(word.get("kind") or None, **search.first)
+        block = search.block
         meanings = dict(_meanings(block))
         complete = bool(np.all(np.isfinite(search.before)))
         rows = [
-            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n], "low": low, "high": high,
+            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]], "low": low, "high": high,
              "file": before if complete else None, "value": first}
             for n, unit, low, high, before, first in zip(
                 search.names, search.units, search.low.tolist(), search.high.tolist(), search.before.tolist(),
                 search.first.values(), strict=True)
         ]  # fmt: skip
         return {
-            "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": EFFORT_M2,
+            "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": JERK_M2,
             "seconds": laps.seconds, "whole": laps.whole, "ticks": round(laps.seconds * file.rate_hz),
             "path": {
                 "x": np.round(route.eta[:, 0], 4).tolist()[:: 1 + len(route.eta) // 1500],
@@ -106,8 +107,8 @@ class TuningBench:
         file, _, laps = self._laps(word)
         if file.path is None:
             raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=file.name))
-        own = dict(zip(laps.asked.names, _values(word["gains"], laps).tolist(), strict=True))
-        values = {f"controller.{name}": value for name, value in own.items()}
+        block = laps.asked.with_gains(_values(word["gains"], laps))
+        values = file_values(block, laps.asked.names, word.get("kind") or None)
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
         file.with_values(values, dict.fromkeys(values, origin)).save()
         self._kept.clear()

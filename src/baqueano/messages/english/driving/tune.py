@@ -10,7 +10,11 @@ TEMPLATES: dict[str, str] = {
     "tune.one-start": "only 1 of {starts} starts reached this cost: there may be a better one",
     "tune.saturated": (
         "the command is at its limit {percent:.0f} % of the time: drive slower, or give jerks a higher price "
-        "(effort_m2, --effort)"
+        "(jerk_m2, --jerk)"
+    ),
+    "tune.unstable": (
+        "with these gains a small error grows on a straight drive at {speed_m_s:.2g} m/s: tune over a longer route, "
+        "or narrow the bounds"
     ),
     "simulate.lost": "{lost} of {vehicles} vehicles diverged and are not counted",
     "simulate.clipped": "{clipped} of {vehicles} draws were moved to a bound",
@@ -29,8 +33,13 @@ TEMPLATES: dict[str, str] = {
         'bounds["{name}"] = ({low:g}, {high:g}): expected two finite numbers, the smaller one first.'
     ),
     "tune.weights": (
-        "radian_m = {radian_m:g}, huber_m = {huber_m:g}, effort_m2 = {effort_m2:g}: expected at least 0, above "
-        "0, at least 0."
+        "radian_m = {radian_m:g}, huber_m = {huber_m:g}, jerk_m2 = {jerk_m2:g}, effort_m2 = {effort_m2:g}: expected "
+        "huber_m above 0, the others at least 0."
+    ),
+    "tune.nothing-to-drive": "{routes} routes and {seeds} seeds: expected at least one of each.",
+    "tune.of-a-cell": (
+        "{controller} stands in no file that a vehicle file could name. Drive with controller=tuned.controller, or "
+        "write the class into a file."
     ),
     "tune.too-many": "{dimensions} gains at once: expected at most {most}. Name fewer, and fix the rest.",
     "lab.scipy-for-tuning": "scipy is not installed, and tuning needs it. Type: {fix}",
