@@ -253,8 +253,7 @@ def read(file: str, folder: Path | str | None = None) -> ModuleType:
 
 
 def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
-    """Return what to write in the place of a "file.py" that was named without its class; FileError for anything else.
-    """
+    """Return what to write in place of a "file.py" without its class; FileError for anything else."""
     own = [f"{file}:{name}" for name in _own(read(file, folder))]
     return note("block.classes", file=file, classes=own) if own else note("block.no-classes", file=file)
 

@@ -161,8 +161,7 @@ def _kinds(data: JsonObject) -> list[str]:
 
 
 def _finite(number: str) -> float:
-    """Return a number of JSON; ValueError for NaN and Infinity, which JSON has not, and for what does not fit a double.
-    """
+    """Return a number of JSON; ValueError for NaN and Infinity, and for what does not fit a double."""
     value = float(number)
     if not abs(value) < float("inf"):
         raise ValueError(f"{number} is not finite")
