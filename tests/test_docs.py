@@ -128,7 +128,7 @@ def test_each_row_of_the_security_of_the_page_names_tests_that_exist():
         assert {name for name in named if f"def {name}(" not in tests} == set()
 
 
-def test_every_erratum_that_the_code_names_is_told():
+def test_every_erratum_that_the_code_names_is_reported():
     told = set(
         re.findall(r"^\| (\d+) \|", (ROOT / "docs/errata.md").read_text(encoding="utf-8"), re.MULTILINE)
     )

@@ -166,7 +166,7 @@ def test_a_class_has_a_name_of_its_own():
 
 
 @pytest.mark.parametrize("room", ["vehicles", "sensors", "estimators", "guides", "controllers"])
-def test_no_kind_of_ours_is_told_apart_outside_its_room(room):
+def test_no_kind_of_ours_is_distinguished_outside_its_room(room):
     kinds = blocks_in((SOURCE / room).rglob("*.py")) | {
         "Imu",
         "Wheels",

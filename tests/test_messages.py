@@ -108,14 +108,14 @@ def test_no_code_reads_a_sentence(room):
         'text(why).partition(":")', 'LOW = "the battery is low"\nwhy == LOW',
     ],
 )  # fmt: skip
-def test_whoever_reads_a_sentence_is_found(line):
+def test_anyone_who_reads_a_sentence_is_found(line):
     assert list(readers(ast.parse(line)))
 
 
 @pytest.mark.parametrize(
     "line", ['name.startswith("-")', "why.code == StopReason.TILT", "host.partition(':')", "x in why.figures"]
 )
-def test_whoever_reads_codes_and_names_is_not(line):
+def test_anyone_who_reads_codes_and_names_is_not(line):
     assert not list(readers(ast.parse(line)))
 
 
@@ -217,7 +217,7 @@ def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(said):
         {"code": "x", "severity": "error", "subject": "", "figures": {"a": {"code": 3}}, "fix": ""},
     ],
 )  # fmt: skip
-def test_what_is_no_diagnostic_is_refused(said):
+def test_what_is_not_a_diagnostic_is_refused(said):
     with pytest.raises(ValueError, match=r"diagnostic|figure|Severity"):
         Diagnostic.of_json(said)
 

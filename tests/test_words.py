@@ -4,6 +4,8 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 from baqueano.messages import templates
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
@@ -42,17 +44,57 @@ def test_a_docstring_begins_with_a_verb_or_with_the_thing():
     assert not riddles, f'"Return …", or the noun itself: {riddles}'
 
 
-VERBS = {"said", "told", "asked", "known", "seen", "found", "held", "heard", "felt", "believed", "foretold"}
-UNSETTLED = (
-    "door",
-    "sweep",
-    "tune",
-    "robot/setup",
-    "cli/driving",
+EQUATION = re.compile(r"[=∂Σ≤≥≈√∫∈→±×·ᵀ²]")
+NO_SUBJECT = re.compile(
+    r"\b(is|are|was|were|has|have|had) (no\b(?! longer| more| effect|[,.])|none\b|neither\b|nobody\b)"
+)
+UNSETTLED = (  # rooms that join later
+    "door", "sweep", "tune", "routes", "guides", "controllers", "robot/setup", "cli/driving",
     "cli/modelling/tune.py",
-)  # rooms that join later
-STILL_THERE = {  # names of a file or of a word on the wire, kept for what was written before, and names that others use
-    "drive/first_drive.py: felt", "robot/uno/statistics.py: heard", "runs/run.py: asked", "worlds/faults/ledger.py: said",
+)  # fmt: skip
+
+
+def sentences(docstring: str) -> list[str]:
+    """Return the sentences of a docstring: its paragraphs, without tables, equations of their own and examples."""
+    lines = [
+        ""
+        if re.search(r"\S {3,}\S", line) or line.startswith(("     ", ">>>", "...", "---"))
+        else line.strip()
+        for line in docstring.split("\n")
+    ]
+    paragraphs = (part.replace("\n", " ") for part in "\n".join(lines).split("\n\n"))
+    return [one for part in paragraphs for one in re.split(r"(?<=[.;:!?]) +", part.strip()) if one]
+
+
+def test_a_docstring_is_plain():
+    long, negated = [], []
+    for file, node in nodes():
+        if not isinstance(node, DEFINED) or file.startswith(UNSETTLED):
+            continue
+        for one in sentences(ast.get_docstring(node) or ""):
+            if NO_SUBJECT.search(one):
+                negated.append(f"{file}: {one}")
+            if len(one.split()) > WORDS and not EQUATION.search(one):
+                long.append(f"{file}: {one}")
+    assert not long, f"over {WORDS} words: {long}"
+    assert not negated, f"a subject and a verb: {negated}"
+
+
+@pytest.mark.parametrize(
+    ("docstring", "count"),
+    [
+        ("Return one.\n\nx  three   spaces are a table of words\nTwo. Three; four: five.", 5),
+        ("Return a sentence\nof two lines.\n\n>>> one.two. three\n", 1),
+    ],
+)
+def test_sentences_of_a_docstring(docstring, count):
+    assert len(sentences(docstring)) == count
+
+
+VERBS = {"said", "told", "asked", "known", "seen", "found", "held", "heard", "felt", "believed", "foretold"}
+STILL_THERE = {  # names of a file or of a word on the wire, and names that the rooms above use
+    "drive/first_drive.py: felt", "robot/uno/statistics.py: heard", "runs/run.py: asked",
+    "worlds/faults/ledger.py: said",
 }  # fmt: skip
 
 

@@ -140,7 +140,7 @@ class Diagnostic:
 
     @classmethod
     def of_json(cls, words: Any) -> "Diagnostic":
-        """Return the inverse of `to_json`. ValueError where it is none."""
+        """Return the inverse of `to_json`. ValueError for anything else."""
         try:
             texts = words["code"], words["subject"], words["fix"]
             figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in words["figures"].items()}

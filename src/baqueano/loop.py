@@ -1,7 +1,7 @@
 """The loop: measure → estimate → guide → control → supervise → act.
 
 `step` is pure: blocks, their states and a tick go in, new states and a record come out. The clocked loop
-below, a simulation in one kernel and the tuning of gains all call it; there is no second text of it.
+below, a simulation in one kernel and the tuning of gains all call it; no second text of it exists.
 """
 
 from collections.abc import Callable, Iterable, Iterator

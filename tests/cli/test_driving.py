@@ -144,7 +144,7 @@ def test_a_drive_by_keys_leaves_a_run_and_the_terminal_as_it_was(terminal, tmp_p
     assert screen.heard.rindex(b"\x1b[?25h") > screen.heard.rindex(b"\x1b[?25l")
 
 
-def test_a_set_point_below_the_dead_zone_of_the_file_is_told_on_the_screen(terminal):
+def test_a_set_point_below_the_dead_zone_of_the_file_is_reported_on_the_screen(terminal):
     screen = terminal(*DRIVE, "--latched", kitty=False)
     screen.until(rb"terminal \d+ ms")
     screen.type(b"w")
@@ -230,7 +230,7 @@ def test_the_emulated_vehicle_is_too_fast_for_fingers(baqueano):
     assert ended.why.code == "cli.emulated-by-hand"
 
 
-def test_what_the_marks_tell_is_said_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
+def test_what_the_marks_tell_is_reported_and_goes_into_the_vehicle_file(baqueano, monkeypatch):
     run = driven(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **how: run)
     said = baqueano("drive", "--vehicle", "small", "--json")

@@ -191,7 +191,7 @@ def test_simulate_drives_the_truth_of_a_project_and_its_model_on_demand(baqueano
     )
 
 
-def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_path):
+def test_a_shape_that_is_too_fast_to_follow_is_reported_with_a_speed(baqueano, tmp_path):
     end = baqueano("teach", "r", "--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "3")
     assert end.code == 1
     assert (end.why.code, end.why.figures["speed_m_s"]) == ("cli.not-followed", 3.0)
@@ -199,7 +199,7 @@ def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_p
     assert not (tmp_path / "routes").exists()
 
 
-def test_who_compares_a_run_without_an_estimate_is_told_how_to_make_one(baqueano):
+def test_who_compares_a_run_without_an_estimate_is_reported_how_to_make_one(baqueano):
     baqueano("simulate", "--vehicle", "small", "--seconds", "1")
     end = baqueano("compare", "1")
     assert end.code == 0

@@ -33,7 +33,7 @@ def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(told, tmp_path
     assert (tmp_path / "my.toml").read_text() == before
 
 
-def test_too_little_motion_is_no_proof(told, tmp_path):
+def test_too_little_motion_is_not_proof(told, tmp_path):
     end = told("short.mcap", "--json")
     assert end.code == 0
     verdict = end.reply["rows"][-1]

@@ -122,7 +122,7 @@ def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tm
     assert parse(tuned.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
 
 
-def test_a_controller_without_named_gains_is_told_how_to_name_them_before_the_search(project, tmp_path):
+def test_a_controller_without_named_gains_is_reported_how_to_name_them_before_the_search(project, tmp_path):
     mine = own_controller(tmp_path, "0.5")
     end = project("tune", "--vehicle", str(mine), "--route", "lab")
     assert end.code == 2
@@ -209,7 +209,7 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
         (None, "Mine", ("block.file-absent", "found", "mine.py")),
     ],
 )  # fmt: skip
-def test_a_block_that_cannot_be_loaded_is_told_before_anything_moves(
+def test_a_block_that_cannot_be_loaded_is_reported_before_anything_moves(
     project, tmp_path, room, text, name, said
 ):
     if text is not None:

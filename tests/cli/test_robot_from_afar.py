@@ -33,7 +33,7 @@ def door(request, tmp_path):
 
 
 @pytest.mark.parametrize("door", [Stoppable], indirect=True)
-def test_a_vehicle_that_was_seen_stopped_is_told_so(baqueano, door):
+def test_a_vehicle_that_was_seen_stopped_is_reported_so(baqueano, door):
     door.tell({"is": "state", "state": "MISSION", "why": None})
     end = baqueano("robot", "stop", str(door.path))
     assert (end.code, end.out) == (0, f"{door.path}: STOPPED\n")

@@ -62,7 +62,7 @@ def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
         ("controller.k_x", 10**400, "door.not-a-number"),
     ],
 )
-def test_what_cannot_be_set_changes_nothing_and_is_said(path, value, code):
+def test_what_cannot_be_set_changes_nothing_and_is_reported(path, value, code):
     own = load("small").controller()
     one = Adjustable(own)
     with refused(code):

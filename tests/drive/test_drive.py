@@ -112,7 +112,7 @@ def test_teaching_by_hand_until_the_hand_lets_go():
     assert route.eta[-1, 0] > 0.2
 
 
-def test_a_drive_that_does_not_come_back_is_no_closed_route():
+def test_a_drive_that_does_not_come_back_is_not_a_closed_route():
     with refused("route.open", AnswerNo):
         teach(FILE, [(2.0, (0.5, 0, 0))], closed=True)
 
@@ -259,7 +259,7 @@ def test_worlds_and_files_of_different_kinds_do_not_meet():
         experiment(FILE, np.zeros((5, 3)), world=world)
 
 
-def test_progress_is_told():
+def test_progress_is_reported():
     seen = []
     experiment(FILE, np.zeros((200, 3)), observers=[Progress(seen.append)])
     assert seen[0] == pytest.approx(0.01)

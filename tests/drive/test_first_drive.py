@@ -82,7 +82,7 @@ def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
         rough(found, small)
 
 
-def test_a_vehicle_that_does_not_move_is_said_and_full_command_is_the_end(small, monkeypatch):
+def test_a_vehicle_that_does_not_move_is_reported_and_full_command_is_the_end(small, monkeypatch):
     monkeypatch.setattr(first_drive_pulses, "STEP", 0.4)
     stuck = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
     found = first_drive(small, truth=stuck, seed=2)
@@ -142,7 +142,7 @@ def test_a_vehicle_without_limit_is_refused(small):
         directions(endless)
 
 
-def test_a_run_without_estimates_is_no_first_drive(first):
+def test_a_run_without_estimates_is_not_a_first_drive(first):
     from dataclasses import replace
 
     with refused("first-drive.no-estimates", UsageError):

@@ -77,7 +77,7 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
         ("[1]", ("mission.damaged", {})),
     ],
 )
-def test_what_is_no_mission_is_told(text, said):
+def test_what_is_not_a_mission_is_reported(text, said):
     with refused(said[0], UsageError, **said[1]):
         Mission.of_json(text)
 

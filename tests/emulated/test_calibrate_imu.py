@@ -61,7 +61,7 @@ def test_what_was_found_makes_the_vehicle_files_imu_say_zero_at_rest(robot):
     assert imu.gyro_bias == pytest.approx(-0.02, abs=5e-4)
 
 
-def test_a_turn_to_the_right_is_told(robot):
+def test_a_turn_to_the_right_is_reported(robot):
     with pytest.raises(AnswerNo, match=r"turned by \d+° to the right"):
         found(robot, follows(Hand(robot), turn=-np.pi))
 
@@ -78,7 +78,7 @@ def test_a_vehicle_that_is_carried_about_is_not_at_rest(robot):
         found(robot, lambda text: None)
 
 
-def test_an_imu_without_samples_is_told(robot):
+def test_an_imu_without_samples_is_reported(robot):
     watched = ImuReader(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
     with pytest.raises(AnswerNo, match=r"gave no sample in 1 s.*doctor"):
         watched.samples(1.0)
@@ -95,7 +95,7 @@ def test_a_lift_over_a_corner_tells_nothing_of_ahead():
 
 
 @pytest.mark.parametrize("turn", [1.7, 3.0, 4.2])
-def test_bias_and_slope_are_told_apart_by_any_turn_between_a_quarter_and_three(turn):
+def test_bias_and_slope_are_distinguished_by_any_turn_between_a_quarter_and_three(turn):
     bias, slope = np.array([0.1, -0.2]), np.array([0.3, 0.05])
     c, s = np.cos(turn), np.sin(turn)
     found_bias, found_slope = biases(bias + slope, bias + np.array([[c, s], [-s, c]]) @ slope, turn)

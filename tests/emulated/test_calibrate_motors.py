@@ -81,7 +81,7 @@ def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afte
         (((1, 1.0), (0, -1.0)), SWAPPED | REVERSED_R),
     ],
 )
-def test_each_wiring_is_told_from_the_others(robot, bench, plugs, expected):
+def test_each_wiring_is_distinguished_from_the_others(robot, bench, plugs, expected):
     robot.plugs = plugs
     bench.uno.arm()
     assert calibrate_motors._wiring(bench, lambda text: None) == expected
@@ -172,7 +172,7 @@ def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, ben
     assert not robot.board.moving
 
 
-def test_an_uno_whose_cable_is_out_is_said_to_be_half_calibrated_with_the_line_that_mends_it(robot, bench):
+def test_an_uno_whose_cable_is_out_is_reported_as_half_calibrated_with_the_line_that_mends_it(robot, bench):
     robot.uno.keep(MINE, robot.wait)
     said, line = [], (robot.write, robot.read)
 
@@ -212,12 +212,12 @@ def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
     assert max(way.dead_zone_permille + way.slope_permille for way in found) == 1000
 
 
-def test_a_sweep_that_moved_nothing_is_told():
+def test_a_sweep_that_moved_nothing_is_reported():
     with pytest.raises(AnswerNo, match="left forwards: of 8 duties from 30% to 70% only 1 moved the wheel"):
         fitted(0.4, np.linspace(0.7, 0.3, 8), np.array([3.0, 0, 0, 0, 0, 0, 0, 0]), "left forwards")
 
 
-def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_told():
+def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_reported():
     duties = np.linspace(1.0, 0.8, 8)
     with pytest.raises(
         AnswerNo, match="stands still below a duty of 75%, and the firmware makes up for 70 %"
@@ -225,7 +225,7 @@ def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_told():
         fitted(0.8, duties, 5.0 * (duties - 0.75), "right backwards")
 
 
-def test_a_crooked_vehicle_is_told_what_to_look_for():
+def test_a_crooked_vehicle_is_reported_what_to_look_for():
     settings = Settings(ways=(Way(300, 700, 0),) * 4)
     motors = calibrate_motors.Motors(
         settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0), (1.5, -0.2)

@@ -173,7 +173,7 @@ def test_a_mission_whose_arming_is_lost_drives_as_one_whose_arming_came(vehicle)
     assert 1 <= ignored <= 4, "the run tells of the commands that came before it was armed"
 
 
-def test_a_mission_that_an_uno_never_hears_is_no_success(vehicle):
+def test_a_mission_that_an_uno_never_hears_is_not_a_success(vehicle):
     robot, service = vehicle()
     arm = service.uno.arm
 

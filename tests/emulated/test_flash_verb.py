@@ -45,7 +45,7 @@ def test_the_bytes_of_a_hex_file_are_those_that_the_emulator_loads(firmware):
         assert memory[at : at + len(data)] == data
 
 
-def test_a_line_on_which_no_boot_loader_answers_is_told(firmware, optiboot):
+def test_a_line_on_which_no_boot_loader_answers_is_reported(firmware, optiboot):
     with (
         on_pty(firmware) as live,
         pytest.raises(RobotUnreachable, match=r"avrdude did not write it: .*own boot-loader"),
@@ -79,7 +79,7 @@ def test_without_avrdude_it_says_what_to_install(monkeypatch, tmp_path):
         (":00000001FF", "holds 0 bytes: expected 1 to 32256"),
     ],
 )
-def test_a_file_that_is_no_firmware_is_refused(tmp_path, text, match):
+def test_a_file_that_is_not_a_firmware_is_refused(tmp_path, text, match):
     path = tmp_path / "mine.hex"
     path.write_text(text)
     with pytest.raises(FileError, match=match):

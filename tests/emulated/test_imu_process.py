@@ -235,7 +235,7 @@ def test_a_wrong_address_is_error_121_in_smbus2(machine):
     assert "[Errno 121] Remote I/O error" in said
 
 
-def test_a_sleeping_machine_without_a_chip_is_told_in_one_paragraph(machine):
+def test_a_sleeping_machine_without_a_chip_is_reported_in_one_paragraph(machine):
     code = "from baqueano.robot.imu import driver as imu; imu.open(1, address=0x69)"
     said = machine().run(sys.executable, "-c", code).stderr
     assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in said

@@ -81,7 +81,7 @@ def test_what_is_set_is_read_back_and_outlives_the_supply(verb, live):
     assert in_eeprom(live) == Settings(driver=Driver.L293D)
 
 
-def test_a_turned_wheel_and_a_passed_line_are_told_while_it_watches(verb, live):
+def test_a_turned_wheel_and_a_passed_line_are_reported_while_it_watches(verb, live):
     assert verb("--encoders", "quadrature")[0] == 0
 
     def by_hand():

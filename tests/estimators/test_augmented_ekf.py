@@ -132,7 +132,7 @@ def test_what_is_absurd_is_never_followed():
     assert abs(after.mean[5]) < 1.0
 
 
-def test_rt8_what_stands_at_the_end_of_the_range_is_no_measurement():
+def test_rt8_what_stands_at_the_end_of_the_range_is_not_a_measurement():
     ranged = replace(IMU, gyro_limit=4.0)
     block = compiled(AugmentedEkf(SMALL, BOTH(ranged, ODOMETER)), "c")
     _, estimate = run(block, (tick(k, (0, 0, 4.0)) for k in range(1, 100)))

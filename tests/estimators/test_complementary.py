@@ -73,7 +73,7 @@ def test_wheels_that_are_silent_half_of_the_time_pull_only_when_they_speak():
     assert found.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
 
 
-def test_slow_changes_are_those_of_the_wheels_whatever_the_model_says():
+def test_slow_changes_are_those_of_the_wheels_for_any_model_says():
     n = 1000
     v = 0.3 * np.sin(0.2 * DT * np.arange(1, n + 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": 1.02 * v[:, None]}

@@ -111,7 +111,7 @@ def test_the_same_runs_give_the_same_choice(dry, believed, found):
     assert choose(drive(dry, 0), believed, use=USE).table() == found.table()
 
 
-def test_the_rest_of_what_is_said_of_the_fit_is_in_the_report_where_one_is_written(found):
+def test_the_rest_of_what_is_reported_of_the_fit_is_in_the_report_where_one_is_written(found):
     much = replace(found, fit=replace(found.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
     assert much.table().endswith(" more: --report fit.html shows all, with figures")
     assert much.table(reported=True).endswith(" more: the report shows all, with figures")
@@ -158,12 +158,12 @@ def test_too_short_runs_are_refused_with_their_length(dry, believed):
         choose(drive(dry, 0, 8.0), believed, use=USE)
 
 
-def test_a_name_that_is_no_term_is_answered_with_those_that_are(dry, believed):
+def test_a_name_that_is_not_a_term_is_answered_with_those_that_are(dry, believed):
     with pytest.raises(UsageError, check=of_code("choose.no-term")):
         choose(drive(dry, 0), believed, ["dry fiction"], use=USE)
 
 
-def test_no_run_is_no_choice(believed):
+def test_no_run_is_not_a_choice(believed):
     with pytest.raises(UsageError, check=of_code("choose.no-command")):
         choose([], believed)
 
@@ -226,7 +226,7 @@ def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, fo
     assert load("my.toml").value("model.quadratic_drag") == 0.0
 
 
-def test_what_choosing_does_not_go_with_is_said(in_a_folder, capsys):
+def test_what_choosing_does_not_go_with_is_reported(in_a_folder, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["identify", *SAID, "--speed-noise"])
     assert ended.value.code == 2

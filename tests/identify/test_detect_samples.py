@@ -123,7 +123,7 @@ def test_a_channel_without_life_is_left_out_and_doubted():
     assert found[0] == dead
 
 
-def test_the_noise_is_told_from_the_values_that_changed():
+def test_the_noise_is_reported_from_the_values_that_changed():
     z = motion()[:, 0]
     held = np.repeat(z, 4)
     assert grain(held).sigma == pytest.approx(0.1, rel=0.05)

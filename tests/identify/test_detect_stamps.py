@@ -27,7 +27,7 @@ def test_a_sound_run_is_given_back_as_it_is(driven):
     assert pieces == [run]
 
 
-def test_id3_half_a_step_of_jitter_is_no_burst(driven):
+def test_id3_half_a_step_of_jitter_is_not_a_burst(driven):
     run = driven(0, 20.0)
     jitter = np.random.default_rng(0).uniform(-0.45e7, 0.45e7, len(run.t_ns)).astype(np.int64)
     pieces, found = check_timestamps(moved(run, lambda t: t + jitter), 100.0)

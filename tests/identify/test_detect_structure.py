@@ -52,7 +52,7 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
     assert "term.dry-friction" in {one.figures["what"].code for one in missing}
 
 
-def test_a_part_of_the_run_with_another_vehicle_is_told_with_its_parameter(case, u):
+def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(case, u):
     other = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     first = simulate(case, u, 0)
     second = simulate(other, u[1500:], 1, nu0=first.truth.nu[1499])
@@ -68,7 +68,7 @@ def test_a_part_of_the_run_with_another_vehicle_is_told_with_its_parameter(case,
     )  # what the halves show is in it
 
 
-def test_of_two_runs_of_two_vehicles_the_difference_is_told(case, u):
+def test_of_two_runs_of_two_vehicles_the_difference_is_reported(case, u):
     other = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, other))]
     fit = identify(runs, case)

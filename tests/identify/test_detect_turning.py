@@ -48,7 +48,7 @@ def accused(fit):
 @pytest.mark.parametrize(
     ("factor", "unit", "was"), [(DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")]
 )
-def test_a_slow_car_is_told_which_unit_its_gyro_has(at_ten_hertz, factor, unit, was):
+def test_a_slow_car_is_reported_which_unit_its_gyro_has(at_ten_hertz, factor, unit, was):
     file, run = at_ten_hertz
     for use in (None, ("imu",)):
         fit = identify(with_gyro(run, factor), file, use=use)

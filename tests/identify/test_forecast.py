@@ -94,19 +94,19 @@ def test_a_run_without_a_lap_says_why(small):
     assert found.notes[0].code == "forecast.strays"
 
 
-def test_a_lost_heading_is_no_distance():
+def test_a_lost_heading_is_not_a_distance():
     said = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
     assert (said.code, said.figures["heading_deg"]) == ("forecast.lost", "34")
 
 
-def test_a_fit_of_sensors_alone_foretells_nothing():
+def test_a_fit_of_sensors_alone_predicts_nothing():
     file, run = driven("small", 10.0)
     fit = identify(run, file, ["sensors.imu.lever_arm_m"], options=FitOptions(diagnose=False))
     with pytest.raises(UsageError, check=of_code("forecast.no-errors")):
         forecast(fit, run)
 
 
-def test_commands_that_no_run_had_are_said(small):
+def test_commands_that_no_run_had_are_reported(small):
     fit, run = small
     narrow = fit.envelope._replace(low=0.5 * fit.envelope.low, high=0.5 * fit.envelope.high)
     assert "The lap leaves the envelope of the fit: u_x goes" in " ".join(

@@ -39,7 +39,7 @@ def off(fit, q, name):
     return abs(fit.value(name) - float(robot_values(q)[name][0])) / fit.sd[fit.names.index(name)]
 
 
-def test_a_low_pass_that_the_file_does_not_tell_is_no_usable_fit(logs):
+def test_a_low_pass_that_the_file_does_not_tell_is_not_a_usable_fit(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, FREE)
     assert fit.verdict == "WARN"

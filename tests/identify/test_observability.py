@@ -45,7 +45,7 @@ def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(
     assert "not seen" in fit.table()
 
 
-def test_mass_is_not_told_from_forces_and_the_scale_is_recommended(case, driven):
+def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, driven):
     names = (
         "mass_kg",
         "friction.linear[0]",
@@ -117,14 +117,14 @@ def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_t
     )
 
 
-def test_what_never_moved_sideways_is_said_of_what_is_held(case):
+def test_what_never_moved_sideways_is_reported_of_what_is_held(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     held = {one.subject: one for one in fit.unobservable}["model.friction.linear[1]"]
     assert (held.code, held.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
 
 
-def test_what_the_vehicle_can_never_show_is_said_once_and_is_no_reproach(case, driven):
+def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(case, driven):
     fit = identify(driven(0, 30.0), case)
     assert fit.verdict == "USABLE"
     assert fit.unobservable == ()
@@ -133,7 +133,7 @@ def test_what_the_vehicle_can_never_show_is_said_once_and_is_no_reproach(case, d
     assert fit.never[0].figures["names"] == "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]"
 
 
-def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_said(small):
+def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_reported(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
     collinear = [one for one in fit.unobservable if one.code == "identifiability.tied"]
     named = [f"{one.subject}, {one.figures['others']}" for one in collinear]

@@ -121,7 +121,7 @@ def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
 
 
-def test_what_the_floor_explains_is_no_doubt_any_more(disturbed):
+def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed):
     """The simulation's residuals are autocorrelated, and the likelihood of a moving floor says why."""
     _, fits = disturbed
     for first, second in fits:

@@ -16,7 +16,7 @@ def with_more(run, **sizes: int):
     return replace(run, sensors=run.sensors | {name: channel(m) for name, m in sizes.items()})
 
 
-def test_a_sensor_that_the_file_does_not_know_is_told_with_what_to_write(driven, case):
+def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(driven, case):
     run = with_more(driven(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
     said = unused([run, run], case)
     assert len(said) == 2, "once for all runs, and nothing of battery and temperature"
@@ -28,7 +28,7 @@ def test_a_sensor_that_the_file_does_not_know_is_told_with_what_to_write(driven,
     assert unused([driven(0, 2.0)], case) == []
 
 
-def test_it_is_told_before_the_fit_unless_sensors_are_named(driven, tmp_path, monkeypatch, capsys):
+def test_it_is_reported_before_the_fit_unless_sensors_are_named(driven, tmp_path, monkeypatch, capsys):
     import pytest
 
     from baqueano.cli import main

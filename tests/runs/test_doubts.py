@@ -69,7 +69,7 @@ def test_a_camera_that_is_turned_against_the_heading_is_refused(lab):
     ]
 
 
-def test_what_the_author_has_looked_into_is_accepted_and_told(lab):
+def test_what_the_author_has_looked_into_is_accepted_and_reported(lab):
     lab.board["wz"] = -lab.board["wz"]
     message = lab.refused("write at the top of the map: accept = ")
     lab.map = 'accept = ["inverted"]\n' + lab.map
@@ -90,7 +90,7 @@ def test_time_that_steps_back_is_refused_or_left_out(lab):
     assert (np.diff(run.t_ns) > 0).all()
 
 
-def test_plain_repeats_are_left_out_and_told_but_different_ones_are_refused(lab):
+def test_plain_repeats_are_left_out_and_reported_but_different_ones_are_refused(lab):
     for name, column in lab.board.items():
         lab.board[name] = np.repeat(column, np.where(np.arange(1500) % 500 == 7, 2, 1))
     run, doubts = lab.run()
@@ -106,7 +106,7 @@ def test_plain_repeats_are_left_out_and_told_but_different_ones_are_refused(lab)
     assert kept["last"] - kept["first"] == pytest.approx(1.0)
 
 
-def test_gaps_are_told_where_they_are(lab):
+def test_gaps_are_reported_where_they_are(lab):
     keep = np.ones(1500, dtype=bool)
     keep[100:105] = keep[700] = False
     lab.board = {name: column[keep] for name, column in lab.board.items()}
@@ -164,7 +164,7 @@ def test_commands_that_never_meet_the_ticks_are_refused(lab):
     lab.refused(r"none of the ticks of \[files.board\] has a command of \[files.camera\]\. .*shift_s = …")
 
 
-def test_id4_missing_numbers_are_left_out_and_told(lab):
+def test_id4_missing_numbers_are_left_out_and_reported(lab):
     lab.board["ax"][10:13] = np.nan
     lab.camera["yaw"] = [f"{x:.6f}" for x in lab.camera["yaw"]]
     lab.camera["yaw"][5] = ""
@@ -179,12 +179,12 @@ def test_id4_missing_numbers_are_left_out_and_told(lab):
     lab.refused(r"\[sensors.imu\] does not have a complete row of numbers")
 
 
-def test_rows_without_a_time_are_left_out_and_told(lab):
+def test_rows_without_a_time_are_left_out_and_reported(lab):
     lab.board["t"][4:6] = np.nan
     assert "board.csv: 2 rows without a time were left out" in [d.text for d in lab.run().doubts]
 
 
-def test_held_samples_are_told(lab):
+def test_held_samples_are_reported(lab):
     for name in ("ax", "ay", "wz"):
         lab.board[name] = np.repeat(lab.board[name][::5], 5)
     (doubt,) = (d for d in lab.run().doubts if d.code == "held samples")
@@ -203,7 +203,7 @@ def test_a_vehicle_that_stands_is_not_a_held_sample(lab):
     assert "held samples" not in lab.codes()
 
 
-def test_a_battery_that_stays_with_the_command_is_no_held_sample(lab):
+def test_a_battery_that_stays_with_the_command_is_not_a_held_sample(lab):
     lab.board["battery"] = 7400.0 - 50.0 * np.floor(np.arange(1500) / 60.0)
     battery = '[sensors.battery]\nfile = "board"\nz = [{ column = "battery", unit = "mV" }]\n'
     lab.edit("[truth]", battery + "[truth]")
@@ -212,7 +212,7 @@ def test_a_battery_that_stays_with_the_command_is_no_held_sample(lab):
     assert "constant" in lab.codes()
 
 
-def test_constant_columns_are_told(lab):
+def test_constant_columns_are_reported(lab):
     lab.board["ax"][:] = 0.0
     lab.board["throttle"][:] = 0.25
     texts = [d.text for d in lab.run().doubts if d.code == "constant"]
@@ -222,7 +222,7 @@ def test_constant_columns_are_told(lab):
     ]
 
 
-def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_told(lab):
+def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_reported(lab):
     lab.board["wz"] = 1.04 * lab.board["wz"]
     v = 0.8 * np.sin(0.5 * lab.board["t"])
     lab.board["speed"], lab.board["ay"] = np.abs(v), lab.board["ay"] * v
@@ -233,7 +233,7 @@ def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_told(lab):
     assert "scale" in codes
 
 
-def test_the_scale_of_a_gyro_is_told_beside_a_camera_whose_clock_is_apart(lab):
+def test_the_scale_of_a_gyro_is_reported_beside_a_camera_whose_clock_is_apart(lab):
     """A clock that is 0.15 s off made the slope 0.98 times its own."""
     lab.board["wz"] = 1.034 * lab.board["wz"]
     lab.camera["t"] = lab.camera["t"] - 0.152
@@ -245,24 +245,24 @@ def test_the_scale_of_a_gyro_is_told_beside_a_camera_whose_clock_is_apart(lab):
     assert shift_s == pytest.approx(0.152, abs=0.011)  # it is looked for in steps of 10 ms
 
 
-def test_a_steering_that_turns_right_is_told(lab):
+def test_a_steering_that_turns_right_is_reported(lab):
     lab.board["steer"] = -lab.board["steer"]
     assert any("positive steering turns right" in d.text for d in lab.run().doubts)
 
 
-def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_told(lab):
+def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_reported(lab):
     lab.board["wz"] = np.random.default_rng(1).normal(size=1500)
     assert "unrelated" in lab.codes()
 
 
-def test_a_steering_that_never_moves_beside_a_gyro_that_nothing_measures_is_no_relation(lab):
+def test_a_steering_that_never_moves_beside_a_gyro_that_nothing_measures_is_not_a_relation(lab):
     lab.board["steer"][:] = 0.0
     lab.edit('{ column = "wz", unit = "rad/s" }', "{ constant = nan }")
     assert "constant" in lab.codes()
 
 
 @pytest.mark.parametrize("step", [0.005, 0.01, 0.03])
-def test_the_steps_of_an_encoder_are_no_held_samples(lab, step):
+def test_the_steps_of_an_encoder_are_not_a_held_samples(lab, step):
     lab.board["speed"] = step * np.round(lab.board["speed"] / step)
     assert "held samples" not in lab.codes()
 
@@ -343,7 +343,7 @@ def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, apa
     assert "accept = [" in said
 
 
-def test_wheels_that_have_nothing_to_do_with_the_gyro_are_told(lab):
+def test_wheels_that_have_nothing_to_do_with_the_gyro_are_reported(lab):
     by_wheels(lab)
     noise = np.random.default_rng(2).normal(size=1500)
     lab.board["r"] = lab.board["l"] + noise

@@ -152,6 +152,6 @@ def test_a_lever_arm_has_two_numbers(tmp_path):
         import_run(tmp_path / "m.toml")
 
 
-def test_a_map_that_is_no_file_is_said(recording, tmp_path):
+def test_a_map_that_is_not_a_file_is_reported(recording, tmp_path):
     with refused("map.not-file", UsageError, run="simulation"):
         write_mount(tmp_path / "none.toml", recording[1], {}, {})

@@ -79,7 +79,7 @@ def test_the_run_holds_the_truth_the_signal_and_what_made_it(vehicle):
     assert {"numpy", "python", "baqueano"} <= run.metadata.keys()
 
 
-def test_it_starts_where_it_is_told_to(vehicle):
+def test_it_starts_where_it_is_reported_to(vehicle):
     run = simulate(vehicle, np.zeros((2, 3)), eta0=[1, 2, 3], nu0=[0.5, 0, 0], noise=False)
     np.testing.assert_allclose(
         run.truth.eta[0, :2], [1 + 0.005 * np.cos(3), 2 + 0.005 * np.sin(3)], atol=2e-4
@@ -106,6 +106,6 @@ def test_a_signal_that_cannot_be_driven_is_refused_in_words(vehicle, u, words):
         simulate(vehicle, u)
 
 
-def test_a_start_that_is_no_pose_is_refused(vehicle):
+def test_a_start_that_is_not_a_pose_is_refused(vehicle):
     with refused("simulate.pose", UsageError, name="eta0", found="[1.0, 2.0]"):
         simulate(vehicle, U, eta0=[1, 2])

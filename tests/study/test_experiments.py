@@ -48,7 +48,7 @@ def test_a_row_tells_how_many_times_better_and_where_another_is_better():
         (draw_robots(0.01)._replace(seconds=11.0), "took 11.0 s, more than a sixth of 60 s"),
     ],
 )
-def test_what_a_design_does_not_reach_is_said(made, said):
+def test_what_a_design_does_not_reach_is_reported(made, said):
     rows = rows_of("all", "", {"designed": made, "random_steps": draw_robots(0.02)})
     assert said in Experiments(tuple(rows), 60.0).reasons[0]
 
@@ -72,7 +72,7 @@ def test_a_touched_wall_refuses_the_first_drive():
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_vehicles_are_as_far_from_their_file_as_is_said_and_their_physics_is_of_the_truth(name):
+def test_vehicles_are_as_far_from_their_file_as_is_reported_and_their_physics_is_of_the_truth(name):
     file = load(name)
     vehicles = vehicles_around(file, 30, 0)
     values = numbers(vehicles)
@@ -138,7 +138,7 @@ def test_a_world_of_the_loop_is_the_world_of_the_truth_with_each_command_from_th
     assert looped.new_truths() == []
 
 
-def test_unknown_robots_have_the_gains_and_dead_zones_that_are_said():
+def test_unknown_robots_have_the_gains_and_dead_zones_that_are_reported():
     file, robots = load("small"), [unknown(seed) for seed in range(60)]
     ratio = np.array([gains(robot, file) for robot in robots])
     assert 0.8 * WEAKEST < ratio.min() < 0.5

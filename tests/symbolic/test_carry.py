@@ -123,7 +123,7 @@ def test_a_complement_that_was_written_to_is_forgotten():
     np.testing.assert_allclose(found, expected, rtol=1e-14)
 
 
-def test_what_a_step_returns_as_it_came_is_no_state():
+def test_what_a_step_returns_as_it_came_is_not_a_state():
     def step(carry, u):
         x, bias, scale = carry
         return (x + scale * u + bias[0], bias, scale), x

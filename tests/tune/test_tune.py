@@ -102,7 +102,7 @@ def test_moving_and_turning_the_route_changes_no_cost(small):
     assert rehearse(small, there).cost(GAINS) == pytest.approx(rehearse(small, ROUTE).cost(GAINS), rel=1e-6)
 
 
-def test_a_gain_at_its_limit_is_told(small):
+def test_a_gain_at_its_limit_is_reported(small):
     tuned = tune(small, circle(0.4, 0.3), bounds={"alpha": (3.0, 4.0)}, starts=1)
     assert tuned.values["alpha"] == pytest.approx(4.0, rel=1e-2)
     (reason,) = (one for one in tuned.reasons if one.code == "tune.at-upper-limit")

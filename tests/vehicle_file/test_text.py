@@ -107,7 +107,7 @@ def test_fi4_a_number_of_thousands_of_digits_is_refused():
         ("mass_kg 0.61", "is not TOML: "),
     ],
 )
-def test_fi1_what_is_no_toml_is_told_with_its_line(text, part):
+def test_fi1_what_is_not_toml_is_reported_with_its_line(text, part):
     with pytest.raises(FileError) as caught:
         tables(text, "my.toml")
     assert str(caught.value).startswith("my.toml line ")

@@ -229,7 +229,7 @@ def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packed):
 
 
 @pytest.mark.parametrize("path", ["x", "http://evil.example/", "/\0", "/a b", "*", "/\xe9"])
-def test_ne6_what_is_no_path_is_refused(folder, path):
+def test_ne6_what_is_not_a_path_is_refused(folder, path):
     with pytest.raises(RefusedRequest):
         head_of(f"GET {path} HTTP/1.1\r\n\r\n".encode("latin-1"))
 

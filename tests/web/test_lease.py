@@ -52,7 +52,7 @@ def test_rt13_a_slow_way_is_allowed_for():
     assert not lease.beat("ana", 3, age_s=float("nan"), way_s=0.15)
 
 
-def test_rt14_a_second_driver_is_told_who_drives_and_may_be_given_the_vehicle():
+def test_rt14_a_second_driver_is_reported_who_drives_and_may_be_given_the_vehicle():
     _, lease = held()
     with pytest.raises(SafetyStop) as error:
         lease.take("luis", "luis")

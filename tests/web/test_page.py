@@ -134,7 +134,7 @@ def test_a_real_vehicle_wants_a_hold(tab):
         until(lambda: live.words("mission"))
 
 
-def test_a_lost_connection_is_said_and_mended(tab, live):
+def test_a_lost_connection_is_reported_and_mended(tab, live):
     opened(tab, live)
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine")

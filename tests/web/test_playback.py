@@ -160,7 +160,7 @@ def test_scenes_lead_from_the_vehicle_to_what_is_known_and_to_the_gains(tmp_path
     run_page(job)
 
 
-def test_what_was_tuned_is_told_in_plain_numbers():
+def test_what_was_tuned_is_reported_in_plain_numbers():
     pipe = io.BytesIO()
     pipe.flush = lambda: None
 

@@ -128,7 +128,7 @@ def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing
     assert robot.battery_v == 7.4
 
 
-def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_heard_once():
+def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_received_once():
     line = Line(telemetry(10))
     body = Body(wheel_radius_m=0.03, counts_per_turn=60.0)
     robot = Robot(sensors(wheels=Wheels(track_m=0.1), mark=Mark()), line, None, body)
@@ -152,7 +152,7 @@ def test_a_speed_of_encoders_is_half_as_old_as_the_time_that_was_counted():
     assert measured_ns(34 * MS, said) == 20 * MS
 
 
-def test_counts_that_wrap_are_no_leap():
+def test_counts_that_wrap_are_not_a_leap():
     line = Line(telemetry(10, counts=((1 << 31) - 2, 3 - (1 << 31))))
     robot = Robot(sensors(wheels=Wheels(track_m=0.1)), line, None, Body("two_wheels", 0.03, 60.0))
     robot.read(10 * MS)
@@ -204,7 +204,7 @@ def test_an_encoder_that_fell_silent_is_named_once_until_it_has_counted_again():
     assert robot.new_events() == []
 
 
-def test_a_silent_link_and_a_stopped_firmware_are_told():
+def test_a_silent_link_and_a_stopped_firmware_are_reported():
     line = Line(telemetry(10))
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     robot.read(10 * MS)

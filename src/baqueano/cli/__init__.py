@@ -48,7 +48,7 @@ BACKENDS = ("auto", "c", "python", "numpy")
 
 
 def unknown(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
-    """Return the error of a verb that is none."""
+    """Return the error for an unknown verb."""
     from baqueano.diagnostics import fault, nearest
     from baqueano.errors import UsageError
 
@@ -64,7 +64,7 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The verb that was typed; UsageError with the nearest one where there is none."""
+        """The verb that was typed; UsageError with the nearest one for an unknown verb."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             raise unknown(args[0], list(self.commands), ctx)
         return super().resolve_command(ctx, args)

@@ -76,8 +76,8 @@ def _print(line: str, stream: TextIO) -> None:
 def answer(
     result: Any, as_json: bool, more: list["TableRow"] | None = None, **beside: list["TableRow"]
 ) -> None:
-    """Print a result: its table for people, or one JSON object with `rows`, `more` after them, `verdict`, the `reasons`
-    for it where the result has them, and rows of another kind `beside`."""
+    """Print a result: its table for people, or one JSON object. The object has `rows`, `more` after them, `verdict`,
+    `reasons` where the result has them, and rows of another kind `beside`."""
     if not as_json:
         tell(result.table())
         return

@@ -1,7 +1,7 @@
 """Runs → figures: how far each estimate and each vehicle was off, and whether the filter knew it.
 
 One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference, how evenly
-it drove (evenness.py), NEES and NIS (filter_consistency.py), where it may be at the end (corridor.py). What a run does
+it drove (evenness.py); NEES and NIS (filter_consistency.py), where it may be at the end (corridor.py). What a run does
 not hold is not known (NaN), never 0. With two runs or more of the same route, each row also says how far that run's
 vehicle was from the first run's path.
 """

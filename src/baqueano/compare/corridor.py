@@ -3,8 +3,8 @@
     position   (p − p̂)ᵀ P_p⁻¹ (p − p̂) ≤ χ²₂,  an ellipse of the area π χ²₂ √det P_p                       (1)
     across     ± 1.96 √(nᵀ P_p n),  n to the left of the heading;   heading   ± 1.96 σ_ψ                   (2)
 
-χ²₂ = 5.991 and 1.96 belong to 95 %. A heading with σ_ψ above LOST_RAD is none: from then on the vehicle is lost, the
-ellipse is no region any more, and the corridor ends.
+χ²₂ = 5.991 and 1.96 belong to 95 %. A heading with σ_ψ above LOST_RAD is unusable: from then on the vehicle is lost,
+the ellipse no longer bounds a region, and the corridor ends.
 """
 
 from typing import NamedTuple

@@ -78,8 +78,8 @@ def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.nd
 def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
     """Return how often per second the forward command (N,) changes its sign.  (3)
 
-    Within ± `DEAD_BAND` of the largest command of the drive it has none: a pause, or noise around exactly 0, is not a
-    change, and forwards, 0, forwards is not one either; forwards, 0, backwards is one.
+    Within ± `DEAD_BAND` of the largest command of the drive its sign counts as zero: a pause, or noise around exactly
+    0, is not a change, and forwards, 0, forwards is not one either; forwards, 0, backwards is one.
     """
     finite = np.isfinite(forward)
     t_ns, forward = t_ns[finite], forward[finite]

@@ -1,8 +1,8 @@
 """A time budget for blocks that run as they are written: one that hangs ends with the name of its line.
 
 A compiled block is straight arithmetic and cannot hang; Python text can. An alarm of the system interrupts it
-between two instructions of Python, so a block that is stuck inside C (a call of a library, a huge matrix) is named
-only when it comes back: until then nothing is sent, and the dead man of the firmware has long stopped the motors.
+between two instructions of Python. So a block that is stuck inside C is named only when it comes back (a call of a
+library, a huge matrix): until then nothing is sent, and the dead man of the firmware has long stopped the motors.
 """
 
 import signal

@@ -81,7 +81,8 @@ class Closure:
 def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closure:
     """The scales by the marks of `run`, for the vehicle of `file`; of the wheels where `length_m` is given.
 
-    AnswerNo where there is no such mark, IMU or rest, or where the turns between the marks are not whole or cancel.
+    AnswerNo where such a mark, the IMU or a rest is missing. The same where the turns between the marks are not whole
+    or cancel.
     """
     marks = marks_of(run)
     if len(marks) < 2:
@@ -118,7 +119,7 @@ def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
 
 
 def _whole(turned_rad: float, name: str) -> int:
-    """k of a lap. AnswerNo where it is none."""
+    """k of a lap. AnswerNo for another."""
     turns = round(turned_rad / (2.0 * np.pi))
     left_rad = abs(turned_rad - 2.0 * np.pi * turns)
     if abs(turns) > MOST_TURNS or left_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):

@@ -127,7 +127,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
     Raises
     ------
     UsageError
-        Where the file has no sensor imu, or no finite [command] limit above 0.
+        Where the file lacks a sensor imu, or a finite [command] limit above 0.
 
     Notes
     -----

@@ -5,10 +5,10 @@
     level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SEEN sd      (1)
 
 A pulse ends at once where |v| or |ω| passes its limit. A direction is done after such a pulse, after
-ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest
-level is next, so that forward and backward, left and right take turns around one spot; one that leads back to
-the spot goes before, and one that leads away waits for those of which nobody knows yet. Levels are parts of
-[command] limit; directions are those of the channels, of a car the throttle with the wheel straight, left and right.
+ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest level is
+next. So forward and backward, left and right take turns around one spot; one that leads back to the spot goes before,
+and one that leads away waits for those of which nobody knows yet. Levels are parts of [command] limit; directions are
+those of the channels, of a car the throttle with the wheel straight, left and right.
 
 `CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both know when it is
 done.

@@ -78,7 +78,7 @@ class Mission:
 
     @classmethod
     def of_json(cls, text: str) -> "Mission":
-        """The inverse of `json`; UsageError where it is none."""
+        """The inverse of `json`; UsageError for anything else."""
         try:
             document = json.loads(text, parse_constant=_finite, parse_float=_finite)
             if document.pop("format") != FORMAT:
@@ -175,7 +175,7 @@ def _kinds(data: JsonObject) -> list[str]:
 
 
 def _finite(number: str) -> float:
-    """Return a number of JSON; ValueError for NaN and Infinity, which JSON has not, and for what has no double."""
+    """Return a number of JSON; ValueError for NaN and Infinity, and for what does not fit a double."""
     value = float(number)
     if not abs(value) < float("inf"):
         raise ValueError(f"{number} is not finite")

@@ -37,7 +37,7 @@ class Conditions:
     """The recorder and the options of a drive.
 
     The world is a simulation of `truth` (a vehicle file; by default that which the file of the drive names, itself if
-    none) with the noise of `seed`, for `duration_s` at most, unless another `world` and its clock `ticking` are given.
+    none) with the noise of `seed`, for `duration_s` at most. Another `world` and its clock `ticking` may be given.
     `shake` are the faults that happen to it, as `worlds.Fault` or in words ("12 s: push 0.3 N s left"); an empty list
     gives the undisturbed twin of a shaken run, bit for bit up to its first fault.
     `eta` (3,) [m, rad] is the pose at the start; (6,) of a vehicle that is moving then, with its velocity. `backend`:

@@ -1,6 +1,7 @@
 """Dead reckoning: the gyro turns, the wheels travel, and the model says what no sensor does.
 
-Over a tick of δ, with the effort e, f the model's ν one tick on, J at the tick's mean heading, d the age of a reading:
+A tick lasts δ, with the effort e; f is the model's ν one tick on, J taken at the tick's mean heading, d the age of a
+reading:
 
     ν̄ = f(ν₋, (1 + s_v) e) + w                                                                            (1)
     ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)      for each reading z that came                        (2)

@@ -5,8 +5,8 @@
     η: the pose after AHEAD_S, seen from where these began: every second of the runs of the fit           (3)
 
 P is the covariance of the fit. (1) is the linear answer: from LOST_RAD of heading on the vehicle may be anywhere, and
-that is said instead of a distance. What was not seen in the runs has no error here, and neither has the floor, the
-battery or a start that was not met: the forecast is the least that a drive will be off.
+that is said instead of a distance. Not counted: what the runs did not show, the floor, the battery, and a start that
+was not met: the forecast is the least that a drive will be off.
 
 The lap is driven by the model with the recommended controller and a known pose; its commands are then given to the
 model again, in open loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
@@ -134,7 +134,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     Raises
     ------
     UsageError
-        Where the fit is refused, or has no parameter of the model with a known error.
+        Where the fit is refused, or lacks a parameter of the model with a known error.
 
     Examples
     --------

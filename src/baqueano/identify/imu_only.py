@@ -74,8 +74,7 @@ def fit_imu_only(
     `free`, `solver` and of `options` those in GOES_WITH as in `identify`, which does this by itself for a car with an
     IMU alone. `use` names the IMU,
     else the file's only one. `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1;
-    left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no
-    IMU.
+    left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError without an IMU.
     """
     if others := _others(options):
         raise UsageError(fault("imu-only.others", others=others))

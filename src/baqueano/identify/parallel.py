@@ -50,8 +50,8 @@ def in_cache(n: int, operations: int) -> Iterator[slice]:
 
 
 def gram(x: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1. A copy, for of one and the same array
-    NumPy asks its library for half the product, which takes it three times as long for so few columns."""
+    """Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1. It takes a copy. Of one and the same
+    array NumPy asks its library for half the product, three times as slow for so few columns."""
     out = np.zeros((x.shape[1], x.shape[1]))
     for at in in_cache(len(x), out.size):
         out += (x[at].copy() if weight is None else x[at] * weight[at, None]).T @ x[at]

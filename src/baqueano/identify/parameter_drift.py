@@ -169,7 +169,7 @@ class Drift:
         ]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         return "\n".join(self.followed._sentences())
 
 

@@ -2,11 +2,11 @@
 
 The simulation's answer is where the second search begins: it has seen what the data show, and found the noise of
 the sensors. What it held stays held. Channels and verdict are still those of the simulation with the new numbers:
-a prediction over one step is no evidence for a model.
+a prediction over one step does not support a model.
 
 Of a fit by simulation error the second search is a test. The errors of its parameters know of the colour of what is
-left (covariance/); colour and size are a doubt because a model that lacks something leaves them too. They
-are none where a floor that moves explains them (result/objective_choice.py).
+left (covariance/); colour and size are a doubt because a model that lacks something leaves them too. They are dropped
+where process noise explains them (result/objective_choice.py).
 """
 
 from collections.abc import Sequence

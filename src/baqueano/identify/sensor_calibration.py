@@ -99,7 +99,7 @@ class Calibration:
         ]  # fmt: skip
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         wide = max(len(one.name) for one in self.numbers)
         lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
         for one in self.numbers:
@@ -109,8 +109,8 @@ class Calibration:
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
-        """Return place and turn of the mark on the body and the shift of its clock, by the keys of a map
-        (runs/maps/mount.py), and half widths of their 95 % intervals. UsageError where the run shows none of them."""
+        """Return place and turn of the mark on the body and the shift of its clock, with half widths of their 95 %
+        intervals. The keys are those of a map (runs/maps/mount.py). UsageError where the run shows none of them."""
         origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car: ahead of the axle that does not slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
@@ -135,8 +135,8 @@ class Calibration:
 
 
 def scale_std_path(file: "VehicleFile", path: str) -> str | None:
-    """Return the key that says how well the scale at `path` is known, "sensors.imu.gyro_scale_std"; None of what is no
-    scale or has no such key."""
+    """Return the key that says how well the scale at `path` is known, "sensors.imu.gyro_scale_std"; None for anything
+    but a scale, or without such a key."""
     owner, _, field = path.rpartition(".")
     field_of_block = dict(parameters(get(file, owner)))[field]
     return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
@@ -191,8 +191,8 @@ class WindowRegression(NamedTuple):
 def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     """Scale and bias of the gyro, scale of the odometer, place of the mark, and the offset of the truth's clock.
 
-    `file` names the sensors. UsageError where the run has no pose from outside, none of these sensors, or is
-    too short.
+    `file` names the sensors. UsageError where the run is too short, or lacks a pose from outside or all of these
+    sensors.
     """
     gyro = channel_of(run, file, "gyro_scale", -1)
     odometer = channel_of(run, file, "scale", 0)

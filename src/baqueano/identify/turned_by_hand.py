@@ -4,9 +4,9 @@
     b_j: the bias between rests j and j + 1, the mean of what z shows in these two
     cov G = s² σ_a² I + L diag(q) Lᵀ,   q_j = T_j² (var b_j + (b_{j+1} − b_j)²/12)                        (2)
 
-s and one constant by generalised least squares. a_k is how well a hand puts the vehicle back on its mark, ANGLE_STD_RAD
-or, where the rests scatter by more than they do once in a hundred times, what they say; L sums up, T_j is how long a
-turn took, and a bias that moved from rest to rest is known no better than a uniform distribution between the two.
+s and one constant by generalised least squares. a_k is how well a hand puts the vehicle back on its mark,
+ANGLE_STD_RAD. Where the rests scatter by more than they do once in a hundred times, it is their scatter; L sums up, and
+T_j is how long a turn took. A bias that moved from rest to rest is known as a uniform distribution between the two.
 
 A rest is REST_S or more in which the gyro scatters as little as at its quietest. N_k is the nearest whole number, as
 long as a scale off by TOLERANCE cannot make it another; otherwise somebody has to say how many turns it was. A rest in
@@ -59,8 +59,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark. `turns`: how many
     whole turns it was between two of them, either way; None: the nearest whole number.
 
-    UsageError where the run has no gyro, does not rest twice, was not turned by whole turns, or where the gyro was
-    silent or at the end of its range.
+    UsageError where the run lacks a gyro, two rests or whole turns. The same where the gyro was silent or saturated.
     """
     channel = channel_of(run, file, "gyro_scale", -1)
     if channel is None:
@@ -164,7 +163,7 @@ def _whole(
     name: str, rests: list[Rest], angle: np.ndarray, turns: float | None
 ) -> tuple[np.ndarray, list[int]]:
     """Return whole turns N of the rests on the mark, from the first on, and which rests these are. UsageError where
-    there are none, or where nobody can say how many."""
+    none exist, or where their number is ambiguous."""
     whole, used, off = [0.0], [0], fault("turns.not-turned", run=name)
     for k in range(1, len(rests)):
         turned = (angle[k] - angle[used[-1]]) / TAU

@@ -97,7 +97,7 @@ class Validation:
         return [figure._asdict() | {"times": figure.times} for figure in self.figures]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         lines = [
             f"{_('held out'):20} {_('channel'):14} {_('error'):>10}        {_('of noise'):>9} {_('explained'):>10} "
             f"{_('own runs'):>10}"

@@ -3,8 +3,8 @@
 A template is a format string over the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit` brings
 the space before it, so that `{x:.3g}{unit}` holds without one; `of_run` names the run among several, and stands before
 the sentence. `{arg[use]}` names an argument in the reader's notation, and `{arg[use]:{sensor}}` gives it that
-value. `{what:word}` is a figure of words, which are translated too. What has no template, or other figures, is shown
-by its code: another version said it.
+value. `{what:word}` is a figure of words, which are translated too. A message without a template, or with other
+figures, is shown by its code: another version said it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -117,7 +117,7 @@ def row_of(message: Diagnostic) -> dict[str, Any]:
 
 
 def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherwise: str = "") -> str:
-    """Return a verdict and its reasons in one line, `otherwise` where there are none.
+    """Return a verdict and its reasons in one line, `otherwise` without any.
 
     >>> verdict_line(Verdict.WARN, ["the run is short", "the floor is soft"])
     'WARN: the run is short; the floor is soft'

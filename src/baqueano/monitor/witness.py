@@ -9,8 +9,8 @@ Number c disagrees with the model. Two hypotheses foretell the others, r ~ N(0, 
 g is c alone, or all that fails with it, whichever tells more: both wheels slip, or one. (1) is the distance of the
 others alone; (2) that with a prior that was widened by G Gᵀ: by how much the velocity is off if the model is. (3) is
 kinematics alone, of a wheel, a gyro, a_y by ν_x ν_ψ: a model that is in doubt tells no acceleration. So an
-accelerometer that disagrees has no witness. The log odds of a reading are half the difference; readings that follow
-one another err alike, and INDEPENDENT_HZ of them count. Where no other number tells, it stays unknown.
+accelerometer that disagrees stands alone. The log odds of a reading are half the difference; readings that follow one
+another err alike, and INDEPENDENT_HZ of them count. Where no other number tells, it stays unknown.
 """
 
 import numpy as np

@@ -41,7 +41,7 @@ def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
     """The rows of the `span_s` seconds, begun at a whole second, in which y (N, m) varies most; of all where it is
     not longer. Each channel counts about its mean there, in parts of its whole variance; what lies beyond its 1st and
-    99th percentile counts as no more, so that a spike is no motion.
+    99th percentile counts as these, so that a spike does not count as motion.
     """
     over_s = float(t_s[-1] - t_s[0]) - span_s
     y = y[:, np.isfinite(y).any(axis=0)]

@@ -166,7 +166,7 @@ def closed_loop(
     output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
 ) -> Scan:
-    """The kernel of (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
+    """Return the compiled closed loop (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
 
     With `paths` into the system it takes the numbers there as θ. UsageError for a block that nothing compiles.
     """

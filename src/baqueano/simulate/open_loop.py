@@ -2,9 +2,9 @@
 
     x_{k+1}, truth, slots = world_step(x_k, u_k, δ, noise_k)        worlds/simulated.py                  (1)
 
-Tick k ends at (k + 1) δ and is driven by u_k. With the same seed the noise of tick k is the noise of tick k
-of the simulated world, and adding a sensor changes no other's: each name has its stream (worlds/noise.py).
-A kernel is made once for a vehicle and a rate, and kept.
+Tick k ends at (k + 1) δ and is driven by u_k. With the same seed tick k has the noise of tick k of the simulated world,
+and adding a sensor changes no other's: each name has its stream (worlds/noise.py). A kernel is made once for a vehicle
+and a rate, and kept.
 """
 
 from dataclasses import replace
@@ -135,7 +135,7 @@ def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
 def open_loop(
     model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
 ) -> Scan:
-    """The kernel of (1): a `scan` over Driven, WorldState → Readings."""
+    """Return the compiled open loop (1): a `scan` over Driven, WorldState → Readings."""
     dt_s = 1.0 / rate_hz
 
     def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Readings]:

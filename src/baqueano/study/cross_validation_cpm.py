@@ -197,7 +197,7 @@ class CrossValidation:
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         runs = list(self.fitted)
         lines = [
             f"{_('parameter'):30}"

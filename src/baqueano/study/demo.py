@@ -97,7 +97,7 @@ class Demo:
         return Verdict.STOPPED if stop_of(self.repeated) else self.fit.verdict
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         head = f"{_('parameter'):<34} {_('estimate'):>11} {_('± sd'):>9} {_('truth'):>9}  {_('verdict')}"
         lines = [head, "-" * len(head)]
         for row in self.rows():
@@ -167,7 +167,7 @@ class Demo:
         return animation(scene(self.repeated), stages, list(drawn.values()))
 
     def page(self) -> Page:
-        """The report."""
+        """Return the report."""
         judged = self.judged.rows()[0]
         text = _(
             "The taught path, driven again {laps} times on IMU and model alone. Nothing on board "

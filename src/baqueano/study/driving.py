@@ -1,11 +1,10 @@
 """`baqueano study driving`: how evenly robots drive that were identified, on physics of its own.
 
-Robots of truth/ that differ as parts do are driven for 60 s, identified from commands and IMU alone, starting
-from a rough guess and with centre of mass and delay free, and then follow three shapes at three speeds with the
+Robots of truth/ that differ as parts do are driven for 60 s and identified from commands and IMU alone. The fit starts
+from a rough guess, with centre of mass and delay free. Then they follow three shapes at three speeds with the
 recommended controller and its default gains. Those gains were chosen while looking at robots 0 to 5: --seed 100 is a
 fresh set. At 0.3 m/s no shape asks for more than 1.5 rad/s. An eight of 0.6 m asks for 2.4 rad/s there: the weakest
-robot drawn then needs 98.6 % of its duty without any feedback, and no controller keeps off the limit.
-The cases:
+robot drawn then needs 98.6 % of its duty without any feedback, and no controller keeps off the limit. The cases:
 
     imu          the estimator has commands and IMU, the model is the identified one
     pose         the estimator receives pose and velocity: what the controller alone does

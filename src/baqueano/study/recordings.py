@@ -1,8 +1,8 @@
 """Recordings that others made of real vehicles: the findings in each, and the bar for them.
 
-Each module of `recorded` knows one recording: it imports it by a map, fits a vehicle file that begins from guesses to
-one part of it, and judges the fit on another part. The recordings do not come with the package: they are read from the
-folder BAQUEANO_DATA, else from ../shared/data; what is not there is left out, and named.
+Each module of `recorded` knows one recording: it imports it by a map and fits a vehicle file of guesses to one part of
+it. It judges the fit on another part. The recordings do not come with the package: they are read from the folder
+BAQUEANO_DATA, else from ../shared/data; what is not there is left out, and named.
 """
 
 import glob
@@ -56,7 +56,7 @@ class RecordingStudy:
         return Verdict.WARN if self.reasons or self.left_out else Verdict.USABLE
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         width = max((len(r["quantity"]) for r in self.each), default=0)
         lines = [f"{_('recording'):20} {_('quantity'):{width}}  {_('ok'):3}  {_('bar'):26} {_('value')}"]
         for r in self.each:
@@ -82,7 +82,7 @@ class RecordingStudy:
 def recordings(
     backend: str = "auto", say: Callable[[str], object] = lambda text: None, names: Sequence[str] = RECORDED
 ) -> RecordingStudy:
-    """All recordings that are there, up to Ctrl-C those that were come to. FileError, with the names of the files,
+    """Return the results of all recordings; after Ctrl-C those before it. FileError, with the names of the files,
     where none is."""
     rows, left_out = [], []
     for name in names:

@@ -1,11 +1,10 @@
 """Make a call fast: `function` for a function, `compiled` for the step of a block.
 
-The numbers of the arguments are written into one row of floats, the kernel of a scan of one tick fills
-another, and that is read as the result. Types, None and text belong to the shape of an argument, and are
-checked.
+The numbers of the arguments are written into one row of floats. The kernel of a scan of one tick fills another, which
+is read as the result. Types, None and text belong to the shape of an argument, and are checked.
 
-A filter carries many zeros: states that never correlate. Where the first state has zeros that stay so by induction,
-the kernel is simplified for them, and looks at every call whether they are there; a general one is made if not.
+A filter carries many zeros: states that never correlate. Where the first state has zeros that stay so by induction, the
+kernel is simplified for them. It looks at every call whether they are there; a general one is made if not.
 
 The methods of blocks with equal parameters have the same text: graph and kernel of the newest are kept.
 """
@@ -63,8 +62,8 @@ def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> 
 def compiled(block: Tree, backend: str = "auto") -> "CompiledBlock":
     """Return the block with a compiled `step`; its fields are constants, all else is its own.
 
-    A step with a loop over time has `row`, the step of one input, which is compiled, and `pause(state, input)`, which
-    returns the inputs that come before this one.
+    A step with a loop over time has `row`, the step of one input, which is compiled. It also has `pause(state, input)`,
+    which returns the inputs that come before this one.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 `tree.values` and `tree.build` do the same, slowly, for any shape; they also say what is wrong with a tree.
 
 The state that a step returned is usually the state of its next call. Its arrays are parts of the row that the kernel
-filled, so that row is copied as it is, with the present content of those arrays.
+filled. So that row is copied as it is, with the present content of those arrays.
 """
 
 import threading

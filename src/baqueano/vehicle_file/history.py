@@ -29,7 +29,7 @@ NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that tell of
 
 
 class Provenance(NamedTuple):
-    """The provenance of a value, or of the values of a table that have none of their own."""
+    """The provenance of a value, or of the values of a table that lack their own."""
 
     run: str
     date: Date | None = None

@@ -1,7 +1,7 @@
 """Tables of the file → keyword arguments of a block, with a diagnostic for everything that does not fit.
 
 The keys of a table are the fields of the block's class, and what is allowed stands beside each field
-(parameter.py): there is no second list of keys. What the file does not say is the class's own default.
+(parameter.py): no second list of keys exists. What the file does not say is the class's own default.
 """
 
 import dataclasses

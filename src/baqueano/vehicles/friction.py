@@ -5,9 +5,9 @@
 
 The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper prints negative d.
 The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and derived (errata 12). The third
-is the drag of cornering. The fourth is the dry friction of a left and a right wheel that stand b apart, d_f when
-rolling forward and d_b when rolling backward. A run tells d_k of x and d_f, d_b of the wheels apart only in tight
-turns: free one or the other.
+is the drag of cornering. The fourth is the dry friction of a left and a right wheel that stand b apart; d_f when
+rolling forward, d_b when rolling backward. A run tells d_k of x and d_f, d_b of the wheels apart only in tight turns:
+free one or the other.
 
 Every term opposes the motion: ν · f(ν) ≥ 0, an unforced vehicle never gains energy.
 For RK4 at a step h, keep m ν_k / d_k above h/2 (and m / d_l above h/2): see rk4.py.

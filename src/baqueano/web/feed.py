@@ -79,7 +79,7 @@ class Feed:
         )
 
     def value(self, name: str) -> float:
-        """Return the newest value of a column; NaN where there is none."""
+        """Return the newest value of a column; NaN without one."""
         k = self._at.get(name)
         value = None if k is None or k >= len(self._last) else self._last[k]
         return NAN if value is None else float(value)

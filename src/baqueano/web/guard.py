@@ -40,7 +40,7 @@ MISSIONS: "dict[str, dict[str, type]]" = {  # what a mission of a kind may say b
 
 
 class Role(IntEnum):
-    """The rights of a visitor; each one holds those of the one before."""
+    """The rights of a visitor: each role includes the rights of the previous one."""
 
     VIEW = 1
     STOP = 2

@@ -78,7 +78,7 @@ async def read_head(reader: asyncio.StreamReader) -> bytes:
 
 
 def head_of(data: bytes) -> Head:
-    """Return the head in these bytes. RefusedRequest where it is none."""
+    """Return the head in these bytes. RefusedRequest for anything else."""
     lines = data.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
     words = lines[0].split(" ")
     if len(words) != 3 or words[2] not in ("HTTP/1.1", "HTTP/1.0") or len(lines) > HEADERS:

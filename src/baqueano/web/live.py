@@ -109,8 +109,8 @@ class Live:
         visitor.send_all(self._history(0.0))
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Do a word. An error of ours is answered by `no`. A word for another vehicle is none for this one, but a stop
-        always counts."""
+        """Do a word. An error of ours is answered by `no`. A word for another vehicle is ignored, but a stop always
+        counts."""
         if word.get("robot", self.robot) != self.robot and word["is"] != "stop":
             raise UsageError(fault("web.other-robot"))
         word = {name: value for name, value in word.items() if name != "robot"}

@@ -138,7 +138,7 @@ class Visitor:
                     await asyncio.sleep(0)  # what it is answered goes before the next word is read
 
     def _words_in(self, frame: object) -> "list[JsonObject]":
-        """Return the word that this frame completes. What is none, or comes too often, ends the connection."""
+        """Return the word that this frame completes. Anything else, or too many of them, ends the connection."""
         opcode, data, last = (
             getattr(frame, "opcode", None),
             getattr(frame, "data", b""),

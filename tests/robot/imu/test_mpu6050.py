@@ -172,7 +172,7 @@ def test_settings_that_no_chip_has_are_refused(wrong, said):
     assert said in str(error.value)
 
 
-def test_a_laptop_is_told_that_i2c_needs_linux(monkeypatch):
+def test_a_laptop_is_reported_that_i2c_needs_linux(monkeypatch):
     monkeypatch.setitem(sys.modules, "smbus2", None)
     with refused("imu.no-smbus", UsageError):
         imu.open()
@@ -201,12 +201,12 @@ except UsageError as error:
     assert "needs Linux and smbus2" in done.stdout
 
 
-def test_without_a_bus_the_remedy_is_told(tmp_path):
+def test_without_a_bus_the_remedy_is_reported(tmp_path):
     with refused("imu.no-bus", RobotUnreachable):
         imu.open(str(tmp_path / "i2c-7"))
 
 
-def test_without_the_right_to_the_bus_the_group_is_told(bench, monkeypatch):
+def test_without_the_right_to_the_bus_the_group_is_reported(bench, monkeypatch):
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
@@ -216,7 +216,7 @@ def test_without_the_right_to_the_bus_the_group_is_told(bench, monkeypatch):
         imu.open(b.path)
 
 
-def test_where_nobody_answers_the_wires_are_told(bench):
+def test_where_nobody_answers_the_wires_are_reported(bench):
     b = bench()
     b.bus.devices.clear()
     with refused("imu.no-answer", RobotUnreachable, asked="0x68 and 0x69"):
@@ -229,7 +229,7 @@ def test_a_chip_with_ad0_high_is_found(bench):
     assert start(b).identity.address == 0x69
 
 
-def test_a_chip_that_gives_nothing_is_told(bench):
+def test_a_chip_that_gives_nothing_is_reported(bench):
     b = bench()
     b.chip._write = lambda value: None  # deaf to all writes, so it stays asleep
     with refused("imu.too-few-samples", RobotUnreachable, count=0, within_s=2):

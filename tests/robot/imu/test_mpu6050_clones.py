@@ -71,7 +71,7 @@ def test_an_unknown_chip_whose_numbers_cannot_be_is_refused(bench, motion):
 
 
 @pytest.mark.parametrize("who_am_i", [0x00, 0xFF])
-def test_a_bus_without_a_chip_is_no_unknown_chip(bench, who_am_i):
+def test_a_bus_without_a_chip_is_not_an_unknown_chip(bench, who_am_i):
     with refused("imu.no-chip", RobotUnreachable):
         start(bench(who_am_i=who_am_i))
 

@@ -111,7 +111,7 @@ def test_a_calibration_for_which_the_laptops_file_has_no_place_is_not_lost(progr
 @pytest.mark.parametrize(
     ("held", "why"), [(b"port = \n", "Invalid value (at line 1"), (b"\xff\xfe", "'utf-8' codec")]
 )
-def test_a_file_on_the_robot_that_cannot_be_read_is_told_and_kept_beside_the_new_one(
+def test_a_file_on_the_robot_that_cannot_be_read_is_reported_and_kept_beside_the_new_one(
     programs, pi, wheels, there, held, why
 ):
     there.write_bytes(held)

@@ -151,7 +151,7 @@ def test_a_supply_that_fails_in_the_middle_of_a_write_leaves_the_file_of_before(
     assert (pi / path).read_text() == before
 
 
-def test_notes_that_are_damaged_are_told_with_what_to_type(programs, pi, wheels, capfd):
+def test_notes_that_are_damaged_are_reported_with_what_to_type(programs, pi, wheels, capfd):
     setup("r1", wheels, PI, root=str(pi))
     (pi / "etc/baqueano/setup.json").write_text('{"boot": tr')
     for verb in (lambda: setup("r1", wheels, PI, root=str(pi)), lambda: remove("r1", PI, root=str(pi))):
@@ -192,7 +192,7 @@ def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wh
         ),
     ],
 )
-def test_a_machine_that_cannot_be_a_vehicle_is_told_why(programs, answer, kind, match):
+def test_a_machine_that_cannot_be_a_vehicle_is_reported_why(programs, answer, kind, match):
     programs(ssh=answer)
     with refused(match[0], kind, **match[1]):
         machine_at("r1")
@@ -207,7 +207,7 @@ def test_who_answers_is_asked_with_what_every_pi_has(programs):
 @pytest.mark.parametrize(
     ("verb", "match"), [("setup", ("setup.packages-not-sent", {})), ("remove", ("setup.nothing-sent", {}))]
 )
-def test_a_card_that_takes_nothing_is_told(programs, wheels, verb, match):
+def test_a_card_that_takes_nothing_is_reported(programs, wheels, verb, match):
     programs(ssh="cat >/dev/null; exit 1")
     with refused(match[0], RobotUnreachable, **match[1]):
         setup("r1", wheels, PI) if verb == "setup" else remove("r1", PI)
@@ -259,7 +259,7 @@ def test_su2_the_lock_of_a_vehicle_holds_what_the_package_needs_there_each_with_
     assert {"numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip"} <= names
 
 
-def test_a_computer_that_is_no_pi_keeps_its_boot_files_and_asks_only_for_groups_that_it_has(
+def test_a_computer_that_is_not_a_pi_keeps_its_boot_files_and_asks_only_for_groups_that_it_has(
     programs, pi, wheels, capfd
 ):
     (pi / "boot/firmware/config.txt").unlink()

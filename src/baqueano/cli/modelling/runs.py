@@ -204,7 +204,7 @@ class Written(NamedTuple):
         return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         return "\n".join(
             filter(
                 None,

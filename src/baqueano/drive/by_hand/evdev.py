@@ -47,7 +47,7 @@ def request(number: int, size: int) -> int:
 
 
 class InputDevice:
-    """The device at `path`. OSError where it cannot be opened, or is none of these."""
+    """The device at `path`. OSError where it cannot be opened, or is another kind."""
 
     def __init__(self, path: Path, long_bytes: int = struct.calcsize("@l")) -> None:
         import fcntl

@@ -4,7 +4,7 @@
     again              up to its first line, each line written over and cut off behind, in one write           (1)
 
 A terminal that knows synchronised updates shows (1) at once; with the others lines are written over by their like, so
-nothing is ever empty in between. Letters are ASCII: a serial console has no others.
+nothing is ever empty in between. Letters are ASCII: a serial console knows only these.
 """
 
 from dataclasses import dataclass, field

@@ -20,8 +20,8 @@ def batch_covariance(
     slopes: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
 ) -> np.ndarray:
     """(p, p) of (2): `slopes` (N, p) of what was regressed on, `residuals` and `weights` (N,), `batch` (N,) the
-    number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, and have no ρ''. Infinite
-    where a direction has no slope."""
+    number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, where ρ'' = 0. Infinite where a
+    direction has zero slope."""
     p, count = slopes.shape[1], len(np.unique(batch))
     scale = np.sqrt(np.maximum(np.sum(slopes**2, axis=0), 1e-300))
     J = slopes / scale

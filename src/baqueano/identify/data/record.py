@@ -5,12 +5,12 @@
 Ticks need not be regular. A long one is cut into equal rows, of which the last alone has measurements, so that the
 integrator stays exact: a step of Runge-Kutta is to be short beside the fastest motion of a small vehicle, 15 ms. A
 measurement belongs to the tick that ended at its own time stamp (not at its arrival) or first after it; of several in
-one tick the last one counts. Left out are entries that are not finite, what diagnostics/samples.py found to be no
-measurement among them, what was measured before the first tick, where the model has not begun, and, counted, those at
-the end of the sensor's range.
+one tick the last one counts. Left out are entries that are not finite, also those that diagnostics/samples.py removed.
+What was measured before the first tick is left out too, where the model has not begun. So are readings at the end of
+the sensor's range, which are counted.
 
 Where a sensor's clock is not the commands', what it showed at t happened at t + o, |o| ≤ CLOCK_S: a measurement is read
-CLOCK_S after its stamp, and the model's h at the age of t + o from a line of the rows before (vehicles/delay.py).
+CLOCK_S after its stamp. The model's h is read at the age of t + o, from a line of the rows before (vehicles/delay.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence

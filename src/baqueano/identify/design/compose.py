@@ -39,8 +39,8 @@ class Composer:
         self.upper = np.zeros((0, 0))  # (P, M q (q + 1) / 2) the upper triangles of F, for sums over all
 
     def grow(self, F: np.ndarray, path: np.ndarray) -> None:
-        """More pieces: their F (P, M, q, q) for M possible vehicles, and the poses (P, L, S, 3) of all
-        possible vehicles along them, from the origin, the last where they come to rest."""
+        """More pieces: their F (P, M, q, q) for M possible vehicles, and the poses (P, L, S, 3) of all possible
+        vehicles along them; the last is where they come to rest."""
         upper = F[:, :, *np.triu_indices(F.shape[-1])].reshape(len(F), -1)
         self.upper = upper if not len(self.F) else np.concatenate([self.upper, upper])
         self.F = F if not len(self.F) else np.concatenate([self.F, F])
@@ -95,8 +95,8 @@ class Composer:
         return list(dict.fromkeys(np.concatenate(best).tolist()))
 
     def keep(self, count: int) -> np.ndarray:
-        """Forgets all but the `count` pieces that are worth most beside what is chosen, a quarter as many that
-        also keep near, those that are chosen and the first; which are left, in order."""
+        """Forget all but the `count` pieces that are worth most beside the chosen ones; a quarter as many that also
+        keep near, the chosen and the first stay too; which are left, in order."""
         bound = self._bound(self.F[self.chosen].sum(axis=0))
         near = np.argsort(NEAR * self.reach - bound)[: count // 4]
         kept = np.unique([0, *self.chosen, *near, *np.argsort(self.price - bound)[:count].tolist()])

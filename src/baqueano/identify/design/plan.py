@@ -5,7 +5,7 @@ is better takes its place. So far a few of the possible vehicles drive every pie
 would, the more so the longer one searches: so all VEHICLES drive the best of the library, and with their paths it is
 composed again. A piece ends with a coast in which COVERED of the way that a vehicle at full command still rolls is
 covered; the composition counts on the rest of that way too, but not on what the speed that is left does to the next
-piece. So the plan is driven as a whole by as many others that had no part in the search, in three orders: as
+piece. So the plan is driven as a whole by as many others that took no part in the search, in three orders: as
 composed, and by how far its pieces reach, up and down. The one that then tells most is the plan, and where those
 others go is told with it. The numbers of pieces and rounds are fixed, not the time: the same seed gives the same plan
 everywhere. A piece that is not allowed (room.py, (4)) waits, and one that would come later has its turn; last comes
@@ -205,8 +205,8 @@ class PlanSearch:
         return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
-        """The time in which the nominal vehicle, after a second of the first command at its limit, covers COVERED
-        of the way that it still rolls."""
+        """Return the time in which the nominal vehicle covers COVERED of its rolling distance, after a second at the
+        limit of its first command."""
         second = round(self.cloud.rate_hz)
         u = np.zeros((3 * second, len(limit)))
         first = int(np.argmax(limit > 0.0))
@@ -238,8 +238,8 @@ class PlanSearch:
         return slow, path, F
 
     def _path(self, cloud: Cloud, tick: int, u: np.ndarray, each: int) -> tuple[bool, np.ndarray]:
-        """Return if a cloud keeps to the limits of speed in the piece (T, n), and its poses (L, S, 3) in `each`
-        sample, the last where it comes to rest."""
+        """Return if a cloud keeps to the limits of speed in the piece (T, n), and its poses (L, S, 3) in `each` sample.
+        The last is where it comes to rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         rest, eta = cloud.drive(cloud.at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
         sampled = eta[:, stride - 1 : ticks : stride]

@@ -63,7 +63,7 @@ def of_sensor(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndar
 
 
 def measured(problem: Residuals) -> np.ndarray:
-    """Return the measurements of all segments (N, m), NaN where there are none."""
+    """Return the measurements of all segments (N, m), NaN where none exist."""
     return np.where(np.concatenate(problem.has) > 0.0, np.concatenate(problem.z), np.nan)
 
 

@@ -85,9 +85,9 @@ def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
 
 
 def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
-    """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
-    search, and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
-    explains it with the file's own gains. Where the search began tells nothing of it.  (3), (5)"""
+    """Report a gyro in another unit than the turning that commands make by the vehicle file, and whether every gyro is
+    cleared. The search has ended: it turns as they say, or as wheels do, or the fit explains it with the file's own
+    gains. Where the search began tells nothing of it.  (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     freed = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
     by_file, _, _ = first_theta(end.blocks, freed, problem.shape, problem.records, FitOptions())

@@ -4,14 +4,14 @@
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
-The terms of unmodelled_terms.py are tested, and changes of each parameter in the first quarter, third, half,
-two thirds, three
-quarters of the time, in each run, forward and backward, left and right, fast and slow, speeding up and slowing down. An
-answer counts if chance gives it in 1 of 40,000 cases (some 250 are asked; a low-pass of the IMU, 1 of 300) and a
-parameter would move by over 2 of its errors and 2 %, or differs in parts by over 5 %. What it would move, and half of
-what parts differ by, is added to the error bars. γ(1), of neighbouring residuals, is motion that the model does not
-know: above 5 % of what it knows, or a tenth with (2) above 1.3, parameters are not told to 5 %. Outliers that come when
-the model changes fast (3) are a model that is late, early or too simple.
+The terms of unmodelled_terms.py are tested, and changes of each parameter between parts of the data. The parts are the
+first quarter, third, half, two thirds and three quarters of the time, and each run. They are also forward and backward,
+left and right, fast and slow, speeding up and slowing down. An answer counts if chance gives it in 1 of 40,000 cases
+(some 250 are asked; a low-pass of the IMU, 1 of 300) and a parameter would move by over 2 of its errors and 2 %; or it
+differs in parts by over 5 %. What it would move, and half of what parts differ by, is added to the error bars. γ(1), of
+neighbouring residuals, is motion that the model does not know: above 5 % of what it knows, or a tenth with (2) above
+1.3, parameters are not told to 5 %. Outliers that come when the model changes fast (3) are a model that is late, early
+or too simple.
 """
 
 from collections.abc import Iterator, Sequence
@@ -68,8 +68,8 @@ def check_residuals(
     identifiable: np.ndarray,
     sd: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,), and by how much each parameter,
-    by path, may be off for them; the problem is weighed with the noise that was found."""
+    """Return findings at θ (p,), of which `kept` (p,) were identified with errors `sd` (p,). Return also by how much
+    each parameter, by path, may be off; the problem is weighed with the noise that was found."""
     index = np.flatnonzero(identifiable[: problem.layout.shared])
     if not len(index):
         return _of_residuals(problem, problem.residuals(theta)), {}
@@ -193,7 +193,7 @@ def _channels(
 
 
 def _of_residuals(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
-    """Residuals that are autocorrelated, and outliers that are none."""
+    """Report autocorrelated residuals, and outliers that repeat."""
     out = []
     for label, r, h in _channels(problem, residuals):
         if sum(map(len, r)) >= ENOUGH:

@@ -1,7 +1,7 @@
 """Forces that a model often lacks, as accelerations φ(t) along an axis: what unmodelled_terms.py pushes with.
 
-With w the channels of the drivetrain (left and right wheel, or the commands) and ν what the model says, both over
-their largest value, φ is one of
+w are the channels of the drivetrain (left and right wheel, or the commands), ν is that of the model; both over their
+largest value, φ is one of
 
     tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (1)
     tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s), s since ν changed its sign             (2)
@@ -10,8 +10,8 @@ their largest value, φ is one of
 
 (1) are dead zones and backlash, motors that saturate or slip, that are unequal forward and backward, and a
 battery that fades; (2) dry and other friction, a caster that flips; (3), (4) what corners cost. A tyre that slips
-sideways in proportion to its force brakes with the square of the sideways acceleration, the third of (3), and turns
-less than it is steered, by the third of (4).
+sideways in proportion to its force brakes with the square of the sideways acceleration, the third of (3). It turns less
+than it is steered, by the third of (4).
 """
 
 from typing import NamedTuple

@@ -116,7 +116,7 @@ class Prediction:
         return Evaluation(cost if np.isfinite(cost) else np.inf, g, H)
 
     def innovations(self, x: np.ndarray) -> list[np.ndarray]:
-        """Per piece e (N, m), 0 where there is no measurement."""
+        """Per piece e (N, m), 0 without a measurement."""
         return self._each(x, lambda one: one.e)
 
     def slopes(self, x: np.ndarray) -> list[Slopes]:

@@ -2,10 +2,10 @@
 
     σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ settles                            (1)
 
-It begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic, and ends
-with that of the noise. Where what is left is autocorrelated and large, or the search got stuck, it is begun again
-from a vehicle whose motors are without force, with less and with more friction, until two ends agree; the
-best of all is taken.
+It begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic. It ends with that of
+the noise. Where what is left is autocorrelated and large, or the search got stuck, it begins again until two ends
+agree. Each start is a vehicle whose motors are without force, with less and with more friction; the best of all is
+taken.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Unobservable parameters (identifiability/identifiable.py) in words, and the motion that would show them,
 as the fields of the blocks say it (parameter.py).
 
-What the vehicle can never show is said once, and is no reproach to the run.
+What the vehicle can never show is reported once; the run is not at fault.
 """
 
 from collections.abc import Sequence

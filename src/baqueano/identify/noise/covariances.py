@@ -125,7 +125,7 @@ class Noise(Result):
         return out
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         rows = self.rows()
         wide = max([12, *(len(row["name"]) for row in rows)])
         lines = [f"{'':{wide}} {_('in motion'):>11} {_('at rest'):>11}   {_('standard deviations')}"]

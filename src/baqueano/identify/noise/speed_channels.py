@@ -1,7 +1,7 @@
 """Which accelerometers may correct the speed: those that make it better on runs that the fit has not seen.
 
 An accelerometer shows ν̇ and ν_x ν_ψ. A filter that takes its speed from them is better than the model where both fit
-the vehicle, and worse where its tilt, its misalignment or the tyres do not; nothing on board tells which it will be.
+the vehicle. It is worse where its tilt, its misalignment or the tyres do not; nothing on board tells which it will be.
 So each number alone, and all together, is tried on held-out runs in which a witness shows the speed:
 
     r = √(Σ_b e_b² / Σ_b ẽ_b²),   e with the number, ẽ without, b blocks of BLOCK_S                       (1)

@@ -162,8 +162,8 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    """ν_x of the simulation that is led, and what the gyro says and its slope in that of the commands, (3,), from
-    the same rows and θ."""
+    """Return (3,) from the same rows and θ: ν_x of the gyro-aided simulation, the gyro in that of the commands, and its
+    slope."""
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start = vehicle_at_start(blocks, shape)
 

@@ -62,7 +62,7 @@ class PredictedState(NamedTuple):
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:
-    """The entries of `process_noise_std` that move ν; UsageError for a vehicle that has none."""
+    """The entries of `process_noise_std` that move ν; UsageError for a vehicle without one."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
     kick = _kick(model, 1.0)

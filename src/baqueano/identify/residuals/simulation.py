@@ -3,11 +3,11 @@
     x_k = step(vehicle(θ), x_{k−1}, u_k, dt_k),   x_0 from ν₀                                             (1)
     r_k = W_k (z_k − h_θ(x_k))                                                                            (2)
 
-W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W),
-and for sensors whose stamps lie between ticks the part of the step by which they do; there
-h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free, h is read from a line of the past (data/record.py).
-The model is simulated from its start to the end without a look at a measurement: simulation error, the cost
-`equ:cost_function` of Grotz et al. docs/derivations/residuals_and_sensitivities.md has the rest.
+W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W); for stamps
+between ticks it ends with the part of the step; there h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free,
+h is read from a line of the past (data/record.py). The model is simulated from its start to the end without a look at a
+measurement: simulation error, the cost `equ:cost_function` of Grotz et al.
+docs/derivations/residuals_and_sensitivities.md has the rest.
 """
 
 from collections import OrderedDict
@@ -211,7 +211,7 @@ class Residuals:
         return each(what, self._rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece r (N, m) in standard deviations; 0 where there is no measurement. Not to be written to."""
+        """Per piece r (N, m) in standard deviations; 0 without a measurement. Not to be written to."""
 
         def of(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
             return np.asarray(self.scan.run(rows, theta[index])[1])
@@ -219,7 +219,7 @@ class Residuals:
         return self._once("residuals", theta, lambda: self._each(of))
 
     def misfits(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece z − h (N, m) in the sensors' units; 0 where there is no measurement."""
+        """Per piece z − h (N, m) in the sensors' units; 0 without a measurement."""
         out = zip(self.residuals(theta), self.weights, strict=True)
         return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in out]
 

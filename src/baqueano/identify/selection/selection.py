@@ -198,7 +198,7 @@ class _Growing:
 
     @property
     def rule(self) -> str:
-        """For people."""
+        """Return the table as text."""
         h = self.held_out
         if h.block_s:
             size = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)

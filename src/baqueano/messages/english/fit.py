@@ -63,8 +63,12 @@ TEMPLATES: dict[str, str] = {
     "identifiability.weakly": "{subject} is poorly identified{why}. {needs}",
     "identifiability.weakly-beside": "{subject} and {others} are hardly separable{why}. {needs}",
     "identifiability.not": f"the data do not determine {{subject}}{{why}}; {HELD}. {{needs}}",
-    "identifiability.not-beside": "{subject} and {others} are hardly separable{why}; {subject} is fixed at {at:.4g}. {needs}",
-    "identifiability.scale": f"{{subject}} cannot be identified better than a data sheet gives it, ± 3 %; {HELD}. {{needs}}",
+    "identifiability.not-beside": (
+        "{subject} and {others} are hardly separable{why}; {subject} is fixed at {at:.4g}. {needs}"
+    ),
+    "identifiability.scale": (
+        f"{{subject}} cannot be identified better than a data sheet gives it, ± 3 %; {HELD}. {{needs}}"
+    ),
     "identifiability.tied": (
         f"{{subject}} and {{others}} are not separable: only their combination affects the data; {HELD}. {{how}}"
         "{apart}"

@@ -9,7 +9,7 @@ UM10204 (the I2C specification) 3.1.16. SDA is high, too, where the chip sends a
 The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this. Raspberry Pi OS has the command `pinctrl` (package
 raspi-utils), which the group gpio may use. The lines are open drain: each is driven low or released, never driven
 high. (`pinctrl` makes a pin an output before it sets its level: it has the level of before for less than a
-microsecond.) Both pins are given back to I2C in every ending, or by the next recovery. It takes some tenths of a
+microsecond.) Both pins return to I2C in every ending, or by the next recovery. It takes some tenths of a
 second: only while the vehicle stands.
 """
 
@@ -207,7 +207,7 @@ class _Pins:
 
 
 def _pins(path: str) -> _Pins:
-    """The pins of the bus at `path`; RobotUnreachable where they are others, or there is no `pinctrl`."""
+    """The pins of the bus at `path`; RobotUnreachable where they are others, or without `pinctrl`."""
     if Path(path).name != BUS:
         raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS))
     import shutil

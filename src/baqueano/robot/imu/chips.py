@@ -4,9 +4,9 @@
     ω [rad/s] = raw · (π/180) / s,  s = 131, 65.5, 32.8, 16.4 for ±250, 500, 1000, 2000 °/s     (2)
     T [°C] = raw / lsb_per_c + offset_c                                                                   (3)
 
-Two families. The 6050's filter (CONFIG, 0x1A) serves both sensors; the 6500's has one of its own for the
-accelerometer (ACCEL_CONFIG 2, 0x1D), which a driver of the 6050 leaves wide open, at another temperature scale and
-with other self-test registers. The 6050's FIFO holds 1024 bytes, that of the others 512 as they come out of reset.
+Two families. The 6050's filter (CONFIG, 0x1A) serves both sensors; the 6500 has one of its own for the accelerometer
+(ACCEL_CONFIG 2, 0x1D), which a driver of the 6050 leaves wide open. Its temperature scale and its self-test registers
+differ. The 6050's FIFO holds 1024 bytes, that of the others 512 as they come out of reset.
 
 Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1, RM-MPU-9250A 1.6; Linux, inv_mpu6050. The widths and delays
 of the filters stand in sensors/imu_filter.py. What answers 0x72 and 0x75 is not in any map: taken for a 6500, as an

@@ -4,8 +4,8 @@ A chip that nobody listed is driven as its relatives are, with a warning, if wha
 within 0.15 g of 1 g and no rate above 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A chip that is known may be
 in motion: there the same findings are warnings.
 
-One burst of 14 bytes is 156 bit times on the bus (four address bytes and registers, 14 data, 9 bits each, with start
-and stop): its time tells the clock the bus really has, which on a Raspberry Pi follows the core's.
+One burst of 14 bytes is 156 bit times on the bus; four address bytes and registers, 14 data, 9 bits each, with start
+and stop: its time tells the clock the bus really has, which on a Raspberry Pi follows the core's.
 
 `open` shadows the built-in on purpose: `imu.open(...)`, then `imu.read()` on what it gives.
 """

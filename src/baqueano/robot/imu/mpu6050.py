@@ -54,7 +54,7 @@ class Mpu6050:
     continued at a later call.
 
     Modes. "fifo": the chip keeps the samples; they are stamped by the chip's own period (sample_clock.py). "burst":
-    the newest sample alone, with its flag of being fresh, in one read of 15 bytes, stamped by the middle of the time
+    the newest sample alone, with its flag of being fresh, in one read of 15 bytes. Its stamp is the middle of the time
     in which it must have come; for a bus that cannot carry all samples. Registers are never read one by one: a word
     could be torn between two samples. The INT pin is not needed; it pulses for each sample, for an oscilloscope.
 
@@ -153,7 +153,7 @@ class Mpu6050:
             self.device.close()
 
     def read(self) -> list[Sample]:
-        """The samples since the last call, oldest first; empty if there is none. Never raises for the bus."""
+        """The samples since the last call, oldest first; empty without any. Never raises for the bus."""
         if self._closed or self._recovery.running:
             return []
         now = self._now_ns()

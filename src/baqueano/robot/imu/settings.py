@@ -72,7 +72,7 @@ class ImuSettings:
     mode: "fifo" or "burst". axes: the chip's axes that point ahead, left and up, as ("-y", "x", "z"), by which the
     driver turns its samples: worlds/robot.py takes them as the body's.
 
-    UsageError for a value that is none of these.
+    UsageError for another value.
     """
 
     rate_hz: int = 200

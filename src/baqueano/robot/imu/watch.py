@@ -124,7 +124,7 @@ class ImuWatch:
         return True, True
 
     def _ends(self, now_ns: int, row: Row) -> None:
-        """Axes at the end of their range; the temperature is none."""
+        """Axes at the end of their range; the temperature is missing."""
         six = (*row[:3], *row[4:])
         at_end = [abs(word) >= END for word in six]
         self._any_at_end = any(at_end)

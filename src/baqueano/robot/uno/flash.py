@@ -58,7 +58,7 @@ def shipped() -> Path:
 
 
 def program(path: Path) -> bytes:
-    """The bytes of an Intel hex file that begins at 0. FileError where it is none."""
+    """The bytes of an Intel hex file that begins at 0. FileError for anything else."""
     memory = bytearray()
     try:
         lines = path.read_text(encoding="ascii").split()

@@ -128,7 +128,7 @@ class Drive(NamedTuple):
 class Config(NamedTuple):
     """For this session; gone at a reset. Refused as a whole when one value is out of range; answered by INFO.
 
-    `slew_permille_per_ms` 1000 is no limit; `least_battery_mv` 0 is no check; PWM also ≤ MOST_PWM_HZ.
+    `slew_permille_per_ms` 1000 does not limit; `least_battery_mv` 0 does not check; PWM also ≤ MOST_PWM_HZ.
     """
 
     dead_man_ms: Annotated[int, "H", Within(50, 1000)] = 300

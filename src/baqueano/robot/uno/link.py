@@ -211,7 +211,7 @@ class Uno:
         meant: Callable[[Reply], bool] = lambda reply: True,
     ) -> Reply:
         """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
-        there is none within ANSWER_S."""
+        none comes within ANSWER_S."""
         answered: Any = None
         self._replies.pop(answer, None)
         end_ns, again_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
@@ -375,7 +375,7 @@ def permille(duty: float) -> int:
 
 
 def applied(state: State, before: EarlierFrame | None, t_us: int) -> tuple[float, float]:
-    """The mean duty of both motors since the telemetry before; of now, where there was none."""
+    """The mean duty of both motors since the telemetry before; of now, where none came."""
     if before is None or t_us <= before.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille
     ms = max(1, round(1e-3 * (t_us - before.t_us)))  # the sums count whole milliseconds

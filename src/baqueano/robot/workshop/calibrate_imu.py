@@ -58,7 +58,7 @@ class ImuReader:
         self._last_ns = 0
 
     def samples(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-        """Forces (n, 3) and rates (n, 3) of so many seconds. AnswerNo if there are none."""
+        """Forces (n, 3) and rates (n, 3) of so many seconds. AnswerNo if none come."""
         end, read = self.now_ns() + round(seconds * 1e9), []
         while self.now_ns() < end:
             self.wait(0.01)
@@ -125,7 +125,7 @@ class MountedImu:
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         a_x, a_y = self.accel
         return _(
             "axes that point ahead, left, up: {axes}; {oblique_rad:.1f}° from upright\nat rest: "

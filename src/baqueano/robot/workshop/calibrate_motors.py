@@ -97,7 +97,7 @@ class Motors:
         return cls(Settings(wiring=whole["wiring"], ways=ways), sweeps, *pairs)
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         wide = max(15, *(len(_(name)) for name in NAMES))
         lines = [
             wiring_text(self.settings.wiring),
@@ -289,7 +289,7 @@ def _sweep(floor: "FloorTests", wheel: int, sign: float, started: float, other: 
 
 
 def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
-    """(3) through the levels that added a fifth of the most, (n,) duties and (n,) Δω. AnswerNo where there is none."""
+    """(3) through the levels that added a fifth of the most, (n,) duties and (n,) Δω. AnswerNo where none exists."""
     runs = added > max(0.2 * added.max(), 0.1)
     if runs.sum() < 4:
         raise AnswerNo(

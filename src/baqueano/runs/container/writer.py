@@ -1,10 +1,9 @@
 """Writing a run while it happens, or a whole one at once.
 
-The loop packs its messages and puts them in a queue; a thread of the writer's own moves them to the file and,
-twice a second, closes a chunk and asks the disk to keep it (fdatasync, or fsync where there is none). A
-program that is killed, or a power cut, loses at most one second, and a slow disk never holds up the motors:
-when the queue of a live run is full, what can be computed again from the rest (estimates, references) is
-dropped first, counted, and told.
+The loop packs its messages and puts them in a queue; a thread of the writer's own moves them to the file. Twice a
+second it closes a chunk and asks the disk to keep it (fdatasync, else fsync). A program that is killed, or a power cut,
+loses at most one second, and a slow disk never holds up the motors: when the queue of a live run is full, what can be
+computed again from the rest (estimates, references) is dropped first, counted, and told.
 """
 
 import heapq

@@ -5,7 +5,7 @@
     (a_x, a_y)              of (v̇, v ω)                                         scale within 2.5           (3)
     (ω)                     of (u_steering v, u_throttle v)                     any scale                  (4)
 
-(3) depends on the units of v and, where there is no truth, of the gyro. A gyro that turns against the wheels is
+(3) depends on the units of v and, without a truth, of the gyro. A gyro that turns against the wheels is
 inverted where (3) contradicts it as well; else swapped wheels and an IMU upside down look alike.
 """
 

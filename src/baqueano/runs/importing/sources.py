@@ -114,8 +114,8 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
 def _matched(
     m: ColumnMap, pieces: dict[str, list[SourcePiece]], doubts: list[Doubt]
 ) -> list[tuple[str, dict[str, LogTable]]]:
-    """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files have
-    no value in common, or not as many parts of it."""
+    """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files do not
+    share a value, or not as many parts of it."""
     if not all(m.files[file].split for file in pieces):  # parts without a value are matched in order
         pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
     by_file = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}

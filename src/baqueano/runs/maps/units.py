@@ -80,7 +80,7 @@ _BY_LOWER = {name.lower(): name for name in UNITS} | {name.lower(): unit for nam
 
 
 def unit(name: str) -> ColumnUnit | None:
-    """The unit of that name, None if there is none."""
+    """Return the unit of that name, None for an unknown name."""
     return UNITS.get(canonical(name))
 
 

@@ -48,7 +48,7 @@ class LogTable(NamedTuple):
     cut: tuple[int, ...] = ()  # lines that were left out
 
     def text(self, column: str) -> Any:
-        """The column as it was read. FileError if there is none of that name, or several."""
+        """The column as it was read. FileError unless exactly one has that name."""
         import difflib
 
         if column not in self.columns:
@@ -164,7 +164,7 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
 
 
 def _with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
-    """The lines that are neither empty nor a comment, and their numbers."""
+    """Return the lines with data, without empty ones and comments, and their numbers."""
     for line in lines:
         if line.strip() and not (comment and line.lstrip().startswith(comment)):
             yield lines.number, line

@@ -1,7 +1,7 @@
 """`baqueano study corridor`: does the corridor that the filter claims hold the vehicle?
 
-Vehicles of the independent truth are identified from commands and IMU alone and follow a sinuous circle, an eight or a
-rectangle at 0.2 m/s for a minute, led by the recommended filter. vehicles.py says how they differ from their files.
+Vehicles of the independent truth are identified from commands and IMU alone. They follow a sinuous circle, an eight or
+a rectangle at 0.2 m/s for a minute, with the recommended filter. vehicles.py says how they differ from their files.
 """
 
 from collections.abc import Callable

@@ -81,7 +81,7 @@ class Corridors:
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         lines = [
             f"{_('at'):18}{_('quantity'):10}{_('cases'):>6}{_('lost'):>6}{_('coverage'):>10}  "
             f"{'95 %':14}{_('× needed'):>9}"

@@ -4,7 +4,8 @@
     typical ratio    the geometric mean of the ratios of the recordings                                  (2)
 
 A long way off weighs more in (1); every recording weighs alike in (2). Bars are on (1), and on what one recording
-shows: its ratio may not be significantly above ALONE. A fit that is refused is not written: its recording has no bar.
+shows: its ratio may not be significantly above ALONE. A fit that is refused is not written: its recording is not held
+to a bar.
 """
 
 from dataclasses import dataclass
@@ -106,7 +107,7 @@ class EstimationStudy:
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         rows = self.rows_shown()
         wide = {
             key: max(len(_(key)), *(len(_(r[key])) for r in rows))

@@ -219,7 +219,7 @@ class Faults:
 
     outcomes: tuple[FaultOutcome, ...]
     requested: int  # fits that were asked for
-    tried: int  # and those that were come to
+    tried: int  # fits that ended
 
     def rows(self) -> list["TableRow"]:
         """A row per fault, the sound ones first."""
@@ -281,7 +281,7 @@ class Faults:
         return Verdict.REFUSED if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         head = (
             f"{_('fault'):<22}{_('fits'):>5}{_('wrong'):>7}{_('called usable'):>15}{_('sound refused'):>15}   "
             f"{_('usable/warn/refused'):<20}{_('error/clean'):>12}{_('lost'):>8}{_('error/left'):>12}"

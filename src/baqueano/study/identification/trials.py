@@ -1,7 +1,7 @@
 """Simulations and fits of `study identification`: robots and cars of the independent truth.
 
-Robots with dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms, delays of 4 to 17 ms, an 8-bit PWM
-whose counts are logged, an IMU 3 cm off the centre, turned by 4° and tilted by 2°. All is free that a user would free;
+Robots with dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms, delays of 4 to 17 ms; an 8-bit PWM
+whose counts are logged; an IMU 3 cm off the centre, turned by 4° and tilted by 2°. All is free that a user would free;
 the search begins at a rough guess, but for the tilt (robots.py). Cars on tyres, by the kinematic car, IMU and odometer:
 
     clean               white noise alone

@@ -2,8 +2,8 @@
 
 Robots of the independent truth (corridor/vehicles.py: gyro within ± 3 %, wheels 2 % apart) are driven for 60 s and
 identified. They drive LEARNED laps of a rectangle over two tags and are identified by both runs: the tags tell how far
-the model's speed is off. Switched on anew, they follow two shapes over tags that are all read, and over tags of which
-20 % are missed, 10 % read twice and 5 % taken for the other one.
+the model's speed is off. Switched on anew, they follow two shapes over tags that are all read. They also do so where 20
+% are missed, 10 % read twice and 5 % taken for the other one.
 """
 
 from collections.abc import Callable, Sequence

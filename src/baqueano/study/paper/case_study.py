@@ -214,7 +214,7 @@ class ImpliedParameters:
         return [dict(zip(("printed", "implies", "expected"), row, strict=True)) for row in figures]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         return "\n".join(
             [
                 _("Case study II, as printed"),

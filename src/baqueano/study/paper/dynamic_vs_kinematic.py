@@ -1,7 +1,7 @@
 """The paper's remark, measured: which model predicts accelerations better, which one velocities?
 
 Both are fitted to the same run and judged on another: by R, the covariance of μ_t − g(u, μ_{t−1}) against the truth
-(one step ahead), and by the velocity that the EKF with this model believes. The kinematic V is found from the true
+(one step ahead); and by the velocity estimate of the EKF with this model. The kinematic V is found from the true
 velocity, "the real values provided to simulate the system", as the paper's is: an IMU alone hardly shows it.
 """
 
@@ -87,7 +87,7 @@ def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
 
 
 def table(judged: tuple[JudgedModel, ...]) -> str:
-    """For people."""
+    """Return the table as text."""
     figures = rows(judged)
     keys = list(figures[0])
     lines = ["  ".join(f"{_(key):>22}" for key in keys)]

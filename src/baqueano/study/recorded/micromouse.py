@@ -1,10 +1,10 @@
 """Micromouse "Algernon" (opatiny/micromouse): duty against the speed of both wheels, steady after each step.
 
-Gain, dead zone forward and backward and the coast of each motor are fitted to one sweep (2 s a step, 5 of 255 a step)
-and held against another one, of another day and battery, that went in steps of 1. The dead band is given as the mean of
-both wheels and ways, in units of the duty, against where the wheels of the other sweep begin to turn; one of them,
-left forward, sticks until 65 and then turns at once, which no dead zone is. The asymmetry is how much faster the right
-wheel turns by the model, over the commands at which both wheels turned.
+Gain, dead zone forward and backward and the coast of each motor are fitted to one sweep; 2 s a step, 5 of 255 a step.
+They are compared with a sweep of another day and battery, in steps of 1. The dead band is the mean of both wheels and
+ways, in units of the duty. It is compared with the duty at which the wheels of the other sweep begin to turn; one of
+them, left forward, sticks until 65 and then turns at once, which no dead zone is. The asymmetry is how much faster the
+right wheel turns by the model, over the commands at which both wheels turned.
 """
 
 from collections.abc import Callable

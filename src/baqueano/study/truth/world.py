@@ -17,7 +17,7 @@ JUST_S = 1e-6  # before now: the command that brought the vehicle here
 class TruthWorld:
     """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its own seed, the same in every group.
 
-    Steps of 1 ms; a longer `step_s` is for hours of driving with robots whose IMU has no low-pass. So is `fast`, which
+    Steps of 1 ms; a longer `step_s` is for hours of driving with robots whose IMU lacks a low-pass. So is `fast`, which
     takes a function of arrays and examples of them, and returns one that gives the same sooner."""
 
     def __init__(

@@ -2,17 +2,17 @@
 
 For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …; each active value is either *kept*, as a row of
 its own, or *eliminated*: its coefficients are multiplied, as scalars, into those of its users. Keeping all
-costs a vector operation for each edge of the graph, so it grows linearly. Eliminating a value with s sources, n of
-them with a coefficient that is not 1, and u users, p of them more than a sum, saves some of them where, with B blocks
-of parameters,
+costs a vector operation for each edge of the graph, so it grows linearly. A value has s sources, n of them with a
+coefficient that is not 1, and u users, p of them more than a sum. Its elimination saves work where, with B blocks of
+parameters,
 
     s u + n p / B <= s + u:                                                                               (1)
 
 the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken.
 
-The arms of `where` meet in a choice between rows, never in a product with 0, since the arm that is not taken
-may be NaN. Where all sources are the carry and the parameters, which hold at every tick, it is enough to
-choose between coefficients.
+The arms of `where` meet in a choice between rows, never in a product with 0. The arm that is not taken may be NaN.
+Where all sources are the carry and the parameters, which hold at every tick, it is enough to choose between
+coefficients.
 """
 
 from collections.abc import Iterable, Iterator

@@ -2,8 +2,8 @@
 
 The text of a kernel is a list of statements. It is demand-driven: each root is followed depth first, so that
 a value stands near its first use, and a compiler's scheduler starts from short lives. What depends neither on
-the carry nor on the inputs is left out of the loop. Work that one arm of `where` alone needs is sunk into a
-branch, if it is enough to pay for a branch that is sometimes mispredicted.
+the carry nor on the inputs is left out of the loop. Work that one arm of `where` alone needs is sunk into a branch. It
+must be enough to pay for a branch that is sometimes mispredicted.
 
 A *term* is anything with `op` and `args`: a scalar `Node`, or a `Row` of tangents.
 """

@@ -1,8 +1,8 @@
 """Trace a call of a step, with symbols in place of numbers → its graph.
 
-A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal; if
-the step returns the same nodes on both sides again, it stays so for ever, by induction, and half of its
-entries need not be carried. If not, the step is traced again without that assumption.
+A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal; if the step
+returns the same nodes on both sides again, it stays so for ever, by induction. Then half of its entries need not be
+carried. If not, the step is traced again without that assumption.
 """
 
 from collections.abc import Callable, Iterable

@@ -155,7 +155,7 @@ def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray
 
 
 def restored(leaf: Leaf, column: np.ndarray) -> Tree:
-    """Return floats in the kind of the leaf: an array of its kind; a Python number if there are no axes."""
+    """Return floats in the kind of the leaf: an array of its kind; a Python number without axes."""
     column = column != 0.0 if leaf.kind == "b" else column
     column = np.rint(column).astype(np.int64) if leaf.kind == "i" else column
     return column if column.ndim else column.item()

@@ -1,7 +1,7 @@
 """The text of a vehicle file: bytes → text → tables, with a line number for every key.
 
-A hand-written file comes from any editor: a byte order mark is dropped, UTF-16 and other encodings are
-refused with the remedy, and so is what would cost more than a file is worth (64 KiB, 16 levels).
+A hand-written file comes from any editor: a byte order mark is dropped. UTF-16 and other encodings are refused with the
+remedy. So is what would cost more than a file is worth (64 KiB, 16 levels).
 """
 
 import re

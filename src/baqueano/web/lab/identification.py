@@ -1,9 +1,9 @@
 """Parameters of a vehicle while it drives, from the rows of the page: in the lab worker, beside the drive.
 
 The information of each window is exact (identify/design/live.py); a real fit over all rows is made again and again in a
-thread, first after FIRST_S of driving, then each second, and no more often than SHARE of the time allows. Errors are
-those that the information expects: before the first fit at the guess of the vehicle file, from then on at what was
-fitted. Values, their own standard errors and the verdict are the fit's alone.
+thread. It begins after FIRST_S of driving and repeats each second, within SHARE of the time. Errors are those that the
+information expects: before the first fit at the guess of the vehicle file, from then on at what was fitted. Values,
+their own standard errors and the verdict are the fit's alone.
 """
 
 import time
@@ -189,7 +189,7 @@ class DriveIdentification:
         return WINDOW / self.file.rate_hz
 
     def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
-        """Return a fit, or why there is none."""
+        """Return a fit, or why it failed."""
         began_s = time.monotonic()
         try:
             fit = identify(run, self.file)

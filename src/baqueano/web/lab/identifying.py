@@ -1,5 +1,5 @@
-"""The page's end of live identification: rows of the drive go to a lab worker of their own, what they have taught comes
-back each second, and goes to each browser that looks, in its language.
+"""The page's end of live identification: rows of the drive go to a lab worker of their own. Its results come back each
+second, and go to each browser that looks, in its language.
 
     browser   identify {on}             look at it, or look away
     page      identify {of: "live", …}  each second while somebody looks: what is known of each parameter

@@ -30,7 +30,7 @@ LONGEST_NAME = 200  # letters of a name of a browser
 
 class Questions:
     """The workers, and what they are asked. `source` is the vehicle that the page is about: {vehicle, routes} or
-    {path, routes}; None where there is none."""
+    {path, routes}; None without one."""
 
     def __init__(self, shelf: Shelf, source: "Callable[[], JsonObject | None]") -> None:
         self._shelf, self._source = shelf, source
@@ -83,7 +83,7 @@ class Questions:
         return visitor.open and self._newest.get((visitor, word["what"])) == word.get("id")
 
     def about(self, word: "JsonObject") -> "JsonObject":
-        """Return what a question is about: a run of the list, or the page's vehicle. UsageError where there is none."""
+        """Return what a question is about: a run of the list, or the page's vehicle. UsageError without one."""
         if word.get("run"):
             paths = self._shelf.paths()
             if word["run"] not in paths:

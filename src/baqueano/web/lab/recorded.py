@@ -101,7 +101,7 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
 
 
 def _poses(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
-    """Return the poses (N, 3) of a log at the ticks, NaN where it has none."""
+    """Return the poses (N, 3) of a log at the ticks, NaN without one."""
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
     return poses_at(t_ns, log.t_ns, log.eta)

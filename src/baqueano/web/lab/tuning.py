@@ -192,7 +192,7 @@ def _meanings(block: object) -> "list[tuple[str, str]]":
 
 
 def _values(given: object, laps: SimulatedLaps) -> np.ndarray:
-    """Return gains (p,) within their bounds. UsageError for what are none."""
+    """Return gains (p,) within their bounds. UsageError for anything else."""
     try:
         values = np.array(given, dtype=float)
     except (TypeError, ValueError, OverflowError):

@@ -93,7 +93,7 @@ class Worker:
         return self._open[key]
 
     def _runs(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """A line for each of these files; a file that is no run has its fault in words."""
+        """A line for each of these files; another file has its fault in words."""
         from baqueano.runs import read_run
         from baqueano.web.lab.recorded import listed
 

@@ -35,7 +35,7 @@ FORMS = {
 
 
 def fields_of(words: str) -> JsonObject:
-    """Return the fields of the fault. UsageError where the words are none."""
+    """Return the fields of the fault. UsageError for other words."""
     when = WHEN.fullmatch(words)
     form, example = FORMS.get(when[3] if when else "", (None, ""))
     if when is None or form is None:

@@ -74,11 +74,15 @@ TEMPLATES = {
     "recording.curve": '{first} and {last} with unit = "{unit_read}" belong to curves at {speed_m_s:.3g} m/s',
     "recording.command-range": '{key} ({name}) reaches {most:.5g} with unit = "{unit_read}"; a full command is 1',
     "recording.against-truth": "{key} is {slope:.3g} times what [truth] says (correlation {correlation:.2f})",
-    "recording.against-motion": "{key} is {slope:.3g} times what speed and turning give (correlation {correlation:.2f})",
+    "recording.against-motion": (
+        "{key} is {slope:.3g} times what speed and turning give (correlation {correlation:.2f})"
+    ),
     "recording.twice": '"{unit_read}" is too small by {ratio:.4g}; is it SI?',
     "recording.no-sign": "{key} is never negative: the sensor does not know the direction",
     "recording.clock-later": "[truth] fits {key} best {by_ms:.0f} ms later (correlation {now:.3f}, then {then:.3f})",
-    "recording.clock-earlier": "[truth] fits {key} best {by_ms:.0f} ms earlier (correlation {now:.3f}, then {then:.3f})",
+    "recording.clock-earlier": (
+        "[truth] fits {key} best {by_ms:.0f} ms earlier (correlation {now:.3f}, then {then:.3f})"
+    ),
     "recording.turns-against": "{by} turns against {wheels} (correlation {correlation:.2f})",
     "recording.and-sideways": "{cause}, and {key} against it ({correlation:.2f})",
     "recording.turns-otherwise": "{wheels} does not turn as {by} says (correlation {correlation:.2f})",
@@ -87,7 +91,9 @@ TEMPLATES = {
     ),
     "recording.axes-swapped": "{x} follows v·ω and {y} v̇ (correlations {first:.2f}, {second:.2f})",
     "recording.other-steers": "command {other} turns the vehicle (correlation {correlation:.2f}), {steering} does not",
-    "recording.turns-right": "positive {steering} turns right (correlation {correlation:.2f}): its gain will be negative",
+    "recording.turns-right": (
+        "positive {steering} turns right (correlation {correlation:.2f}): its gain will be negative"
+    ),
     "recording.steps-back": (
         "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps): {lost} rows up to there were "
         "left out"
@@ -97,7 +103,9 @@ TEMPLATES = {
     ),
     "recording.gap": "{table}: {gap_s:.3f} s without a row after line {line} (usual step {usual_s:.3f} s)",
     "recording.more-gaps": "{table}: and {more} more gaps",
-    "recording.tick-lasts": '{table}: with time_unit = "{unit_read}" a tick lasts {tick_s:.3g} s, {rate_hz:.3g} a second',
+    "recording.tick-lasts": (
+        '{table}: with time_unit = "{unit_read}" a tick lasts {tick_s:.3g} s, {rate_hz:.3g} a second'
+    ),
     "recording.short-parts": "{count} parts with fewer than {least} ticks were left out: {names}",
     "recording.no-command-yet": "{count} ticks before the first command were left out",
     "recording.no-command": "no command: the vehicle stands",

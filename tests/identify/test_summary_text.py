@@ -80,19 +80,19 @@ def coloured(i: int, **words: str):
     return note("any.coloured", Severity.WARNING, subject=f"imu[{i}]", percent=i + 2.5, **words)
 
 
-def test_what_is_said_of_several_channels_is_said_once():
+def test_what_is_reported_of_several_channels_is_reported_once():
     first = "any.coloured (percent = 2.5)"
     assert grouped([coloured(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
     assert grouped([coloured(0), coloured(0)]) == [f"{first} (2 times)"]
     assert grouped([coloured(0, of_run="a"), coloured(0, of_run="b")]) == [f"a: {first} (2 times)"]
 
 
-def test_what_differs_in_its_words_is_said_by_itself():
+def test_what_differs_in_its_words_is_reported_by_itself():
     differ = [coloured(0, needs="turns"), coloured(1, needs="speed")]
     assert len(grouped(differ)) == len(grouped([note("any.one"), note("any.other")])) == 2
 
 
-def test_one_reason_stands_beside_the_verdict_and_nothing_is_said_of_a_rest_that_is_not():
+def test_one_reason_stands_beside_the_verdict_and_nothing_is_reported_of_a_rest_that_is_not():
     assert said(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
 
 

@@ -100,21 +100,21 @@ def told(here, own, noise=None):
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
-def test_blocks_that_scatter_alike_are_told_apart_in_one_case_of_a_hundred_at_most(count, own):
+def test_blocks_that_scatter_alike_are_distinguished_in_one_case_of_a_hundred_at_most(count, own):
     """Also where the error is always large enough. More than 36 of 2,000 would come once in 2,000 tests by chance."""
     rng = np.random.default_rng(0)
     alarms = [told(rng.normal(size=count), rng.normal(size=own), noise=1e-9) for _ in range(2000)]
     assert sum(map(len, alarms)) <= 36
 
 
-def test_a_run_that_is_far_off_is_told_with_few_blocks_too():
+def test_a_run_that_is_far_off_is_reported_with_few_blocks_too():
     rng = np.random.default_rng(0)
     for count, own in ((2, 2), (3, 3), (1, 6)):
         said = told(8.0 + rng.normal(0.0, 0.3, count), rng.normal(0.0, 0.3, own))
         assert said[0].code == "validation.off", (count, own)
 
 
-def test_of_a_single_block_on_both_sides_it_is_said_that_it_tells_nothing_of_chance():
+def test_of_a_single_block_on_both_sides_it_is_reported_that_it_tells_nothing_of_chance():
     assert told(np.array([2.0]), np.array([0.0]))[0].code == "validation.off-perhaps"
     assert told(np.array([0.5]), np.array([0.0])) == []
 
@@ -149,7 +149,7 @@ def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, sec
     assert min(f.explained for f in found.figures) > 0.9
 
 
-def test_a_figure_that_says_nothing_is_not_told_with_a_hundred_digits():
+def test_a_figure_that_says_nothing_is_not_reported_with_a_hundred_digits():
     lost = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
     table = Validation((lost, lost._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table

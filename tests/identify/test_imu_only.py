@@ -56,7 +56,7 @@ def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
         assert fit.value(f"model.{name}") == pytest.approx(truth, rel=0.08), name
 
 
-def test_what_no_imu_can_know_is_said(fitted):
+def test_what_no_imu_can_know_is_reported(fitted):
     _, _, fit = fitted
     assert "identifiability.gyro-scale" in [one.code for one in fit.never]
     assert "fit.envelope" in [one.code for one in fit.notes]
@@ -151,7 +151,7 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
         identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)
 
 
-def test_what_cannot_be_fitted_by_an_imu_is_told_so(fitted):
+def test_what_cannot_be_fitted_by_an_imu_is_reported_so(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
         fit_imu_only(run, file, use=("compass",))
@@ -245,7 +245,7 @@ def test_noise_that_grows_with_speed_is_weighed_by_speed():
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
 
 
-def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_largest_is_told():
+def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_largest_is_reported():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(4, 4))
     A = root @ root.T + 4.0 * np.eye(4)

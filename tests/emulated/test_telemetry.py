@@ -32,7 +32,7 @@ def firmware_s(uno, t_us):
 
 
 @pytest.mark.parametrize("volts", [3.0, 6.4, 7.4, 8.4, 12.6])
-def test_r20_battery_is_told_within_1_percent(uno, volts):
+def test_r20_battery_is_reported_within_1_percent(uno, volts):
     uno.set_battery(volts)
     uno.run(0.2)
     assert uno.state().battery_mv == pytest.approx(1000 * volts, rel=0.01)

@@ -43,7 +43,7 @@ def test_intervals_hold_what_the_odometer_says_and_are_narrow(study):
             assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
 
 
-def test_what_cannot_be_known_is_said_and_a_run_beyond_is_flagged(study):
+def test_what_cannot_be_known_is_reported_and_a_run_beyond_is_flagged(study):
     rows = {row["quantity"]: row for row in study.rows()}
     assert rows["the gyro's scale is called not identifiable"]["value"] is True
     assert rows["the run that leaves the envelope is flagged"]["value"] is True
