@@ -156,6 +156,7 @@ def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
             for role, token in server.guard.tokens.items():
                 async with browser(server, token=token) as one:
                     assert one.hello["role"] == role.word
+                    assert one.hello["shared"]  # the page says what that risks
             async with line_to(server) as line:
                 await line.send(json.dumps({"is": "hello"}))
                 assert json.loads(await line.recv())["code"] == "web.token"

@@ -23,6 +23,7 @@ def test_hello_says_what_there_is_to_see(tmp_path):
             async with browser(server, "es", name="Ana") as one:
                 hello = one.hello
                 assert (hello["mode"], hello["you"], hello["driver"]) == ("live", "Ana", None)
+                assert not hello["shared"]
                 assert hello["vehicle"]["name"] == "small"
                 assert hello["routes"] == ["oval"]
                 assert [field["name"] for field in hello["fields"]] == COLUMNS

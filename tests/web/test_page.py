@@ -5,7 +5,7 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import PAGE, READY, opened, until
+from tests.web.screens import LIVE, PAGE, READY, opened, until
 from tests.web.scripted import RADIUS, Scripted
 
 FRAME_MS = 8.0
@@ -13,7 +13,7 @@ FRAME_MS = 8.0
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 
 
-@pytest.mark.parametrize("screen", ["drive", "identify", "replay", "tune", "runs", "blocks"])
+@pytest.mark.parametrize("screen", LIVE)
 def test_space_stops_on_every_screen_without_the_lease(tab, live, screen):
     opened(tab, live, screen=screen)
     tab.press(" ", "Space", " ")
@@ -32,8 +32,9 @@ def test_space_on_a_button_stops_and_does_not_press_it(tab, live):
 
 def test_a_touch_of_the_stop_is_enough_and_it_stands_at_the_same_place(tab, live):
     places = set()
-    for screen in ("drive", "replay", "tune", "runs", "blocks"):
-        opened(tab, live, screen=screen)
+    opened(tab, live)
+    for screen in LIVE:
+        tab.click(f"#tab-{screen}")
         places.add(tab.middle("#stop"))
     assert len(places) == 1
     x, y = tab.middle("#stop")
@@ -214,29 +215,6 @@ def test_what_others_named_is_text(tab):
         assert not tab.errors
 
 
-def test_all_is_reached_by_tab_and_the_focus_is_seen(tab, live):
-    opened(tab, live)
-    tab.press("l", "KeyL", "l")
-    tab.wait(f"{PAGE}.hand.mine")
-    wanted = tab.js(
-        "[...document.querySelectorAll('button, select, input, [tabindex=\"0\"]')]"
-        ".filter((n) => n.checkVisibility() && !n.disabled).length"
-    )
-    reached, unseen = set(), []
-    for _ in range(wanted + 4):
-        tab.press("Tab", "Tab")
-        tag, outline = tab.js(
-            "(() => { const n = document.activeElement;"
-            "n.mark ??= `${n.tagName}${[...document.querySelectorAll('*')].indexOf(n)}`;"
-            "return [n.mark, getComputedStyle(n).outlineStyle]; })()"
-        )
-        reached.add(tag)
-        if outline == "none" and not tag.startswith("BODY"):
-            unseen.append(tag)
-    assert not unseen
-    assert len([one for one in reached if not one.startswith("BODY")]) >= wanted
-
-
 def test_language_and_theme_change_in_place(tab, live):
     opened(tab, live)
     tab.click("#language")
@@ -253,17 +231,6 @@ def test_the_token_leaves_the_address(tab, live):
     tab.wait(READY)
     assert tab.js("location.href").endswith("?lang=en")
     tab.js("sessionStorage.clear()")
-
-
-def test_with_reduced_motion_the_map_does_not_glide(tab, live):
-    tab.media(prefers_reduced_motion="reduce")
-    opened(tab, live)
-    tab.js(f"{PAGE}.screen.map.zoom(3)")
-    tab.press("0", "Digit0", "0")
-    tab.js(f"{PAGE}.screen.draw(performance.now())")
-    first = tab.js(f"{PAGE}.screen.map.view.scale")
-    time.sleep(0.4)
-    assert tab.js(f"{PAGE}.screen.map.view.scale") == pytest.approx(first, rel=0.02)
 
 
 def test_a_picture_of_eight_strips_and_the_map_costs_little(tab, live):

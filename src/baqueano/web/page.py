@@ -156,7 +156,7 @@ class BrowserPage:
             "is": "hello", "protocol": PROTOCOL, "role": visitor.role.word if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
             "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
-            "runs": self._shelf.runs(), "open": self._named(),
+            "runs": self._shelf.runs(), "open": self._named(), "shared": self._guard().shared,
         } | about  # fmt: skip
         visitor.say(hello | {"fields": labelled(hello["fields"], visitor.language)})
 

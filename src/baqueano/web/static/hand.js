@@ -70,18 +70,20 @@ export class Hand {
     return this.#gamePad() ?? [0, 0];
   }
 
+  get #pads() { return [...navigator.getGamepads?.() ?? []].filter((one) => one?.connected); }
+
   #gamePad() {
-    this.fromPad = false;
-    for (const one of navigator.getGamepads?.() ?? []) {
-      if (!one?.connected) continue;
-      const stop = one.buttons[PAD_STOP]?.pressed ?? false;
-      if (stop && !this.padStopped) this.page.stop();
-      this.padStopped = stop;
-      const beyond = (x = 0) => (Math.abs(x) < DEAD ? 0 : (x - Math.sign(x) * DEAD) / (1 - DEAD));
-      const way = [-beyond(one.axes[1]), -beyond(one.axes.length > 2 && Math.abs(one.axes[2]) > DEAD ? one.axes[2] : one.axes[0])];
-      if (way[0] || way[1]) { this.fromPad = true; return way; }
-    }
-    return null;
+    const beyond = (x = 0) => (Math.abs(x) < DEAD ? 0 : (x - Math.sign(x) * DEAD) / (1 - DEAD));
+    const ways = this.#pads.map(({ axes }) => [-beyond(axes[1]), -(beyond(axes[2]) || beyond(axes[0]))]), way = ways.find(([ahead, left]) => ahead || left) ?? null;
+    this.fromPad = Boolean(way);
+    return way;
+  }
+
+  /** Stop by a pad's button: as STOP on the page, whoever drives. */
+  #padStop() {
+    const pressed = this.#pads.some(({ buttons }) => buttons[PAD_STOP]?.pressed);
+    if (pressed && !this.padStopped) this.page.stop();
+    this.padStopped = pressed;
   }
 
   /** Return the command: the first that lives drives ahead, the last one turns to the left. */
@@ -96,6 +98,7 @@ export class Hand {
 
   /** Called once a picture, after it was drawn. */
   beat(now_ms, still = false) {
+    this.#padStop();
     if (!this.mine || (!still && now_ms - this.sent_ms < EVERY_MS)) return;
     this.sent_ms = now_ms;
     const u = this.command;

@@ -121,6 +121,8 @@ function frame() {
   write($("world"), t(`world.${hello.vehicle.world}`));
   $("world").className = `chip world-${hello.vehicle.world}`;
   fixedTexts();
+  write($("shared"), t("shared"));
+  show($("shared"), Boolean(hello.shared));
   const shown = SCREENS.filter((one) => !(replay && one === Drive) && (one !== Faults || (!replay && hello.vehicle.world === "simulated")));
   const before = page.screen?.constructor.key ?? location.hash.slice(1);
   page.screens = Object.fromEntries(shown.map((one) => [one.key, new one(page)]));
@@ -238,7 +240,7 @@ function key(event, down) {
   if (typing || $("keys").open) return;
   const choosing = event.target.tagName === "SELECT" || event.target.type === "range";
   if (choosing && /^(Arrow|Home|End|Page)/.test(event.code)) return;
-  if (event.target.getAttribute?.("role") === "tab" && /^Arrow(Left|Right)$/.test(event.code)) {
+  if (event.target.getAttribute?.("role") === "tab" && !event.shiftKey && /^Arrow(Left|Right)$/.test(event.code)) {
     if (down) neighbour(event.code === "ArrowRight" ? 1 : -1);
     event.preventDefault();
     return;
