@@ -201,9 +201,9 @@ def serve(folder: str) -> None:
     claimed()
     first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), ShakenWorld.write, False, 0
 
-    def stamped(world: Any, command: Any) -> None:
+    def stamped(self: Any, command: Any) -> None:
         nonlocal moves, ticks
-        write(world, command)
+        write(self, command)
         zero, ticks = not np.any(command.u), ticks + 1
         if (zero and moves) or ticks % EVERY == 0:
             door.tell(

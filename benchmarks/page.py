@@ -21,11 +21,12 @@ from statistics import median
 from typing import Any
 
 from benchmarks.harness import Bench, LeftOut, Row
-from benchmarks.processes import first_of_all, p99, quantile, resident_mb, spread
+from benchmarks.processes import before_others, first_of_all, p99, quantile, resident_mb, spread
 
 VIEWERS = 5
 MOST_PERCENT, MOST_MB = 2.0, 35.0
-MOST_LATER_MS = 0.2  # of the p99 of a tick, by a visitor who takes history
+MOST_LATER_MS = 0.2  # of the p99 of a tick, by a visitor who takes history, or tabs that read nothing
+TABS, MOST_GROWN_MB = 50, 5.0  # of the page process, by so many tabs that read nothing
 MOST_PICTURE_MS, MOST_KEY_MS, MOST_FRAME_MS = 500.0, 60.0, 8.0
 STARTS_S = 120.0
 
@@ -35,6 +36,7 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the page", "it speaks to a service through a socket of Unix")]
     with ExitStack() as open_things:
+        open_things.enter_context(before_others())
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
         service, door = open_things.enter_context(_service(folder))
         page, port = open_things.enter_context(_page(folder, door))
@@ -43,9 +45,10 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
         found: list[Bench | LeftOut] = [
             asyncio.run(_viewers(page, port, rounds, seconds)),
             asyncio.run(_history(service, guest, port, rounds, seconds)),
+            asyncio.run(_stalled(service, page, guest, port, rounds, seconds)),
         ]
         guest.say("end")
-    return [*found, *_browser(smallest)]
+        return [*found, *_browser(smallest)]
 
 
 async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
@@ -92,6 +95,30 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
         ),
     )  # fmt: skip
     return Bench("how late a tick of the loop begins", rows)
+
+
+async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
+    """Memory of the page process, and how late a tick begins, while tabs read nothing."""
+    first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
+    before, plain, stalled, grown, there = resident_mb(page), [], [], [], 0
+    for _ in range(rounds):
+        plain.append(await asyncio.to_thread(guest.late_ms, seconds))
+        async with _come(port, TABS) as lines:
+            there = len(lines)
+            for line in lines:
+                line.transport.pause_reading()
+            stalled.append(await asyncio.to_thread(guest.late_ms, seconds))
+            grown.append(resident_mb(page) - before)
+    later = median(p99(b) - p99(a) for a, b in zip(plain, stalled, strict=True))
+    without, beside = (p99([x for one in several for x in one]) for several in (plain, stalled))
+    rows = (
+        Row("p99 without them", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
+        Row(f"with the {there} that are let in", 1e-3 * beside, beside / max(without, 1e-9),
+            missed=later > MOST_LATER_MS or max(grown) > MOST_GROWN_MB,
+            note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g}); "
+                 f"{max(grown):+.1f} MB resident (at most {MOST_GROWN_MB:g})"),
+    )  # fmt: skip
+    return Bench(f"{TABS} tabs that read nothing", rows)
 
 
 def _browser(smallest: bool) -> list[Bench | LeftOut]:
@@ -260,29 +287,39 @@ def _page(folder: Path, door: Path) -> Iterator[tuple[int, int]]:
 
 
 @asynccontextmanager
-async def _looking(port: int, number: int) -> Any:
-    """Browsers that read what comes."""
+async def _come(port: int, number: int) -> Any:
+    """Browsers that say hello, as many of them as are let in."""
     from websockets.asyncio.client import connect
+    from websockets.exceptions import InvalidStatus
 
-    host = f"127.0.0.1:{port}"
+    host, lines = f"127.0.0.1:{port}", []
     async with asyncio.timeout(STARTS_S):
-        lines = [
-            await connect(
-                f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None, max_size=None
-            )
-            for _ in range(number)
-        ]  # fmt: skip
-    reading = [asyncio.create_task(_read(line)) for line in lines]
-    for line in lines:
-        await line.send('{"is":"hello","lang":"en"}')
-    await asyncio.sleep(1.0)  # hello, history and list of runs are done with
+        for _ in range(number):
+            with suppress(InvalidStatus):
+                lines.append(await connect(
+                    f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None,
+                    max_size=None,
+                ))  # fmt: skip
+        for line in lines:
+            await line.send('{"is":"hello","lang":"en"}')
     try:
         yield lines
     finally:
-        for task in reading:
-            task.cancel()
         for line in lines:
             line.transport.abort()
+
+
+@asynccontextmanager
+async def _looking(port: int, number: int) -> Any:
+    """Browsers that read what comes."""
+    async with _come(port, number) as lines:
+        reading = [asyncio.create_task(_read(line)) for line in lines]
+        await asyncio.sleep(1.0)  # hello, history and list of runs are done with
+        try:
+            yield lines
+        finally:
+            for task in reading:
+                task.cancel()
 
 
 async def _read(line: Any) -> None:

@@ -22,7 +22,7 @@ from tests.web.page_client import WAIT_S, run_page
 
 HERE = Path(__file__).with_name("foxglove")
 NODE = shutil.which("node")
-needs_client = pytest.mark.skipif(
+needs_client = pytest.mark.skipif(  # where CI is set it is missing by mistake, and the test fails
     (NODE is None or not (HERE / "node_modules").is_dir()) and not os.environ.get("CI"),
     reason="the public client is not installed: make browser-tools",
 )
