@@ -25,7 +25,7 @@ from baqueano.messages import templates
 
 SOURCE = CATALOGUES.parent
 OF_CLICK = {"_": None, "ngettext": (1, 2)}
-OF_PARAMETERS = {"shown_by", "measured_by"}
+OF_PARAMETERS = {"shown_by", "measured_by", "label"}
 MARKED = {"_": 0, "N_": 0, "parameter": 1}  # function → which argument is words
 
 

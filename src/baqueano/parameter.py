@@ -60,6 +60,8 @@ class Parameter(NamedTuple):
         The way in which a person measures it.
     symbol : str or tuple of str
         Its letter, in LaTeX.
+    label : str or tuple of str
+        Its short name for people; of a matrix that of the entries on the diagonal; "": the line of meaning.
     std : str
         Field with its standard deviation; a filter may take it into its state.
     walk : str
@@ -87,6 +89,7 @@ class Parameter(NamedTuple):
     shown_by: Words = ""
     measured_by: str = ""
     symbol: Words = ""
+    label: Words = ""
     std: str = ""
     walk: str = ""
     slip: str = ""

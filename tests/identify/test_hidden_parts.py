@@ -69,6 +69,17 @@ def test_the_setting_of_the_chip_tells_its_filter_and_the_delay_of_it(logs):
     assert abs(set_up.value(LAG) - q.lag_s[0]) < 5e-4
 
 
+def test_tilt_and_bias_are_a_sum_unless_a_fit_is_asked_to_tell_them_apart(logs):
+    _, file, runs = logs
+    few = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
+    one, both = (
+        identify(runs["counts"], file, free, options=FitOptions(diagnose=False))
+        for free in (few, [*few, "sensors.imu.tilt_rad"])
+    )
+    assert ("bias.tilt-sum", "imu") in [(said.code, said.subject) for said in one.notes]
+    assert "bias.tilt-sum" not in [said.code for said in both.findings]
+
+
 def test_a_low_pass_can_be_fitted(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, [*FREE, f"+{LOW_PASS}"], options=FitOptions(diagnose=False))

@@ -17,8 +17,8 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
+from baqueano.vehicles.rk4 import ROW_S
 
-ROW_S = 0.02  # longest step of an integrator: half of what the stiffest vehicle of the garage bears
 ROW_NS = round(ROW_S * NANOSECONDS)
 HELD_S = 1.0  # after so much prediction without a tick nobody knows where the vehicle is
 JITTER = 1.25  # periods

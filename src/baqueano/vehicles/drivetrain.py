@@ -124,12 +124,12 @@ class Drivetrain:
     dead_zone_forward: np.ndarray = parameter(
         "unit of u", "channel below which a motor stands still, forward", low=0.0, high=1e6, default=(0.0,),
         shape=None, role="term", shown_by="forward commands just above the dead zone of the {nth} motor",
-        symbol="z_{f}",
+        symbol="z_{f}", label="dead zone ahead, {nth} motor",
     )  # fmt: skip
     dead_zone_backward: np.ndarray = parameter(
         "unit of u", "channel below which a motor stands still, backward", low=0.0, high=1e6, default=(0.0,),
         shape=None, role="term", shown_by="backward commands just above the dead zone of the {nth} motor",
-        symbol="z_{b}",
+        symbol="z_{b}", label="dead zone back, {nth} motor",
     )  # fmt: skip
     gain: np.ndarray = parameter(
         "1", "slope of a channel: motors are not equal", low=0.0, high=1e3, default=(1.0,), shape=None,
@@ -145,7 +145,7 @@ class Drivetrain:
     )  # fmt: skip
     lag_s: float = parameter(
         "s", "time constant of the motors", low=0.0, high=10.0, default=0.0, role="term",
-        shown_by="sudden changes of the command", symbol=r"\tau",
+        shown_by="sudden changes of the command", symbol=r"\tau", label="lag of the motors",
     )  # fmt: skip
     battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0, role="known")
     battery_nominal_v: float = parameter(

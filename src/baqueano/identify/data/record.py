@@ -24,10 +24,10 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import ByName, seconds
+from baqueano.vehicles.rk4 import ROW_S, rows_in
 
 LONG_STEP = 2.5  # median steps, above which a step is a gap
 JUST = 1e-6  # of a row: rounding
-ROW_S, MORE = 0.02, 0.25  # the longest row; of it, what a tick may last longer and stay one
 LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
 CLOCK_S = 0.25  # the largest offset of a clock that a fit looks for
 
@@ -88,15 +88,6 @@ def record_of(
         u = np.repeat(u, pieces, axis=0)
         t_s = np.cumsum(dt_s) - dt_s[0]
     return FitRecord(run.name, t_s, dt_s, u, readings, tuple(notes))
-
-
-def rows_in(dt_s: np.ndarray) -> np.ndarray:
-    """Into how many rows (N,) ticks of `dt_s` (N,) are cut.
-
-    >>> rows_in(np.array([0.01, 0.022, 0.05]))
-    array([1, 1, 3])
-    """
-    return np.maximum(np.ceil(dt_s / ROW_S - MORE), 1).astype(int)
 
 
 def past_of(runs: Sequence[Run]) -> Callable[[float], int]:

@@ -70,6 +70,12 @@ class Free(NamedTuple):
         """The motion that shows it; "" if nobody says."""
         return words_of(self.of.shown_by, self.entry)
 
+    @property
+    def label(self) -> str:
+        """Its short name for people; "" where its field has none, and off the diagonal of a matrix."""
+        diagonal = len(set(self.entry)) <= 1
+        return words_of(self.of.label, self.entry) if diagonal else ""
+
 
 def words_of(words: Words, entry: tuple[int, ...]) -> str:
     """The words of one entry."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.information import COLOUR, covariance_of, inverse
 from baqueano.identify.covariance.jackknife import jackknife, no_smaller
@@ -290,7 +291,7 @@ def _moving(end: FinishedFit) -> str:
 def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     problem = end.task.problem
     records = {record.run: record for record in problem.records}.values()
-    messages = [*([end.note] if end.note else []), *_sums(end), *_horizon(problem, end.search.solution.theta)]
+    messages = [*([end.note] if end.note else []), *_horizon(problem, end.search.solution.theta), *_sums(end)]
     for r in records:
         of_run = {"of_run": r.name} if len(records) > 1 else {}
         messages += [replace(one, figures={**one.figures, **of_run}) for one in r.notes]
@@ -302,12 +303,22 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
 
 
 def _sums(end: FinishedFit) -> list[Diagnostic]:
-    """Return a note on parameters of which a run shows the sum only."""
-    names, imus = end.task.problem.shape.shared, end.blocks.sensors._asdict().items()
-    unfiltered = [name for name, block in imus if not getattr(block, "has_low_pass", True)]
-    if DELAY not in names or len(unfiltered) < len(end.blocks.sensors):
-        return []
-    return [note("delay.sum", subject=unfiltered[0])]
+    """Return a note on each pair of parameters of which a run shows the sum only."""
+    shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
+    tilted = [
+        name for name, block in blocks
+        if has_field(block, "tilt_rad") and not _any_of(shape.shared, f"sensors.{name}.tilt_rad")
+        and _any_of((*shape.shared, *shape.own), f"sensors.{name}.accel_bias")
+    ]  # fmt: skip
+    unfiltered = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
+    delays = unfiltered[:1] if DELAY in shape.shared and len(unfiltered) == len(blocks) else []
+    return [note("delay.sum", subject=name) for name in delays] + [
+        note("bias.tilt-sum", subject=name) for name in tilted
+    ]
+
+
+def _any_of(paths: tuple[str, ...], key: str) -> bool:
+    return any(path.partition("[")[0] == key for path in paths)
 
 
 def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:

@@ -111,6 +111,10 @@ TEMPLATES: dict[str, str] = {
         "a run identifies only the sum of the delay of the motors and that of {subject}, drivetrain.delay_s. If the "
         "data sheet gives the filter, write low_pass_hz into [sensors.{subject}]"
     ),
+    "bias.tilt-sum": (
+        "a run identifies only the sum of the tilt of {subject} and the bias of its accelerometers. accel_bias is what "
+        "the tilt_rad of the file leaves of that sum"
+    ),
     "truth.horizon": (
         "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of way. Longer drives may differ"
     ),

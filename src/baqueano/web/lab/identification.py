@@ -39,14 +39,6 @@ STAGES = 6  # fits of a run that is over
 UNSEEN = 0.3  # standard error, in parts of the value, from where on a motion is missing
 LEAST = 0.05  # of the size in the file, below which a fitted value is no measure of its own error
 LONGEST_GAP_S = 5.0
-NAMES = {
-    "model.friction.linear": "drag", "model.friction.quadratic": "drag-square", "model.friction.coulomb": "dry",
-    "model.actuator_matrix": "push",
-}  # fmt: skip
-SINGLE = {
-    "model.drivetrain.lag_s": "known.lag", "model.drivetrain.dead_zone_forward": "known.dead-ahead",
-    "model.drivetrain.dead_zone_backward": "known.dead-back",
-}  # fmt: skip
 
 
 class FitOfDrive(NamedTuple):
@@ -297,13 +289,10 @@ class DriveIdentification:
 
 def label_of(one: Free) -> Diagnostic:
     """Return the name of a parameter for people."""
-    field, _, _ = one.path.partition("[")
-    if field in NAMES and one.entry and (len(one.entry) == 1 or one.entry[0] == one.entry[-1]):
-        return note(f"known.{NAMES[field]}-{one.entry[0]}")
-    if field in SINGLE:
-        return note(SINGLE[field], nth=one.entry[0] + 1 if one.entry else 1)
+    if one.label:
+        return note("known.label", meaning=one.label, entry="")
     entry = f" [{', '.join(map(str, one.entry))}]" if one.entry else ""
-    return note("known.other", meaning=one.of.meaning, entry=entry)
+    return note("known.label", meaning=one.of.meaning, entry=entry)
 
 
 def _rounded(sd: np.ndarray) -> list[float]:
