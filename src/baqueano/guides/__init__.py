@@ -1,6 +1,10 @@
 """Estimate → reference. Put yours beside `repeat.py`, or name it in the vehicle file as "file.py:Class".
 
 init() -> state;   step(state, estimate) -> (state, Reference)
+
+How yours gets its route: the fields of its class that are named `t_s`, `eta`, `nu`, `closed`, or `route` for all four, are
+filled with the route that is driven; `laps` with the laps. A guide without them makes its own references. It needs no way
+onto the route, no pause and no way back: `InTurn` and `Paced` go around any guide.
 """
 
 from baqueano.contracts.blocks import Guide

@@ -29,12 +29,10 @@ class PacedGuide:
 
     def want(self, who: str, pace: float) -> None:
         """Take the pace that `who` wants from the next tick on; ValueError for one outside of 0 to 1."""
+        replace(self.block, wanted=pace)
         self._wants[who] = pace
-        try:
-            self.block = replace(self.block, wanted=min(self._wants.values()))
-        except ValueError:
-            del self._wants[who]
-            raise
+        if (slowest := min(self._wants.values())) != self.block.wanted:
+            self.block = replace(self.block, wanted=slowest)
 
     def init(self) -> Tree:
         """The guide at its beginning."""

@@ -39,7 +39,7 @@ class PlainRoom(NamedTuple):
     start: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Precautions:
     """Options of `repeat` for the safety of the vehicle.
 
