@@ -21,6 +21,17 @@ def test_the_route_goes_on_where_the_way_meets_it_without_a_jump(kind, start):
     assert out[-1].done == 1.0
 
 
+@pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
+def test_a_way_that_is_shorter_than_the_route_to_there_leads_on_too(kind):
+    """From inside of a circle: it joins at a time of the route that is later than the time of the drive."""
+    route = circle(0.4, 0.25)
+    state, out = followed(InTurn.led_in(kind.along(route), route, radius_m=0.15), (0.0, 0.2, 0.5))
+    eta = np.array([r.eta for r in out])
+    assert state.first.goal[0] > 1.5
+    assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.5 * 0.25 * DT
+    assert len(out) * DT < route.t_s[-1] + 1.5  # no part twice
+
+
 def test_from_the_start_of_the_route_it_is_the_route_bit_for_bit():
     route = circle(0.5, 0.2)
     plain, led = Repeat.along(route, 2), InTurn.led_in(Repeat.along(route, 2), route)
