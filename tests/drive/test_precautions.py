@@ -134,7 +134,9 @@ def test_what_may_be_the_model_only_slows_and_a_worn_model_does_not():
 
 def test_a_doubt_that_ends_ends_the_slowness():
     caution = begun()
-    rows = watched(caution, [(0.0, doubtful(SENSOR)), (2.0, ()), (3.0, doubtful(SENSOR)), (5.5, doubtful(SENSOR))])
+    rows = watched(
+        caution, [(0.0, doubtful(SENSOR)), (2.0, ()), (3.0, doubtful(SENSOR)), (5.5, doubtful(SENSOR))]
+    )
     assert [pace for pace, _ in rows] == [SLOW, 1.0, SLOW, SLOW]
     assert [said.code for _, _, said in caution.events()] == ["caution.slow", "caution.over", "caution.slow"]
 
@@ -200,7 +202,9 @@ def test_a_mission_carries_its_precautions_and_where_the_vehicle_stands():
     assert "precautions" not in Mission("repeat", route=LAP).json()  # as robots of before read it
 
 
-@pytest.mark.parametrize("wrong", [{"anyway": 1}, {"nothing": True}, {"room": {"free": [1.0]}}, {"patience_s": "long"}])
+@pytest.mark.parametrize(
+    "wrong", [{"anyway": 1}, {"nothing": True}, {"room": {"free": [1.0]}}, {"patience_s": "long"}]
+)
 def test_precautions_that_are_none_are_refused(wrong):
     with refused("mission.damaged", UsageError):
         Mission("repeat", route=LAP, precautions=wrong)

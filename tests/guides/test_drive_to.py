@@ -111,7 +111,10 @@ def test_it_keeps_every_promise_of_a_guide():
 def test_compiled_and_as_written_it_gives_the_same_reference():
     guide = DriveTo([[1.0, 0.5, 1.0], [1.5, 0.2, 0.4]], (0.0, 2.0), (0.2, -0.2))
     state, _ = guide.step(guide.init(), at([0.1, 0.2, 0.7]))
-    for state_k, now in ((guide.init(), at([0.1, 0.2, 0.7])), (state._replace(sigma_m=0.6), at([0.5, 0.2, 0.7], 3))):
+    for state_k, now in (
+        (guide.init(), at([0.1, 0.2, 0.7])),
+        (state._replace(sigma_m=0.6), at([0.5, 0.2, 0.7], 3)),
+    ):
         plain = guide.step(state_k, now)[1]
         other = function(guide.step, state_k, now, backend="python")(state_k, now)[1]
         np.testing.assert_allclose(other.eta, plain.eta, rtol=1e-9, atol=1e-12)

@@ -49,10 +49,8 @@ def test_a_number_that_is_none_is_named_by_its_row(name):
 
 def test_a_stop_and_a_start_from_rest_are_no_gaps():
     route = line(1.0, 0.2)
-    waits = Route(
-        np.append(route.t_s[:50], route.t_s[50:] + 4.0), route.eta, np.where(np.arange(101)[:, None] == 49, 0.0, route.nu),
-        closed=False,
-    )  # fmt: skip
+    t_s = np.append(route.t_s[:50], route.t_s[50:] + 4.0)
+    waits = route._replace(t_s=t_s, nu=np.where(np.arange(101)[:, None] == 49, 0.0, route.nu))
     assert codes(waits) == []
     assert codes(fastest(line(2.0, 0.1), load("small"))) == []
 

@@ -46,7 +46,9 @@ class Mission:
     laps: int = 1  # 0: for ever
     hold: bool = True  # by hand: the heading, where the vehicle has a gyro
     blocks: dict[str, str] = field(default_factory=dict)  # room → "file.py:Class" in place of the file's own
-    start: tuple[float, ...] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; else where the route begins
+    start: tuple[
+        float, ...
+    ] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; else where the route begins
     precautions: JsonObject = field(default_factory=dict)  # of a repetition, as Precautions.to_json
     vehicle: str = ""  # text of the vehicle file, once it is packed
     texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks

@@ -98,9 +98,14 @@ class DriveTo:
         goal = np.where(began, state.goal, goal)
         dt_s = np.where(began, seconds(estimate.t_ns, state.t_ns), 0.0)
         ahead = goal[2]
-        v = np.where(began, state.v_m_s, np.maximum(ahead * estimate.nu[0], 0.0)) + self.acceleration_m_s2 * dt_s
+        v = (
+            np.where(began, state.v_m_s, np.maximum(ahead * estimate.nu[0], 0.0))
+            + self.acceleration_m_s2 * dt_s
+        )
         rest_m = np.maximum(way.length_m - state.sigma_m, 0.0)
-        v = np.minimum(np.minimum(v, self.speed_m_s), np.sqrt(goal[1] ** 2 + 2.0 * self.acceleration_m_s2 * rest_m))
+        v = np.minimum(
+            np.minimum(v, self.speed_m_s), np.sqrt(goal[1] ** 2 + 2.0 * self.acceleration_m_s2 * rest_m)
+        )
         sigma_m = np.minimum(state.sigma_m + np.maximum(v, SLOWEST_M_S) * dt_s, way.length_m)
         done: Value = np.where(sigma_m >= way.length_m, 1.0, 0.0)
         back = 0.5 * np.pi * (1.0 - ahead)  # of the body against its course

@@ -23,7 +23,6 @@ from baqueano.guides.route import Route
 from baqueano.parameter import documented, parameter
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 
-
 BEFORE = -1
 
 

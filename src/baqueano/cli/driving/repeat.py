@@ -26,20 +26,30 @@ from baqueano.diagnostics import note
     "--faster", is_flag=True, help="As fast as the identified vehicle can, in place of the taught speed."
 )
 @click.option(
-    "--from", "stand", metavar="X,Y,DEG",
+    "--from",
+    "stand",
+    metavar="X,Y,DEG",
     help="Where the vehicle stands, seen from where the route begins [m, m, degrees]; it then leads in.",
 )
 @click.option(
-    "--lead-in/--no-lead-in", default=True, show_default=True,
+    "--lead-in/--no-lead-in",
+    default=True,
+    show_default=True,
     help="Drive onto the route first, where the vehicle does not stand at its start.",
 )
 @click.option("--return", "way_back", is_flag=True, help="Afterwards drive back to where the route begins.")
 @click.option(
-    "--caution/--no-caution", default=True, show_default=True,
+    "--caution/--no-caution",
+    default=True,
+    show_default=True,
     help="Slow down, and stop, where a sensor is degraded or the position is uncertain.",
 )
 @click.option(
-    "--patience", "patience_s", type=numbers.seconds, default=20.0, show_default=True,
+    "--patience",
+    "patience_s",
+    type=numbers.seconds,
+    default=20.0,
+    show_default=True,
     help="Give up a vehicle that is stuck for so long [s].",
 )
 @click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
@@ -56,8 +66,8 @@ from baqueano.diagnostics import note
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
     start: str | None, anyway: bool, faster: bool, stand: str | None, lead_in: bool, way_back: bool, caution: bool,
-    patience_s: float, estimator: str | None, controller: str | None, guide: str | None, seed: int, shake: tuple[str, ...],
-    backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
+    patience_s: float, estimator: str | None, controller: str | None, guide: str | None, seed: int,
+    shake: tuple[str, ...], backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare

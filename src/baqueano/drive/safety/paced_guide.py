@@ -1,9 +1,9 @@
-"""A guide whose pace may change between two ticks: by caution, and by who holds the vehicle. The slowest is in force."""
+"""A guide whose pace changes between two ticks: by caution, and by who holds the vehicle. The slowest is in force."""
 
 from dataclasses import replace
 
 from baqueano.contracts.values import Tree
-from baqueano.guides import Paced
+from baqueano.guides import Pace
 from baqueano.signals import Estimate, Reference
 
 
@@ -19,7 +19,7 @@ class PacedGuide:
     """
 
     def __init__(self, guide: Tree) -> None:
-        self.block = Paced(guide)
+        self.block = Pace(guide)
         self._wants: dict[str, float] = {}
 
     @property

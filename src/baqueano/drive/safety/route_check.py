@@ -35,7 +35,7 @@ def warnings_of(
     except TraceError:  # a vehicle of one's own that is not compiled: it cannot be asked for its limits
         report = examine(route, None, room)
     for one in report.findings:
-        passes = one.code in UNSURE and anyway or one.code in FASTER and not measured
+        passes = (one.code in UNSURE and anyway) or (one.code in FASTER and not measured)
         if one.severity == Severity.ERROR and not passes:
             raise AnswerNo(one)
     return report.findings
