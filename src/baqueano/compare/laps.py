@@ -91,9 +91,9 @@ def _passages(eta: np.ndarray, done: bool) -> list[int]:
     near = (away < max(NEAR_M, 2.0 * float(np.max(step)))) & (np.abs(wrap(eta[:, 2] - end[2])) < NEAR_RAD)
     s = np.append(0.0, np.cumsum(step))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
-    found: list[int] = []
+    passed: list[int] = []
     for a, b in edges.reshape(-1, 2):
         k = int(a + np.argmin(away[a:b]))
-        if not found or s[k] - s[found[-1]] > LEAST_M:
-            found.append(k)
-    return found
+        if not passed or s[k] - s[passed[-1]] > LEAST_M:
+            passed.append(k)
+    return passed

@@ -2,8 +2,8 @@
 run. So are, with its first tick, the blocks that a mission took in place of those of its vehicle file.
 
 Only numbers of the controller can be set, and `guide.pace` of a repetition, from 0 to 1: at 0 the vehicle brakes and
-waits, at 1 it goes on. The limits of the supervisor clip whatever a controller asks for. A changed controller runs as it
-is written, in some 0.1 ms a tick: to compile it would hold up the loop.
+waits, at 1 it goes on. The limits of the supervisor clip whatever a controller asks for. A changed controller runs as
+it is written, in some 0.1 ms a tick: to compile it would hold up the loop.
 """
 
 from dataclasses import replace

@@ -120,18 +120,17 @@ class DriveTo:
     def _nearest(self, eta: Value) -> tuple[Way, Value]:
         """Return the way to the nearest goal, and what is there.  (1)"""
         ahead = np.where(self.v_m_s < 0.0, -1.0, 1.0)
-        best, there = None, np.zeros(3)
-        for k, goal in enumerate(self.goals):
-            back = 0.5 * np.pi * (1.0 - ahead[k])
-            turned = np.array([0.0, 0.0, back])
-            way = shortest(eta - turned, goal - turned, self.radius_m)
-            here = np.array([self.tau_s[k], np.abs(self.v_m_s[k]), ahead[k]])
-            if best is None:
-                at = (np.hypot(*(eta - goal)[:2]) < NEAR_M) & (np.abs(wrap(eta[2] - goal[2])) < NEAR_RAD)
-                best = way._replace(length_m=np.where(at, 0.0, way.length_m))
-                there = here
-                continue
-            there = np.where(way.length_m < best.length_m, here, there)
+        back = 0.5 * np.pi * (1.0 - ahead)
+        x, y, psi = self.goals.T
+        ways = shortest((eta[0], eta[1], eta[2] - back), (x, y, psi - back), self.radius_m)
+        off = eta - self.goals[0]
+        there = (np.hypot(off[0], off[1]) < NEAR_M) & (np.abs(wrap(off[2])) < NEAR_RAD)
+        best = Way(*(field[..., 0] for field in ways))
+        best = best._replace(length_m=np.where(there, 0.0, best.length_m))
+        goal = np.array([self.tau_s[0], np.abs(self.v_m_s[0]), ahead[0]])
+        for k in range(1, len(self.goals)):
+            way = Way(*(field[..., k] for field in ways))
+            less = way.length_m < best.length_m
+            goal = np.where(less, np.array([self.tau_s[k], np.abs(self.v_m_s[k]), ahead[k]]), goal)
             best = shorter(way, best)
-        assert best is not None
-        return best, there
+        return best, goal

@@ -32,7 +32,8 @@ class Way(NamedTuple):
 
 
 def shortest(start: Value, goal: Value, radius_m: float) -> Way:
-    """Return the shortest way from a pose (3,) to another.  (1), (2)"""
+    """Return the shortest way from a pose (3,) to another; of several goals at once, x, y and ψ of all (3, k), the way
+    to each.  (1), (2)"""
     dx, dy = (goal[0] - start[0]) / radius_m, (goal[1] - start[1]) / radius_m
     D, towards = np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)
     best = None
@@ -40,7 +41,7 @@ def shortest(start: Value, goal: Value, radius_m: float) -> Way:
         t, p, q, exists = _word(D, first * (start[2] - towards), first * (goal[2] - towards), first == last)
         length_m = np.where(exists, radius_m * (t + p + q), FAR_M)
         arcs_m = radius_m * np.array([t, p, q])
-        this = Way(length_m, arcs_m, np.array([first, last]))
+        this = Way(length_m, arcs_m, np.array([first + 0.0 * t, last + 0.0 * t]))
         best = this if best is None else shorter(this, best)
     assert best is not None
     return best

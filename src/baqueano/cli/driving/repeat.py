@@ -66,8 +66,8 @@ from baqueano.diagnostics import note
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
     start: str | None, anyway: bool, faster: bool, stand: str | None, lead_in: bool, way_back: bool, caution: bool,
-    patience_s: float, estimator: str | None, controller: str | None, guide: str | None, seed: int, shake: tuple[str, ...],
-    backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
+    patience_s: float, estimator: str | None, controller: str | None, guide: str | None, seed: int,
+    shake: tuple[str, ...], backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare

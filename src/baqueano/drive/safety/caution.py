@@ -22,8 +22,8 @@ SOURCE = WHO = "caution"
 
 
 class Caution(Observer):
-    """Watches one drive; `most_m` is the uncertainty [m] that stops the vehicle. Without `watches` it trusts everything,
-    and only puts the guide under the pace that the holder sets (door/adjusting.py)."""
+    """Watches one drive; `most_m` is the uncertainty [m] that stops the vehicle. Without `watches` it trusts
+    everything, and only puts the guide under the pace that the holder sets (door/adjusting.py)."""
 
     def __init__(self, most_m: float = float("inf"), watches: bool = True) -> None:
         self._most_m, self._watches = most_m, watches

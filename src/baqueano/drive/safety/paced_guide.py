@@ -1,9 +1,9 @@
-"""A guide whose pace may change between two ticks: by caution, and by who holds the vehicle. The slowest is in force."""
+"""A guide whose pace changes between two ticks: by caution, and by who holds the vehicle. The slowest is in force."""
 
 from dataclasses import replace
 
 from baqueano.contracts.values import Tree
-from baqueano.guides import Paced
+from baqueano.guides import Pace
 from baqueano.signals import Estimate, Reference
 
 
@@ -19,7 +19,7 @@ class PacedGuide:
     """
 
     def __init__(self, guide: Tree) -> None:
-        self.block = Paced(guide)
+        self.block = Pace(guide)
         self._wants: dict[str, float] = {}
 
     @property
@@ -29,12 +29,10 @@ class PacedGuide:
 
     def want(self, who: str, pace: float) -> None:
         """Take the pace that `who` wants from the next tick on; ValueError for one outside of 0 to 1."""
+        replace(self.block, wanted=pace)
         self._wants[who] = pace
-        try:
-            self.block = replace(self.block, wanted=min(self._wants.values()))
-        except ValueError:
-            del self._wants[who]
-            raise
+        if (slowest := min(self._wants.values())) != self.block.wanted:
+            self.block = replace(self.block, wanted=slowest)
 
     def init(self) -> Tree:
         """The guide at its beginning."""

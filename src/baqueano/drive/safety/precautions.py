@@ -39,14 +39,14 @@ class PlainRoom(NamedTuple):
     start: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Precautions:
     """Options of `repeat` for the safety of the vehicle.
 
-    `anyway`: drive a route that is too fast, or has gaps. `room`: stop before the vehicle may leave it. `lead_in`: where
-    the vehicle does not stand at the start of its route, drive there first. `way_back`: afterwards drive back to that
-    start. `caution`: slow down and stop where the estimate is doubtful. `patience_s`: give up a vehicle that is stuck
-    for so long.
+    `anyway`: drive a route that is too fast, or has gaps. `room`: stop before the vehicle may leave it. `lead_in`:
+    where the vehicle does not stand at the start of its route, drive there first. `way_back`: afterwards drive back to
+    that start. `caution`: slow down and stop where the estimate is doubtful. `patience_s`: give up a vehicle that is
+    stuck for so long.
     """
 
     anyway: bool = False

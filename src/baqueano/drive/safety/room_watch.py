@@ -3,8 +3,8 @@
     p̂ = p_start + R(ψ_start) R(ψ_0)ᵀ (p − p_0)                in the room, of the route's first pose η_0  (1)
     |p̂_i| + STOP_S |v_i| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the way to rest        (2)
 
-free is what the room leaves to the body's origin (identify/design/room.py). With commands and IMU alone Σ grows from lap
-to lap: the drive ends where it may touch a wall, not where it does.
+free is what the room leaves to the body's origin (identify/design/room.py). With commands and IMU alone Σ grows from
+lap to lap: the drive ends where it may touch a wall, not where it does.
 """
 
 from typing import TYPE_CHECKING

@@ -22,7 +22,7 @@ TEMPLATES: dict[str, str] = {
     S.RECORDED: "{words}",
     S.STUCK: "the vehicle has not moved for {waited_s:.0f} s, and its reference is {away_m:.2f} m away",
     S.ROOM: (
-        "the vehicle may leave the room: the wall across {axis} is {wall_m:.2f} m from its body, its place is known to "
+        "the vehicle may leave the room. The wall across {axis} is {wall_m:.2f} m from its body; its place is known to "
         "{region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop"
     ),
     S.ESTIMATE_DOUBTFUL: "the estimate is not to be trusted, so the vehicle slowed down and stopped. {cause}",

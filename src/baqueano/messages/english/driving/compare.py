@@ -7,8 +7,8 @@ CONSISTENCY = (
 
 TEMPLATES: dict[str, str] = {
     "compare.laps": (
-        "{laps} laps, the last in {seconds:.1f} s: {first_cm:.1f} cm rms beside its route in the first, {last_cm:.1f} in "
-        "the last, at most {most_cm:.1f} in lap {worst}; each ends at most {gap_cm:.1f} cm from where it began"
+        "{laps} laps, the last in {seconds:.1f} s. Beside its route: {first_cm:.1f} cm rms in the first, {last_cm:.1f} "
+        "in the last, at most {most_cm:.1f} in lap {worst}. Each ends at most {gap_cm:.1f} cm from where it began."
     ),
     "compare.not-a-list": "alignment is a {kind}: several runs go into a list, as compare([one, other]).",
     "compare.no-runs": ("the list of runs is empty: give one or more, as baqueano compare last"),

@@ -43,8 +43,8 @@ TEMPLATES: dict[str, str] = {
         "and the path between is not known. There are {count} such places. Cut it there, or teach it again: {fix}"
     ),
     "route.no-number": (
-        "{count} rows of the route hold something that is not a number, first row {row}. Correct the file, or teach the "
-        "route again: {fix}"
+        "{count} rows of the route hold something that is not a number, first row {row}. Correct the file, or teach "
+        "the route again: {fix}"
     ),
     "route.speed-too-high": (
         "the route needs {needs_m_s:.2f} m/s at {at_m:.1f} m, the vehicle has {has_m_s:.2f}. Make it slower: {fix}"

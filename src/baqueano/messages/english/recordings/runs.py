@@ -117,6 +117,10 @@ TEMPLATES: dict[str, str] = {
     "route.not-number": "{path} line {line}: a route needs a number in every column.",
     "route.too-short": "{path} has {count} rows; a route needs at least two.",
     "route.times": "{path} line {line}: expected t_s to start at 0 and increase, got {found:g}.",
+    "route.way": (
+        "{path} line {line}: {ds_m:g} m from the row before at {v_m_s:g} m/s. Expected s_m that does not decrease, "
+        "v_m_s other than 0 where it increases, and wait_s of 0 or more."
+    ),
     "bag.no-rosbags": "{file}: ROS bags need the laptop extra: {fix}",
     "bag.not-read": (
         "{file} cannot be read as a bag: {error}. If a ROS 1 bag was cut, type: rosbag reindex FILE"

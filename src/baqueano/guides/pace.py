@@ -18,7 +18,7 @@ from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
 
-class PacedState(NamedTuple):
+class PaceState(NamedTuple):
     """The pace, and the time of the guide."""
 
     t_ns: int  # -1 before the first tick
@@ -29,7 +29,7 @@ class PacedState(NamedTuple):
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
-class Paced:
+class Pace:
     """Follow a guide at a pace from 0, at rest, to 1.
 
     Parameters
@@ -46,7 +46,7 @@ class Paced:
     >>> from baqueano.guides import Repeat
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.signals import Estimate
-    >>> guide, here = Paced(Repeat.along(circle(0.5, 0.2)), wanted=0.5), np.zeros(3)
+    >>> guide, here = Pace(Repeat.along(circle(0.5, 0.2)), wanted=0.5), np.zeros(3)
     >>> state, _ = guide.step(guide.init(), Estimate(0, here, here, np.eye(6)))
     >>> state, reference = guide.step(state, Estimate(2_000_000_000, here, here, np.eye(6)))
     >>> print(reference.nu)
@@ -62,9 +62,9 @@ class Paced:
     def __post_init__(self) -> None:
         check_bounds(self)
 
-    def init(self) -> PacedState:
+    def init(self) -> PaceState:
         """Return the state before the first tick, at full pace."""
-        return PacedState(-1, 0, 1.0, self.guide.init())
+        return PaceState(-1, 0, 1.0, self.guide.init())
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the reference of the guide at its own time.  (2)"""
@@ -75,4 +75,4 @@ class Paced:
         own_ns = state.own_ns + round(pace * (estimate.t_ns - state.t_ns))
         guide, reference = self.guide.step(state.guide, estimate._replace(t_ns=own_ns))
         reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)
-        return PacedState(estimate.t_ns, own_ns, pace, guide), reference
+        return PaceState(estimate.t_ns, own_ns, pace, guide), reference
