@@ -6,7 +6,7 @@ import json
 import sys
 
 BENCHES = (
-    "kernels", "simulation", "many", "filter", "recommended", "fit", "live_information", "tuning", "start", "onboard",
+    "kernels", "simulation", "many", "filter", "recommended", "fit", "live_information", "tuning", "laps", "start", "onboard",
     "page",
 )  # fmt: skip
 
