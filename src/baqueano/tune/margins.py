@@ -9,6 +9,7 @@ commands, z⁻ᵏ. The pose is known: an estimator adds a delay of its own. Sour
 2008, section 9.3.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -20,6 +21,7 @@ from baqueano.estimators import KnownState
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.sensors.truth import truth_sensor
+from baqueano.signals import NANOSECONDS
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin
 from baqueano.symbolic import jacobian
@@ -28,8 +30,9 @@ from baqueano.symbolic.graph.tree import build, leaves, shape_of, values
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-SETTLE_S = 1.0
-STEADY_S, STEADY = 0.2, 0.05  # the command of the last time changes less, in its unit
+SETTLE_S = 0.5
+NEWTON, STEADY = 8, 1e-7  # steps at most, and what is left of them, relative
+LONGER_S, CALM_S, CALM = 4.0, 0.5, 0.05  # where there is no steady drive: the command of the last time changes less
 SLOWEST_M_S = 0.01  # no steady drive below it
 FREQUENCIES = 2000
 LOWEST_RAD_S = 0.02
@@ -99,10 +102,10 @@ def margins(loop: Linear) -> tuple[float, float, float, float]:
     phases = [float(np.angle(-loop.at(w)[0])) for w in at]
     delays = [(phase % (2.0 * np.pi)) / w for phase, w in zip(phases, at, strict=True)]
     return (
-        min((f for f in factors if f > 1.0), default=np.inf),
-        max((f for f in factors if f < 1.0), default=0.0),
+        float(min((f for f in factors if f > 1.0), default=np.inf)),
+        float(max((f for f in factors if f < 1.0), default=0.0)),
         min(phases, key=abs, default=np.inf),
-        min(delays, default=np.inf),
+        float(min(delays, default=np.inf)),
     )
 
 
@@ -121,43 +124,86 @@ def opened(plant: Linear, channel: int) -> Linear:
 
 
 def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> tuple[Linear, bool]:
-    """Return a tick of the loop around a straight drive, and whether the command became steady.  (1)"""
-    system, dt_s = _straight(vehicle_file, controller, speed_m_s), 1.0 / vehicle_file.rate_hz
-    t_ns = times(round(SETTLE_S / dt_s) + 1, vehicle_file.rate_hz)
+    """Return a tick of the loop around a straight drive, and whether that is steady.  (1)
+
+    Newton's method finds the state x that a tick only moves along: f(x) = x + v δ ∂x/∂place.
+    """
+    system, rate_hz, dt_s = _straight(vehicle_file, controller, speed_m_s), vehicle_file.rate_hz, 1.0 / vehicle_file.rate_hz
     state = begin(system)
+    flat = _Numbers(state)
+    along = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
     state = state._replace(world=state.world._replace(vehicle=_moving(state.world.vehicle, speed_m_s)))
-    sent = []
-    for t in t_ns[:-1]:
-        state, _ = advance(system, dt_s, state, Input(int(t), None))
-        sent.append(state.u)
-    shape = shape_of((state.world, state.blocks), "state")
-    now = [np.asarray(value, dtype=float) for value in values(shape, (state.world, state.blocks))]
-    free = [k for k, leaf in enumerate(leaves(shape)) if leaf.kind == "f"]
-    sizes = np.cumsum([0, *(now[k].size for k in free)])
+    state, _ = _driven(system, state, times(round(SETTLE_S * rate_hz), rate_hz))
 
-    def tick(numbers: Tree) -> Tree:
-        whole: list[Tree] = [
-            int(v) if leaf.kind != "f" else v for leaf, v in zip(leaves(shape), now, strict=True)
-        ]
-        for k, first in zip(free, sizes[:-1], strict=True):
-            piece = numbers[first : first + now[k].size]
-            whole[k] = piece.reshape(now[k].shape) if now[k].shape else piece[0]
-        world, blocks = build(shape, iter(whole))
-        after, _ = advance(
-            system, dt_s, SystemState(world, blocks, numbers[sizes[-1] :]), Input(int(t_ns[-1]), None)
-        )
-        ends = list(values(shape, (after.world, after.blocks)))
-        return np.concatenate([*(np.reshape(ends[k], -1) for k in free), np.reshape(after.u, -1)])
+    def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
+        flat = _Numbers(state)
+        return lambda row: flat.of(advance(system, dt_s, flat.state(row), Input(t_ns, None))[0])
 
-    J = np.asarray(jacobian(tick)(np.concatenate([*(now[k].ravel() for k in free), state.u])), dtype=float)
-    n = int(sizes[-1])
-    steady = bool(np.max(np.ptp(sent[-round(STEADY_S / dt_s) :], axis=0)) < STEADY)
+    tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
+    x, J, steady = _steady(tick, flat.of(state), speed_m_s * dt_s * along)
+    if not steady:  # as where nothing corrects the error beside the path
+        t_ns = times(round(LONGER_S * rate_hz) + 1, rate_hz)
+        state, sent = _driven(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
+        J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.of(state)), dtype=float)
+        steady = bool(np.max(np.ptp(sent[-round(CALM_S * rate_hz) :], axis=0)) < CALM)
+    n = len(x) - system.model.commands
     return Linear(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
+
+
+def _steady(tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return the row that a tick shifts only, by Newton's method from x, the Jacobian there, and whether it exists."""
+    J = np.zeros((len(x), len(x)))
+    for _ in range(NEWTON):
+        J, missing = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
+        if not np.isfinite(J).all() or not np.isfinite(missing).all():
+            break
+        if np.max(np.abs(missing) / (1.0 + np.abs(x))) < STEADY:
+            return x, J, True
+        x = x + np.linalg.lstsq(J - np.eye(len(x)), missing, rcond=1e-9)[0]
+    return x, J, False
+
+
+def _driven(system: System, state: SystemState, t_ns: np.ndarray) -> tuple[SystemState, np.ndarray]:
+    """Return the state after some ticks, and the commands (N, m)."""
+    sent = []
+    for t in t_ns:
+        state, _ = advance(system, float(t_ns[1] - t_ns[0]) / NANOSECONDS, state, Input(int(t), None))
+        sent.append(state.u)
+    return state, np.array(sent)
+
+
+class _Numbers:
+    """The numbers of a state that are not integers, in a row, the command last."""
+
+    def __init__(self, example: SystemState) -> None:
+        self.shape = shape_of(_parts(example), "state")
+        self.leaves = list(leaves(self.shape))
+        self.example = [np.asarray(value, dtype=float) for value in values(self.shape, _parts(example))]
+        self.free = [k for k, leaf in enumerate(self.leaves) if leaf.kind == "f"]
+
+    def of(self, state: SystemState) -> Tree:
+        """Return the row."""
+        each = list(values(self.shape, _parts(state)))
+        return np.concatenate([np.reshape(each[k], -1) for k in self.free])
+
+    def state(self, row: Tree) -> SystemState:
+        """Return the state with the numbers of a row, and the integers of the example."""
+        whole: list[Tree] = [int(x) if leaf.kind != "f" else x for leaf, x in zip(self.leaves, self.example, strict=True)]
+        at = 0
+        for k in self.free:
+            shape, size = self.example[k].shape, self.example[k].size
+            whole[k] = row[at : at + size].reshape(shape) if shape else row[at]
+            at += size
+        return SystemState(*build(self.shape, iter(whole)))
+
+
+def _parts(state: SystemState) -> tuple[Tree, ...]:
+    return state.world, state.blocks, state.u
 
 
 def _straight(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> System:
     """The loop of the file with this controller on a straight route, pose and velocity known."""
-    t_s = np.array([0.0, 2.0 * SETTLE_S])
+    t_s = np.array([0.0, 2.0 * LONGER_S])
     eta, nu = np.zeros((2, 3)), np.zeros((2, 3))
     eta[:, 0], nu[:, 0] = speed_m_s * t_s, speed_m_s
     guide = Repeat.along(Route(t_s, eta, nu, False))

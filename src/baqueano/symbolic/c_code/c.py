@@ -122,8 +122,7 @@ class CKernel:
     ) -> None:
         """L vehicles: theta (L, p), start (L, s). Inputs that `is_shared` are columns of shared (N, ·), the
         others those of own (L, N, ·). Fills final (L, c) and outputs (L, N, m), unless it is None."""
-        hasty = not self.program.outputs  # sums with their derivatives are long: -O3 takes ten times as long
-        function = self._function("batch", tuple(is_shared), outputs is not None, hasty=hasty)
+        function = self._function("batch", tuple(is_shared), outputs is not None, hasty=self.program.hasty)
 
         def run(part: slice) -> None:
             to = None if outputs is None else outputs[part].ctypes.data

@@ -37,7 +37,8 @@ def summed(program: Program, slopes: int) -> Program:
         carry.append(total)
         initial.append(zero)
         after.append(graph.make("add", total, term))
-    return program._replace(initial=tuple(initial), carry=tuple(carry), next_carry=tuple(after), outputs=())
+    whole = program._replace(initial=tuple(initial), carry=tuple(carry), next_carry=tuple(after), outputs=())
+    return whole._replace(hasty=slopes > 0)
 
 
 def _derived(graph: Graph, roots: Iterable[Node], known: dict[Node, Node]) -> dict[Node, Node]:
