@@ -201,6 +201,8 @@ def nearest(found: str, known: Iterable[str], cutoff: float = 0.6) -> Diagnostic
     import difflib
 
     names = list(known)
+    if not names:
+        return note("name.none")
     near = difflib.get_close_matches(found, names, n=1, cutoff=cutoff)
     listed = _figure(names if len(names) <= LISTED else [*names[:LISTED], "…"])
     return note("name.near", meant=near[0], known=listed) if near else note("name.unknown", known=listed)

@@ -50,7 +50,12 @@ SHAPES = (  # of guides.shapes, which loads numpy
 @pad_option
 @hold_option
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+    "--speed",
+    "speed_m_s",
+    type=numbers.speed,
+    default=0.25,
+    show_default=True,
+    help="Speed along a shape [m/s].",
 )
 @click.option(
     "--size",
@@ -58,7 +63,7 @@ SHAPES = (  # of guides.shapes, which loads numpy
     type=numbers.length,
     default=1.0,
     show_default=True,
-    help="Radius of a circle, half length of any other shape [m].",
+    help="Radius of a circle, or half the length of another shape [m].",
 )
 @options.seed
 @options.backend

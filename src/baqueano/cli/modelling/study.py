@@ -49,14 +49,23 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
     help="Robots and cars of a second simulator: errors against the Cramér-Rao bound, intervals, verdicts.",
 )
 @options.seed
-@click.option("--seeds", type=numbers.count, default=200, show_default=True, help="From --seed on.")
+@click.option(
+    "--seeds",
+    type=numbers.count,
+    default=200,
+    show_default=True,
+    help=("Number of seeds, counted from --seed."),
+)
 @click.option(
     "--case", "cases", multiple=True, help="Only this one, such as clean or understeer; may be repeated."
 )
 @click.option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),
-    help="A folder for what is done, from which an interrupted study goes on. Delete it after a change of the code.",
+    help=(
+        "Folder for finished drives: an interrupted command continues from it. Delete it after "
+        "a change of the code."
+    ),
 )
 @options.backend
 @options.page

@@ -45,7 +45,13 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 
 
 @command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
-@click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True)
+@click.option(
+    "--door",
+    type=click.Path(path_type=Path),
+    default=SOCKET,
+    show_default=True,
+    help="Socket of the service.",
+)
 def attach(door: Path) -> None:
     from baqueano.door.pipes import attach
 

@@ -21,6 +21,7 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
 from baqueano.identify.result.verdict import Evidence, noted, verdict_of
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     pass
@@ -104,7 +105,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
 
 def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
     """All diagnostics of the fit, and by how much they say that parameters are off."""
-    if not end.ask or end.search.stopped or _stopped(end, "asking what is not in the model"):
+    if not end.ask or end.search.stopped or _stopped(end, _("testing for effects that the model lacks")):
         return end.doubts, {}
     messages, off = diagnose(end, sd, sigma_of_file(end.blocks))
     return tuple(messages), off
@@ -147,7 +148,7 @@ def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Di
 
 
 def _stopped(end: FinishedFit, text: str) -> bool:
-    """Says what comes; whether whoever is told wants no more than there is."""
+    """Report the next stage; return True if the caller asked to stop."""
     return end.task.say is not None and end.task.say(text) is True
 
 

@@ -24,7 +24,7 @@ TEMPLATES: dict[str, str] = {
     "at-rest.no-imu": (
         "{run} lacks the IMU of {vehicle}: expected a sensor with three channels. There is nothing to write."
     ),
-    "at-rest.no-tick": "Between those times {run} does not have a tick.",
+    "at-rest.no-tick": "{run} does not have a tick between those times.",
     "battery.no-voltage": (
         "The effect of the battery needs its voltage: expected a channel {channel} in V in a run. Import it as "
         "[sensors.{channel}], or leave model.drivetrain.battery_effect out."
@@ -66,14 +66,10 @@ TEMPLATES: dict[str, str] = {
     "design.short": "{duration_s:g} s leave less than 1 s to move: choose a longer duration.",
     "fit.not-fitted": "{path} was not fitted. {near}.",
     "fit.not-free": "{path} was not fitted: expected one of {fitted}. Type: {fix}",
-    "forecast.no-errors": (
-        "The fit did not give the error of any parameter of the model, so a drive cannot be predicted."
-    ),
+    "forecast.no-errors": "The fit did not give the error of any parameter of the model, so a drive cannot be predicted.",
     "forecast.ran-away": "the fitted model diverges in open loop, so a drive cannot be predicted.",
     "forecast.refused": "the fit is refused, so it cannot predict anything. Its reasons say what to correct.",
-    "led.no-dynamics": (
-        "{vehicle} is a {kind}: its velocity is its command, so a gyro cannot improve it. Use identify."
-    ),
+    "led.no-dynamics": "{vehicle} is a {kind}: its velocity is its command, so a gyro cannot improve it. Use identify.",
     "led.others": (
         "gyro_leads = True does not go with {others}: a gyro-aided fit has its own noise and segments. Leave one of "
         "them out."
@@ -82,7 +78,7 @@ TEMPLATES: dict[str, str] = {
         "{run}: the gyro is silent, and without encoders the fit needs it. Is the third channel of the IMU in the "
         "recording?"
     ),
-    "noise.fitted-to": "{run} was fitted to: comparing noise needs a run that was not used.",
+    "noise.fitted-to": "{run} was used in the fit. Give another run to compare the noise.",
     "noise.no-truth": (
         'source = "truth": the runs do not contain the truth of a simulation. Use "innovations".'
     ),
@@ -90,17 +86,11 @@ TEMPLATES: dict[str, str] = {
         '{vehicle} [estimator] kind: comparing R needs kind = "ekf". The noise of other filters comes from their '
         "innovations."
     ),
-    "noise.nothing-to-compare": (
-        "Comparing noise needs at least one Q and R, and one run that was not used for them."
-    ),
+    "noise.nothing-to-compare": "Comparing noise needs at least one Q and R, and one run that was not used for them.",
     "noise.unknown-source": 'source = "{found}": expected "auto", "truth" or "innovations".',
-    "over-time.few-fits": (
-        "{good} of {count} runs could be fitted, and two are needed. Fit the others one by one. Type: {fix}"
-    ),
+    "over-time.few-fits": "{good} of {count} runs could be fitted, and two are needed. Fit the others one by one. Type: {fix}",
     "over-time.few-runs": "Following a vehicle needs two runs or more, found {count}.",
-    "parameter.all-fixed": (
-        "Every parameter is fixed, so nothing can be fitted. Name the free ones with {arg[free]}."
-    ),
+    "parameter.all-fixed": "Every parameter is fixed, so nothing can be fitted. Name the free ones with {arg[free]}.",
     "parameter.bounds": "the bounds of {path} are {low:g} and {high:g}: expected the lower one first.",
     "parameter.bounds-unused": "{path} has bounds and is not fitted, so they have no effect. Add: {fix}",
     "parameter.no-track": (
@@ -126,7 +116,7 @@ TEMPLATES: dict[str, str] = {
         "on a mark, it gives the scale of its gyro. Type: {fix}"
     ),
     "runs.few-ticks": "{run} has {ticks} ticks: expected at least 2 to fit a model to.",
-    "runs.fitted-to": "{run} is fitted to, so it cannot judge. Give another run: {fix}",
+    "runs.fitted-to": "{run} was used in the fit, so it cannot test it. Give another run: {fix}",
     "runs.no-command": "{run} does not contain a command: a fit needs the command at the motors.",
     "runs.no-sensor": (
         "{run} does not have sensor {sensor}: it has {known}. Name those that all runs have with {arg[use]}."
@@ -189,9 +179,7 @@ TEMPLATES: dict[str, str] = {
         "The truth of {run} does not contain a heading, and calibration needs one. A fit of the model estimates its "
         "place and its clock. Type: {fix}"
     ),
-    "truth.no-mark": (
-        "{run} does not determine a mark or its clock, so the map stays unchanged. Leave out --map."
-    ),
+    "truth.no-mark": "{run} does not determine a mark or its clock, so the map stays unchanged. Leave out --map.",
     "truth.no-sensor": (
         "{run} contains neither the gyro nor the odometer of {vehicle}, so it cannot be calibrated. Give the vehicle "
         "file that names them: {fix}"
@@ -235,17 +223,17 @@ TEMPLATES: dict[str, str] = {
         "{runs}: {sensor} is never read. Expected at least one sensor that is read in all runs. Leave out the runs "
         "without it, or fit to the others by it, with {arg[use]:{sensor}}."
     ),
-    "turns.no-gyro": (
-        "{run} does not contain a reading of a gyro of {vehicle}. Give the file that names it. Type: {fix}"
-    ),
+    "turns.no-gyro": "{run} does not contain a reading of a gyro of {vehicle}. Give the file that names it. Type: {fix}",
     "turns.silent": (
         "The gyro of {run} is silent for {gap_s:.2g} s at {at_s:.1f} s, so its turn in that time is unknown. Turn it "
         "again, or cut that part off. Type: {fix}"
     ),
     "unseen-runs.refused-fit": "The fit is refused, so it cannot be judged: correct that first.",
     "use.no-channel": '{arg[use]} = "{sensor}[{entry}]": its channels are 0 to {last}.',
-    "use.nothing-common": (
-        "the runs contain {read}, the vehicle file {known}: expected at least one in common."
+    "use.nothing-common": "the runs contain {read}, the vehicle file {known}: expected at least one in common.",
+    "use.not-in-file": (
+        "The run has sensor {sensor}, which {vehicle} does not describe, so the fit does not use it. To use it, add to "
+        'the vehicle file: [sensors.{sensor}], and below it kind = "{kind}".'
     ),
     "use.unknown": "{arg[use]:{sensor}}: the vehicle file does not have this sensor; it has {known}.",
     "use.unreadable": '{arg[use]:{found}}: expected a sensor, or one channel of it as "imu[2]".',

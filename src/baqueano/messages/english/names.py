@@ -2,6 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "name.near": "Did you mean {meant}? Known are {known}",
+    "name.none": "The list of names is empty here",
     "name.unknown": "Known are {known}",
     "messages.others": "{first} (so also {others})",
     "messages.then": "{first}. {then}.",

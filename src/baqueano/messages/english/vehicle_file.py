@@ -8,24 +8,18 @@ TEMPLATES: dict[str, str] = {
     "vehicle.no-route": "{guide} repeats a route, and none was given: teach one, or name its file.",
     "vehicle.no-tomlkit": "Writing a vehicle file back needs tomlkit, which keeps its comments. Type: {fix}",
     "vehicle.of-garage": '"{name}" is from the garage: name a file for it, save("{name}.toml").',
-    "vehicle.changed-since": (
-        "{file} was changed by another program after it was read. Load it again, then save."
-    ),
+    "vehicle.changed-since": "{file} was changed by another program after it was read. Load it again, then save.",
     "vehicle.no-entry": "{key} has the shape {shape}: entry {entry} does not exist.",
     "vehicle.setting": "--set {setting}: expected key=value, for example --set model.mass_kg=0.7.",
     "vehicle.not-written": "{path}: cannot be written: {error}.",
     "vehicle.set": "--set {setting}: {cause}.",
-    "toml.too-large": (
-        "{file} has {size:,} bytes: a vehicle file has at most {largest:,}. Is it another file?"
-    ),
-    "toml.utf-16": (
-        "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8."
-    ),
+    "toml.too-large": "{file} has {size:,} bytes: a vehicle file has at most {largest:,}. Is it another file?",
+    "toml.utf-16": "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8.",
     "toml.zero-bytes": (
         "{file} contains zero bytes: it is not text in UTF-8, or it was cut by a loss of power. Save it with the "
         "encoding UTF-8, or restore a copy."
     ),
-    "toml.empty": ("{file} is empty: was it cut by a loss of power? To make one: {fix}"),
+    "toml.empty": "{file} is empty: was it cut by a loss of power? To make one: {fix}",
     "toml.too-deep": "{file} nests its values too deeply: at most {most} levels.",
     "toml.not-read": "{path}: cannot be read: {error}.",
     "toml.not-utf-8": (
@@ -47,9 +41,7 @@ TEMPLATES: dict[str, str] = {
     "vehicle.unknown": (
         'Vehicle "{found}" is not in the garage. {near}. A file of your own ends in .toml. To make one: {fix}'
     ),
-    "vehicle.absent": (
-        "{missing} does not exist. Beside it: {near}. The garage has {garage}. To make one: {fix}"
-    ),
+    "vehicle.absent": "{missing} does not exist. Beside it: {near}. The garage has {garage}. To make one: {fix}",
     "vehicle.truth-elsewhere": (
         "{file} [simulation] truth = {found} leads out of the folder of the file. Expected a file beside it, or one of "
         "the garage: {garage}."
@@ -60,9 +52,7 @@ TEMPLATES: dict[str, str] = {
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
-    "vehicle.no-format": (
-        "{place} is missing: the first line of a vehicle file is format = {expected}. Is this another file?"
-    ),
+    "vehicle.no-format": "{place} is missing: the first line of a vehicle file is format = {expected}. Is this another file?",
     "vehicle.newer-format": "{place} = {found}: this baqueano reads format {expected}. Update it: {fix}",
     "vehicle.other-format": "{place} = {found}: this baqueano reads format {expected}. Write format = {expected}.",
     "vehicle.no-top-key": "{place} is missing: write {example} above the first table.",
@@ -70,28 +60,20 @@ TEMPLATES: dict[str, str] = {
     "vehicle.no-command-names": (
         '{place} is missing: write names = ["u_x", "u_y", "u_psi"], one for each entry of u.'
     ),
-    "vehicle.command-names": (
-        "{place} has {found} names, but model {model} has a command of {expected} entries."
-    ),
+    "vehicle.command-names": "{place} has {found} names, but model {model} has a command of {expected} entries.",
     "vehicle.command-name-twice": "{place} = {found}: two entries have the same name.",
-    "vehicle.command-limits": (
-        "{place} has {found} numbers and the command {expected} entries: write one for each."
-    ),
+    "vehicle.command-limits": "{place} has {found} numbers and the command {expected} entries: write one for each.",
     "vehicle.not-table": "{place} = {found}: expected a table. Write [{table}] on a line of its own.",
     "vehicle.derived-key": "{place} is computed from the other keys. Delete the line.",
     "vehicle.key-unknown": "{place} is not a key of this table. {near}.",
     "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {near}.",
     "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
     "vehicle.unit-other": "This key is in {in_unit}: {value} {given} is {key} = {converted}",
-    "vehicle.number-in-quotes": (
-        "{place} = {found}: expected one number [{in_unit}], {meaning:word}. Take the quotes away."
-    ),
+    "vehicle.number-in-quotes": "{place} = {found}: expected one number [{in_unit}], {meaning:word}. Take the quotes away.",
     "vehicle.not-number": "{place} = {found}: expected one number [{in_unit}], {meaning:word}.",
     "vehicle.not-numbers": "{place} = {found}: expected {size} [{in_unit}], {meaning:word}.",
     "vehicle.size": "{place} has {found}: expected {size} [{in_unit}], {meaning:word}.",
-    "vehicle.size-with-commas": (
-        "{place} has {found}: expected {size} [{in_unit}], {meaning:word}. Decimal commas? Write points."
-    ),
+    "vehicle.size-with-commas": "{place} has {found}: expected {size} [{in_unit}], {meaning:word}. Decimal commas? Write points.",
     "vehicle.one-number": "one number",
     "vehicle.any-numbers": "a list of numbers",
     "vehicle.numbers": "{count} numbers",
@@ -106,19 +88,13 @@ TEMPLATES: dict[str, str] = {
     "vehicle.not-names": '{place} = {found}: expected a list of names, ["…", "…"].',
     "vehicle.not-list": "{place} = {found}: expected a list of finite numbers.",
     "vehicle.model-lacks": "{place} lacks {keys}, which {model} needs.",
-    "vehicle.model-lacks-inertia": (
-        "{place} lacks {keys}, which {model} needs. Or give radius_m in [geometry], then ½ m R² is used."
-    ),
-    "vehicle.sensor-name": (
-        "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first."
-    ),
+    "vehicle.model-lacks-inertia": "{place} lacks {keys}, which {model} needs. Or give radius_m in [geometry], then ½ m R² is used.",
+    "vehicle.sensor-name": "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first.",
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
     "vehicle.table-lacks": "{place} lacks {keys}.",
     "vehicle.refused": "{place} is refused by {block}: {error}",
     "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
-    "vehicle.block-not-table": (
-        "{place} is not a table: write [{table}] on a line of its own, and its keys below it."
-    ),
+    "vehicle.block-not-table": "{place} is not a table: write [{table}] on a line of its own, and its keys below it.",
     "vehicle.no-kind": '{place} lacks kind = "…": one of {known}, or "file.py:Class".',
     "vehicle.kind-mistyped": (
         '{place} lacks kind = "…": one of {known}, or "file.py:Class". Is {found} meant to be kind?'
@@ -129,16 +105,12 @@ TEMPLATES: dict[str, str] = {
     "vehicle.not-date": "{place} = {found}: expected a date without quotes, as 2026-11-21.",
     "vehicle.not-sd": "{place} = {found}: expected standard deviations, 0 or more; nan if unknown.",
     "vehicle.cov-not-table": "{place} is not a table: it holds run, date, names, sd and correlation.",
-    "vehicle.cov-names": (
-        "{place} holds a parameter that is not in the file. Delete the table: the next fit writes it."
-    ),
+    "vehicle.cov-names": "{place} holds a parameter that is not in the file. Delete the table: the next fit writes it.",
     "vehicle.cov-size": (
         "{place} has {expected} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … "
         "{expected} numbers from -1 to 1. Delete the table: the next fit writes it."
     ),
-    "vehicle.correlation": (
-        "{place} has the eigenvalue {eigenvalue:.3g}, which is impossible for a correlation."
-    ),
+    "vehicle.correlation": "{place} has the eigenvalue {eigenvalue:.3g}, which is impossible for a correlation.",
     "vehicle.envelope-not-table": "{place} is not a table: it holds run, names, low and high.",
     "vehicle.envelope-names": (
         "{place} has other names than the commands {commands} and then channels as imu[2]. Delete the table: the next "
@@ -150,13 +122,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.in-unit": "Is it in {in_unit}? {value:.3g} {in_unit} is {value_m:.3g} m",
     "vehicle.in-metres": "Is it in m?",
-    "vehicle.centre-of-mass": (
-        "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {in_unit}."
-    ),
-    "vehicle.two-shapes": ("{place} and length_m, width_m: a platform is round or rectangular. Keep one."),
-    "vehicle.track": (
-        "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {in_unit}."
-    ),
+    "vehicle.centre-of-mass": "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {in_unit}.",
+    "vehicle.two-shapes": "{place} and length_m, width_m: a platform is round or rectangular. Keep one.",
+    "vehicle.track": "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {in_unit}.",
     "vehicle.wheel": "{place} = {found:g} m: a wheel larger than the platform, {across_m:g} m. {in_unit}.",
     "vehicle.too-heavy": (
         "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
@@ -203,12 +171,14 @@ TEMPLATES: dict[str, str] = {
     "vehicle.lever-arm": (
         "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
     ),
-    "block.room-unknown": 'Room "{found}" is unknown. {near}.',
+    "block.room-unknown": 'Room "{found}" does not exist. {near}.',
     "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',
     "block.classes": "{file} holds {classes}",
     "block.no-classes": "{file} does not define a class",
-    "block.unknown": '{room} "{found}" is unknown. {near}. Write one of your own as "file.py:Class".',
-    "block.file-absent": "{missing} does not exist, though a block of the vehicle is defined in it. {near}.",
+    "block.unknown": (
+        '{room:word} "{found}" does not exist. {near}. Write one of your own as "file.py:Class".'
+    ),
+    "block.file-absent": "File {missing} does not exist. A block of the vehicle is defined in it. {near}.",
     "block.elsewhere": (
         "{kind} is Python text outside the folder of its vehicle file: {path}. Text runs with all your rights, so "
         "read it first."
@@ -222,13 +192,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "block.class-unknown": '{file} does not have a class "{found}". {near}.',
     "block.raised-while-read": "{place} raised {error} when it was imported.",
-    "block.raised-while-read-and-ends": (
-        "{place} raised {error} when it was imported. That ends the program: remove it."
-    ),
+    "block.raised-while-read-and-ends": "{place} raised {error} when it was imported. That ends the program: remove it.",
     "toml.decimal-comma": "{file} line {line}: {found}: a decimal comma. Write a decimal point: {with_point}",
-    "toml.decimal-commas": (
-        "{file} line {line}: {found} is not TOML: {error}. Are these decimal commas? Write points."
-    ),
+    "toml.decimal-commas": "{file} line {line}: {found} is not TOML: {error}. Are these decimal commas? Write points.",
     "toml.twice": "{file} line {line}: {found}: this is in the file twice. Keep one of the two.",
     "toml.no-quotes": (
         '{file} line {line}: {found} is not TOML. Text stands in quotes, key = "value"; true and false are in small '

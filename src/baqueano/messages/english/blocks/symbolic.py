@@ -28,9 +28,7 @@ TEMPLATES: dict[str, str] = {
         "{place}\n    an index or a length must be known before run time: read tables with np.interp(x, xp, fp), "
         "choose between values with np.where"
     ),
-    "trace.needs-int": (
-        "{place}\n    a whole number is wanted of a value known only at run time: write np.floor"
-    ),
+    "trace.needs-int": "{place}\n    a whole number is wanted of a value known only at run time: write np.floor",
     "engine.backend": 'backend = "{found}": expected one of {known}',
     "compiler.trouble": "{command}: {error}",
     "compiler.refuses": "{command} does not compile: {error}",
@@ -47,23 +45,21 @@ TEMPLATES: dict[str, str] = {
     "tree.branch": "{path} is {found}, expected {expected} as in the example",
     "tree.numbers": "{path} has shape {found} of {dtype}, expected numbers, {expected}",
     "engine.lanes": (
-        "theta, carry and inputs name {lanes} lanes, inputs {ticks} ticks: one of each is expected"
+        "theta, carry and inputs have batches of {lanes}, and inputs {ticks} ticks: expected one size of each"
     ),
     "tree.another": "another tree than in the example at {path}",
     "path.not-a-path": '"{path}" is not a path: write names with dots and indices in brackets, "a.b[0,2]"',
     "path.index": '"{path}": an index is one or more whole numbers, not [{found}]',
     "path.shape": '"{path}" has shape {expected}, not {found}',
-    "engine.no-ticks": "no ticks: without one the back end numpy does not know the outputs",
-    "engine.cost": "a cost is one number a tick; this step puts out {numbers}",
+    "engine.no-ticks": "the inputs have no ticks: the back end numpy needs at least one",
+    "engine.cost": "a cost is one number per tick; this step returns {numbers}",
     "engine.theta-vector": "theta has shape {found}, expected (p,)",
-    "engine.no-theta": "this scan lacks theta: give scan(..., theta=) an example of it",
+    "engine.no-theta": "This scan was made without theta: pass an example as scan(..., theta=…).",
     "engine.theta-missing": "theta is missing: expected {parameters} parameters, {expected}",
     "engine.theta-shape": "theta has shape {found}, expected {expected} with p = {parameters}",
-    "engine.no-parameters": "no derivatives without parameters: give scan(..., theta=) an example of them",
+    "engine.no-parameters": "Derivatives need parameters: pass an example as scan(..., theta=…).",
     "engine.ticks": "{path} has shape {found}, expected (N, …) with {expected} after N",
-    "engine.no-number": (
-        "the inputs hold no number, so nothing tells how many ticks there are: add one, as t_ns"
-    ),
+    "engine.no-number": "the inputs do not contain a number, so the number of ticks is unknown: add one, such as t_ns",
     "trace.argument-changed": (
         "{place}\n    an argument of the function is changed in place: make a new array, x = x + …, or a copy to work "
         "on, np.array(x)"

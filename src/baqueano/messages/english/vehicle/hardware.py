@@ -26,9 +26,7 @@ TEMPLATES: dict[str, str] = {
         "and were not touched."
     ),
     "imu.chip": "IMU: {chip} (WHO_AM_I {who_am_i})",
-    "imu.too-few-samples": (
-        "The IMU at 0x{address:02X} on {path} answers, but gave {count} samples in {within_s} s: {events}"
-    ),
+    "imu.too-few-samples": "The IMU at 0x{address:02X} on {path} answers, but gave {count} samples in {within_s} s: {events}",
     "imu.unknown-chip": (
         "What answers 0x{who_am_i:02X} to WHO_AM_I at 0x{address:02X} is not a chip that is known, and it {odd}. "
         "Put the vehicle at rest and try again; else try another IMU."
@@ -38,9 +36,7 @@ TEMPLATES: dict[str, str] = {
         "HOST. On a Raspberry Pi put dtparam=i2c_arm=on,i2c_arm_baudrate=400000 into "
         "/boot/firmware/config.txt, and start it again."
     ),
-    "imu.bus-not-allowed": (
-        "{path} may not be opened by this user. Type: sudo usermod -aG i2c $USER, and log in again."
-    ),
+    "imu.bus-not-allowed": "{path} may not be opened by this user. Type: sudo usermod -aG i2c $USER, and log in again.",
     "imu.no-smbus": (
         "I2C needs Linux and smbus2, and one is missing here. On the robot type: pip install smbus2. On a laptop "
         "use --robot HOST or --robot simulated."
@@ -73,9 +69,7 @@ TEMPLATES: dict[str, str] = {
         "{folder} is not a boot partition of a Raspberry Pi: expected cmdline.txt and config.txt in it. "
         "It is the small partition of the card, called bootfs."
     ),
-    "card.no-public-key": (
-        "{place} is not a public ssh key: expected one line, ssh-ed25519 AAAA… It ends in .pub."
-    ),
+    "card.no-public-key": "{place} is not a public ssh key: expected one line, ssh-ed25519 AAAA… It ends in .pub.",
     "card.no-key": "an ssh key is missing: looked for {known}. Type: ssh-keygen -t ed25519, and this again",
     "card.name": "--name {name}: expected small letters, digits and - between them, 63 at most: robot-1",
     "card.user": "--user {user}: expected small letters and digits, a letter first, and not root: ana",
@@ -87,9 +81,7 @@ TEMPLATES: dict[str, str] = {
         "{host}: {key} = {found} was calibrated there, and your vehicle file cannot hold it: expected "
         "the table of that key. Put it in; or, to lose the calibration: ssh {host} rm {path}"
     ),
-    "setup.no-answer": (
-        "{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: {fix}"
-    ),
+    "setup.no-answer": "{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: {fix}",
     "setup.32-bit": (
         "{host} is a {computer}: numpy lacks a wheel for 32-bit systems. Write the 64-bit Raspberry Pi "
         "OS Lite on its card (a Pi 3, 4, 5 or Zero 2 runs it), and: baqueano robot card"
@@ -102,17 +94,13 @@ TEMPLATES: dict[str, str] = {
         "the robot's packages could not be put together: {said} This computer needs the internet for it, once "
         "for each kind of robot."
     ),
-    "setup.packages-not-sent": (
-        "{host}: the packages could not be sent, for the reason above. Is its card full?"
-    ),
+    "setup.packages-not-sent": "{host}: the packages could not be sent, for the reason above. Is its card full?",
     "setup.nothing-sent": "{host}: nothing could be sent there, for the reason above.",
     "setup.not-finished": (
         "{host}: it was not finished, for the reason above; what was done is noted there. Type it again, or take "
         "it back: baqueano robot remove {host}"
     ),
-    "uno.number-range": (
-        "{frame}.{path} = {number}: the firmware takes {least} to {most}. Give a value in that range."
-    ),
+    "uno.number-range": "{frame}.{path} = {number}: the firmware takes {least} to {most}. Give a value in that range.",
     "flash.bad-line": "{path}: line {line} is damaged, or is not from an Intel hex file.",
     "flash.not-hex": "{path}: no Intel hex file can be read there: {error}.",
     "flash.size": "{path} holds {bytes} bytes: expected 1 to {most_bytes}, what an Uno has room for.",
@@ -183,12 +171,10 @@ TEMPLATES: dict[str, str] = {
         "{name}: the wheel stands still below a duty of {dead_zone:.0%}, and the firmware makes up for 70 % at "
         "most. Charge the battery, or look for what brakes the wheel."
     ),
-    "hardware.service-has-it": (
-        "the service has the hardware, and may not be stopped by this user ({error}). Type: {fix}"
-    ),
+    "hardware.service-has-it": "the service has the hardware, and may not be stopped by this user ({error}). Type: {fix}",
     "hardware.drives": (
-        "the vehicle drives ({state}), and what you typed takes the hardware away from it. Wait until it is "
-        "done, or end it: baqueano robot stop"
+        "the vehicle drives ({state}), and this command needs the hardware for itself. Wait "
+        "until the drive is over, or end it: baqueano robot stop"
     ),
     "floor.not-still": (
         "the vehicle does not stand still with its motors off: the gyro scatters by {scatter_deg_s:.1f} °/s. Put "
