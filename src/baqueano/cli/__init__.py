@@ -33,7 +33,7 @@ VERBS = {
     "view": "Open a run in a browser: map, time plots, events; compare it with another run.",
     "sweep": "Compare estimators, controllers and guides on the same simulated drives or recorded runs.",
     "report": "Write one self-contained HTML page about a run.",
-    "study": "Reproduce the paper's case studies; judge by recordings.",
+    "study": "Reproduce the paper's case studies; test with recordings.",
     "robot": "The real vehicle: from an empty card to a calibrated one; its service, state and runs.",
     "blocks": "List the blocks; check one of your own.",
 }

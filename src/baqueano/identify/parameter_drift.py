@@ -362,4 +362,4 @@ def _when(run: "Run") -> str:
 
 
 def _with_error(value: float, sd: float) -> str:
-    return _("not seen") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"
+    return _("not identifiable") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"

@@ -209,7 +209,7 @@ TEMPLATES: dict[str, str] = {
     "cli.page-set": "Gains of a robot are set on the page of `baqueano serve --robot HOST`, not on that of a verb.",
     "cli.page-time": "A real vehicle runs in real time: it cannot be paused, slowed down or sped up.",
     "cli.page-replayed": "the page shows both runs until its last tab is closed; Ctrl-C ends it",
-    "cli.motion": "the page shows the rest of the drives; Ctrl-C ends it",
+    "cli.motion": "the page shows the other drives; Ctrl-C ends it",
     "cli.demo": "\nreport: {page}   runs, route and vehicle file beside it\nnext:   {program} new mylab",
     "cli.width-unused": "--width {width} is the width of figures: give a folder for them. Type: {fix}",
     "cli.next-new": "next: {cd}\nthen: {fix}",

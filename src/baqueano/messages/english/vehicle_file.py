@@ -5,7 +5,7 @@ TEMPLATES: dict[str, str] = {
         "the run was driven with {found} commands, and the fit with {expected}: expected a run of the same "
         "kind of vehicle. Type: {fix}"
     ),
-    "vehicle.no-route": "{guide} repeats a route, and none was given: teach one, or name its file.",
+    "vehicle.no-route": "{guide} repeats a route, but a route is missing: teach one, or name its file.",
     "vehicle.no-tomlkit": "Writing a vehicle file back needs tomlkit, which keeps its comments. Type: {fix}",
     "vehicle.of-garage": '"{name}" is from the garage: name a file for it, save("{name}.toml").',
     "vehicle.changed-since": "{file} was changed by another program after it was read. Load it again, then save.",
@@ -29,9 +29,10 @@ TEMPLATES: dict[str, str] = {
     "toml.number": "{file} holds a number that cannot be read: {error}.",
     "toml.long-key": "{file} line {line}: a key of more than {most} parts.",
     "block.no-room": (
-        "{place} {block}.step(state, {names}) fits none of the rooms. Expected one of these, with these names: "
-        "step(state, tick) of an estimator; step(state, estimate) of a guide; step(state, reference, estimate) of a "
-        "controller; step(state, command, tick, estimate) of a supervisor."
+        "{place} {block}.step(state, {names}) belongs to none of the rooms. The names of the "
+        "arguments must be those of a room. Estimator: step(state, tick). Guide: step(state, "
+        "estimate). Controller: step(state, reference, estimate). Supervisor: step(state, "
+        "command, tick, estimate)."
     ),
     "block.no-step": "{place} {block} does not have step(): every block has init() and step(state, …).",
     "block.not-class": '{file}: "{found}" is {kind}, expected a class with init() and step(state, …).',
@@ -47,8 +48,8 @@ TEMPLATES: dict[str, str] = {
         "the garage: {garage}."
     ),
     "vehicle.unknown-key": "{file} does not have key {found}. {near}.",
-    "vehicle.lacks": "{file} [{room}] lacks {keys}. Write it into the file.",
-    "vehicle.lacks-found-by": "{file} [{room}] lacks {keys}. Write it into the file, or measure it: {fix}",
+    "vehicle.lacks": "{file} [{room}] needs {keys}. Write it into the file.",
+    "vehicle.lacks-found-by": "{file} [{room}] needs {keys}. Write it into the file, or measure it: {fix}",
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
@@ -87,17 +88,19 @@ TEMPLATES: dict[str, str] = {
     "vehicle.not-one-finite": "{place} = {found}: expected one finite number.",
     "vehicle.not-names": '{place} = {found}: expected a list of names, ["…", "…"].',
     "vehicle.not-list": "{place} = {found}: expected a list of finite numbers.",
-    "vehicle.model-lacks": "{place} lacks {keys}, which {model} needs.",
-    "vehicle.model-lacks-inertia": "{place} lacks {keys}, which {model} needs. Or give radius_m in [geometry], then ½ m R² is used.",
+    "vehicle.model-lacks": "{place} is incomplete: {model} needs {keys}.",
+    "vehicle.model-lacks-inertia": (
+        "{place} is incomplete: {model} needs {keys}. Or give radius_m in [geometry], then ½ m R² is used."
+    ),
     "vehicle.sensor-name": "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first.",
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
-    "vehicle.table-lacks": "{place} lacks {keys}.",
-    "vehicle.refused": "{place} is refused by {block}: {error}",
+    "vehicle.table-lacks": "{place} needs {keys}.",
+    "vehicle.refused": "{block} does not accept {place}: {error}",
     "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
     "vehicle.block-not-table": "{place} is not a table: write [{table}] on a line of its own, and its keys below it.",
-    "vehicle.no-kind": '{place} lacks kind = "…": one of {known}, or "file.py:Class".',
+    "vehicle.no-kind": '{place} needs kind = "…": one of {known}, or "file.py:Class".',
     "vehicle.kind-mistyped": (
-        '{place} lacks kind = "…": one of {known}, or "file.py:Class". Is {found} meant to be kind?'
+        '{place} needs kind = "…": one of {known}, or "file.py:Class". Is {found} meant to be kind?'
     ),
     "vehicle.kind-not-text": "{place} = {found}: expected text in quotes, one of {known}.",
     "vehicle.kind": '{place} = "{kind}": {cause}.',
@@ -180,22 +183,27 @@ TEMPLATES: dict[str, str] = {
     ),
     "block.file-absent": "File {missing} does not exist. A block of the vehicle is defined in it. {near}.",
     "block.elsewhere": (
-        "{kind} is Python text outside the folder of its vehicle file: {path}. Text runs with all your rights, so "
-        "read it first."
+        "{kind} is Python code outside the folder of its vehicle file: {path}. Code runs with "
+        "all your permissions, so read it first."
     ),
     "block.in-run": (
-        "{kind} is named inside a run, and the text would be {path}. Text runs with all your rights, so read it first."
+        "{kind} is named inside a run; its code is in {path}. Code runs with all your "
+        "permissions, so read it first."
     ),
     "block.in-run-elsewhere": (
-        "{kind} is named inside a run, and leads out of this folder. Such a path is never executed. Name a vehicle "
-        "file of yours: --vehicle FILE."
+        "{kind} is named inside a run, and its path leaves this folder. Such code is never "
+        "executed. Name a vehicle file of your own: --vehicle FILE."
     ),
     "block.class-unknown": '{file} does not have a class "{found}". {near}.',
-    "block.raised-while-read": "{place} raised {error} when it was imported.",
-    "block.raised-while-read-and-ends": "{place} raised {error} when it was imported. That ends the program: remove it.",
-    "toml.decimal-comma": "{file} line {line}: {found}: a decimal comma. Write a decimal point: {with_point}",
+    "block.raised-while-read": "{place} raised {error} while it was imported.",
+    "block.raised-while-read-and-ends": (
+        "{place} raised {error} while it was imported, which ends the program. Remove that line."
+    ),
+    "toml.decimal-comma": (
+        "{file} line {line}: {found} has a decimal comma. Write a decimal point: {with_point}"
+    ),
     "toml.decimal-commas": "{file} line {line}: {found} is not TOML: {error}. Are these decimal commas? Write points.",
-    "toml.twice": "{file} line {line}: {found}: this is in the file twice. Keep one of the two.",
+    "toml.twice": "{file} line {line}: {found} is in the file twice. Keep one of the two.",
     "toml.no-quotes": (
         '{file} line {line}: {found} is not TOML. Text stands in quotes, key = "value"; true and false are in small '
         "letters."

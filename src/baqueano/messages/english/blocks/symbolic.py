@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "trace.not-convertible": "{place}\n    values known only at run time cannot become {dtype}",
-    "trace.unknown-ufunc": "{place}\n    np.{function} is not known to the tracer: it knows {known}",
+    "trace.unknown-ufunc": "{place}\n    the tracer does not support np.{function}; it supports {known}",
     "trace.unsupported": (
         "{place}\n    np.{function} does not work on values known only at run time ({error}): write it with "
         "operators, np.where and sums"
@@ -12,7 +12,7 @@ TEMPLATES: dict[str, str] = {
     "trace.interp-points": "{place}\n    np.interp in {points} points known only at run time: at most 100",
     "trace.product-shapes": "{place}\n    shapes {left} and {right} do not fit in a product",
     "trace.solve-shapes": "{place}\n    np.linalg.solve with shapes {left} and {right}",
-    "trace.norm": "{place}\n    np.linalg.norm knows only square roots of sums of squares here",
+    "trace.norm": "{place}\n    np.linalg.norm supports only the Euclidean norm here",
     "trace.singular": "{place}\n    a singular matrix: column {column} lacks a pivot",
     "trace.decides": (
         "{place}\n    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that is known "
@@ -28,15 +28,17 @@ TEMPLATES: dict[str, str] = {
         "{place}\n    an index or a length must be known before run time: read tables with np.interp(x, xp, fp), "
         "choose between values with np.where"
     ),
-    "trace.needs-int": "{place}\n    a whole number is wanted of a value known only at run time: write np.floor",
+    "trace.needs-int": (
+        "{place}\n    a whole number is needed, but the value is known only at run time: write np.floor"
+    ),
     "engine.backend": 'backend = "{found}": expected one of {known}',
     "compiler.trouble": "{command}: {error}",
     "compiler.refuses": "{command} does not compile: {error}",
     "engine.arguments": "{found} arguments, expected {expected}: {names}",
     "engine.not-compiled": "nothing is compiled yet",
     "trace.another-trace": (
-        "{place}\n    a value of another trace is used: the function has kept one, in a cache, a global or a "
-        "field. A step may depend on its arguments only"
+        "{place}\n    this value belongs to another trace: the function stored it in a cache, a "
+        "global or a field. A step may depend on its arguments only"
     ),
     "trace.pair": "{function} must return (carry, output); it returned {kind}",
     "trace.value": "{whose} returned {found} for {path}, expected shape {shape}",
@@ -51,7 +53,7 @@ TEMPLATES: dict[str, str] = {
     "path.not-a-path": '"{path}" is not a path: write names with dots and indices in brackets, "a.b[0,2]"',
     "path.index": '"{path}": an index is one or more whole numbers, not [{found}]',
     "path.shape": '"{path}" has shape {expected}, not {found}',
-    "engine.no-ticks": "the inputs have no ticks: the back end numpy needs at least one",
+    "engine.no-ticks": "the inputs have 0 ticks: the back end numpy needs at least one",
     "engine.cost": "a cost is one number per tick; this step returns {numbers}",
     "engine.theta-vector": "theta has shape {found}, expected (p,)",
     "engine.no-theta": "This scan was made without theta: pass an example as scan(..., theta=…).",
@@ -61,8 +63,8 @@ TEMPLATES: dict[str, str] = {
     "engine.ticks": "{path} has shape {found}, expected (N, …) with {expected} after N",
     "engine.no-number": "the inputs do not contain a number, so the number of ticks is unknown: add one, such as t_ns",
     "trace.argument-changed": (
-        "{place}\n    an argument of the function is changed in place: make a new array, x = x + …, or a copy to work "
-        "on, np.array(x)"
+        "{place}\n    the function changes an argument in place. Make a new array, x = x + …, or "
+        "work on a copy, np.array(x)"
     ),
     "trace.index": (
         "{place}\n    {kind}: {error}: an index must be known before run time; write np.where(condition, a, b) to "
@@ -71,7 +73,7 @@ TEMPLATES: dict[str, str] = {
     "trace.numpy": "{place}\n    {kind}: {error}",
     "trace.another-carry": "{whose} returned another carry than it is given: {cause}",
     "tree.dtype": "{path} is an array of {dtype}: expected numbers",
-    "path.no-such-name": '"{path}": {kind} lacks {found}. {near}',
+    "path.no-such-name": '"{path}": {kind} does not have {found}. {near}',
     "compiler.absent": "no C compiler: install gcc or clang, or type: {fix}",
     "compiler.no-command": "BAQUEANO_CC = '{found}': this command does not exist",
     "compiler.given-up": "Python is used instead of C, which is slower: {cause}",

@@ -9,12 +9,13 @@ TEMPLATES: dict[str, str] = {
     "compare.names": "names has {names} names, and there are {runs} runs: expected one for each.",
     "lab.scipy-for-bands": "scipy is not installed, and the χ² bands need it. Type: {fix}",
     "forecast.no-covariance": (
-        "the estimator {estimator:word} gives no covariance of the pose, so there is nothing to forecast. Type: {fix}"
+        "the estimator {estimator:word} does not give a covariance of the pose, so its "
+        "uncertainty cannot be predicted. Type: {fix}"
     ),
     "compare.alignment": 'alignment = "{found}": expected one of {known}.',
     "compare.no-first-heading": (
-        'alignment = "start" turns the path by the first heading, and the truth has positions alone. Lay it on '
-        "by all positions. Type: {fix}"
+        'alignment = "start" needs the first heading, and the truth has positions only. Align by '
+        "all positions. Type: {fix}"
     ),
     "compare.reference-short": "the reference path has {points} points: expected at least 2.",
     "compare.advice-too-sure": (
@@ -33,11 +34,11 @@ TEMPLATES: dict[str, str] = {
     "consistency.worst": "; the worst state is {state:word}, {nees:.2f}",
     "consistency.unknown": "The run does not allow a judgement of {of:word}",
     "consistency.correlated": "The innovations are correlated ({correlation:.2f} at lag 1): the model or the noise is incomplete",
-    "corridor.lost": "lost since {t_s:.0f} s: from there on its heading is a guess",
-    "corridor.lost-in-lap": "lost since {t_s:.0f} s (lap {lap}): from there on its heading is a guess",
-    "corridor.after-time": "after {t_s:.0f} s the vehicle is known to {within} (95 %)",
-    "corridor.after-lap": "after 1 lap the vehicle is known to {within} (95 %)",
-    "corridor.after-laps": "after {laps} laps the vehicle is known to {within} (95 %)",
+    "corridor.lost": "lost after {t_s:.0f} s: from then on the heading is unknown",
+    "corridor.lost-in-lap": "lost after {t_s:.0f} s (lap {lap}): from then on the heading is unknown",
+    "corridor.after-time": "after {t_s:.0f} s the position is known to {within} (95 %)",
+    "corridor.after-lap": "after 1 lap the position is known to {within} (95 %)",
+    "corridor.after-laps": "after {laps} laps the position is known to {within} (95 %)",
     "corridor.cm": "± {across_cm:.2g} cm across, ± {heading_deg:.2g}°",
     "corridor.m": "± {across_m:.2g} m across, ± {heading_deg:.2g}°",
     "compare.of-run": "{run}: {cause}.",

@@ -1,7 +1,7 @@
 """English sentences of simulations."""
 
 TEMPLATES: dict[str, str] = {
-    "simulate.never-done": "This guide has no end of its own: give the duration as duration_s.",
+    "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",
     "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
     "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, another value for {expected}.',
     "simulate.vary-not-finite": 'vary["{path}"] holds a number that is not finite.',

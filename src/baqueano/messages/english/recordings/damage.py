@@ -55,11 +55,11 @@ TEMPLATES: dict[str, str] = {
         "{ticks} ticks are whole"
     ),
     "replay.holes": "{count} silent ticks were put where the recording has holes",
-    "replay.without-sensor": "the run holds nothing of the sensor {sensor}: it is silent",
+    "replay.without-sensor": "the run does not contain sensor {sensor}, so it stays silent in the replay",
     "run.time-range": "{time_ns} ns is not a time between 1970 and 2038",
     "import.does-not-fit": (
-        "{map} does not fit its recording: {doubts}. If it is right as it is, write at the top of the map: accept "
-        "= [{accept}]"
+        "{map} does not agree with its recording: {doubts}. If the map is right, write at its "
+        "top: accept = [{accept}]"
     ),
     "expect.format": "format = 1",
     "expect.in-force": (
@@ -71,29 +71,29 @@ TEMPLATES: dict[str, str] = {
         "r)/2, u_y = 0, u_psi = (r - l)/2"
     ),
     "expect.delimiter": 'one character, as delimiter = ";" or "\\t"',
-    "expect.rate": "the rows of a second, above 0",
+    "expect.rate": "the number of rows per second, above 0",
     "expect.time-unit": 'time_unit = "s", one of {known}, iso8601',
     "expect.time-rest": 'beside time: time_rest = {{ column = "nanosec", unit = "ns" }}',
     "expect.sensor-name": "a name of letters, digits and _, as in [sensors.imu]",
     "expect.sample": 'sample = "measured", "hold" or "linear"',
     "expect.entry": 'an entry like {{ column = "NAME", unit = "m/s" }}',
     "expect.one-source": 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …',
-    "expect.no-unit": "none: the heading of a quaternion is in rad",
+    "expect.no-unit": "no unit: the heading of a quaternion is in rad",
     "expect.wraps": "the counts of a turn, above 0, beside derivative = true: of a counter of 16 bits 65536",
-    "expect.scale": 'scale = …: unit = "raw" needs what one count is in SI units',
-    "expect.radius": "it with a wheel's angle or angular rate",
+    "expect.scale": 'scale = …, the value of one count in SI units, because unit = "raw"',
+    "expect.radius": "radius_m only with the angle or angular rate of a wheel",
     "expect.counts": (
-        "counts_per_turn = …, how far an encoder counts in one turn of the wheel; counts of anything else are "
-        'unit = "raw" with a scale'
+        "counts_per_turn = …, the counts of an encoder in one turn of the wheel. For other "
+        'counts, unit = "raw" with a scale'
     ),
-    "expect.no-counts": 'it beside unit = "counts"',
+    "expect.no-counts": 'counts_per_turn only with unit = "counts"',
     "expect.file": 'file = "{first}", one of {known}',
     "expect.type": "{kind}, as in the maps that come with baqueano",
     "expect.finite": "a number that is finite",
     "expect.lever-arm": "lever_arm_m = [ahead, left], in m",
     "expect.no-mount": (
-        "neither lever_arm_m nor heading_rad where the heading is not known; a fit can ask for the place of the "
-        "mark: --use truth --free +sensors.truth.lever_arm_m"
+        "neither lever_arm_m nor heading_rad, because the heading is unknown. A fit can estimate "
+        "the position of the mark: --use truth --free +sensors.truth.lever_arm_m"
     ),
     "run.times": "{name} of a run is a list of integer nanoseconds, got {dtype} of shape {found}.",
     "run.order": (
@@ -106,13 +106,13 @@ TEMPLATES: dict[str, str] = {
     "expect.names": "{count} names, one per entry of u",
     "expect.one-of": "{key} = one of {allowed}",
     "expect.time-of-bag": 'time = "bag" (when it was recorded) or time = "header.stamp"',
-    "expect.time": 'time = "COLUMN", or rate_hz = … of a file without a column of time',
+    "expect.time": 'time = "COLUMN", or rate_hz = … for a file without a column of time',
     "expect.entries": "{count} entries ({measures})",
     "expect.some-entries": "some entries",
     "expect.unit-of": 'unit = "…" ({known})',
     "expect.unit": 'unit = "…", with "1" for no unit',
-    "expect.known-unit": "a unit that is known, perhaps {near}",
-    "expect.known-unit-of": "a unit that is known, perhaps {near}; of {measures} {known}",
+    "expect.known-unit": "a known unit, perhaps {near}",
+    "expect.known-unit-of": "a known unit, perhaps {near}; for {measures} {known}",
     "expect.files": "a table [files.NAME] per file",
     "expect.table": "a table [{key}]",
     "expect.ticks": 'a table [ticks] with file = "NAME": its times are the ticks of the run',
