@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
@@ -75,8 +76,8 @@ class ParameterChange(NamedTuple):
         return note(code, Severity.WARNING, subject=self.name, **details, **runs, unit=self.unit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ParameterHistory:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ParameterHistory(Result):
     """Parameters run by run."""
 
     names: tuple[str, ...]  # (p,)

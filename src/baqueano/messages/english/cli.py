@@ -63,7 +63,9 @@ TEMPLATES: dict[str, str] = {
     "cli.data-unseen": "To see the data: {fix}",
     "cli.data-in-report": "The report shows the data",
     "cli.fit-refused": "the fit is refused, and the vehicle file stays as it is: {reasons}. {data}",
-    "cli.fit-refused-held-out": "the fit is refused on the held-out runs, and the vehicle file stays as it is: {reasons}. {data}",
+    "cli.fit-refused-held-out": (
+        "the fit is refused on the held-out runs, and the vehicle file stays as it is: {reasons}. {data}"
+    ),
     "cli.block-not-made": (
         "{kind} could not be made without arguments ({error}). Give every field a default, or name it as "
         "kind in a vehicle file and pass that with --vehicle."
@@ -74,7 +76,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.update-without-rounds": "--update needs --rounds: without a fit there is nothing to write. Type: {fix}",
     "cli.round-refused": "the fit of round {round} is refused: {reasons}. The run is {path}.",
-    "cli.emulated-by-hand": "The emulated vehicle does not run in real time, so it cannot be driven by hand. Type: {fix}",
+    "cli.emulated-by-hand": (
+        "The emulated vehicle does not run in real time, so it cannot be driven by hand. Type: {fix}"
+    ),
     "cli.hand-options": "--pad and --no-hold need a person who drives, and here {driver} drives. Type: {fix}",
     "cli.fit-interrupted": "stopped from the keyboard: the table shows the fit at that moment; nothing was changed.",
     "cli.options-conflict": (
@@ -102,7 +106,9 @@ TEMPLATES: dict[str, str] = {
     "cli.cut-nothing": "These options keep the whole run. Type: {fix}",
     "cli.several-runs": "-o {out}: this command writes several runs. Give a folder for them. Type: {fix}",
     "cli.study-interrupted": "stopped from the keyboard: the table is of {done} of {asked:,}.",
-    "cli.recordings-interrupted": "stopped from the keyboard: the table shows the recordings judged so far; no report was written.",
+    "cli.recordings-interrupted": (
+        "stopped from the keyboard: the table shows the recordings judged so far; no report was written."
+    ),
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
     "cli.file-exists": "{out} exists already, and a run never replaces a file. Type: {fix}",
     "cli.route-absent": "Route {found} does not exist: {missing} is not a file. {there}. To drive it once: {fix}",
@@ -131,7 +137,9 @@ TEMPLATES: dict[str, str] = {
     "cli.study-paper": "fitting 60 s; seeds: {seeds}",
     "cli.clocked": "{label} {t_s:.0f} s, Ctrl-C ends it",
     "cli.ending": "ending with the results so far; Ctrl-C again to quit without them",
-    "cli.estimator-place": "estimator for {vehicle} ({sensors}): {usual} with use = [{use}]: it corrects the pose by {place}",
+    "cli.estimator-place": (
+        "estimator for {vehicle} ({sensors}): {usual} with use = [{use}]: it corrects the pose by {place}"
+    ),
     "cli.estimator-speed": (
         "estimator for {vehicle} ({sensors}): dead_reckoning until the vehicle is identified, then {usual} with "
         "use = [{use}]"
@@ -140,7 +148,9 @@ TEMPLATES: dict[str, str] = {
         "estimator for {vehicle} ({sensors}): {usual}. Compare it with dead_reckoning; with "
         "both, the position drifts"
     ),
-    "cli.estimator-nothing": "estimator for {vehicle} (no sensors): dead_reckoning, because only the model gives the estimate",
+    "cli.estimator-nothing": (
+        "estimator for {vehicle} (no sensors): dead_reckoning, because only the model gives the estimate"
+    ),
     "cli.marks-too-few": "marks: press m on the mark before and after a lap. The lap then gives the scale of the gyro.",
     "cli.marks": "marks: {cause}",
     "cli.block-sound": "{block} passes every check of a block.",
@@ -214,7 +224,9 @@ TEMPLATES: dict[str, str] = {
     "cli.width-unused": "--width {width} is the width of figures: give a folder for them. Type: {fix}",
     "cli.next-new": "next: {cd}\nthen: {fix}",
     "cli.guesses": "the numbers of its model are guesses, until a fit has measured them on your vehicle",
-    "cli.simulated-truth": "simulated: {truth} (named in {vehicle} under [simulation]); the fit has to find its numbers",
+    "cli.simulated-truth": (
+        "simulated: {truth} (named in {vehicle} under [simulation]); the fit has to find its numbers"
+    ),
     "cli.measure-first": (
         "{vehicle}: its model is a guess, so the vehicle will not reach the wanted speed. Measure it first: "
         "{experiment}, then {identify}"

@@ -71,7 +71,9 @@ TEMPLATES: dict[str, str] = {
     "design.short": "{duration_s:g} s leave less than 1 s to move: choose a longer duration.",
     "fit.not-fitted": "{path} was not fitted. {near}.",
     "fit.not-free": "{path} was not fitted: expected one of {fitted}. Type: {fix}",
-    "forecast.no-errors": "The fit did not give the error of any parameter of the model, so a drive cannot be predicted.",
+    "forecast.no-errors": (
+        "The fit did not give the error of any parameter of the model, so a drive cannot be predicted."
+    ),
     "forecast.ran-away": "the fitted model diverges in open loop, so a drive cannot be predicted.",
     "forecast.refused": (
         "the fit is refused, so a drive cannot be predicted. Correct what its reasons name."
@@ -97,7 +99,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "noise.nothing-to-compare": "Comparing noise needs at least one Q and R, and one run that was not used for them.",
     "noise.unknown-source": 'source = "{found}": expected "auto", "truth" or "innovations".',
-    "over-time.few-fits": "{good} of {count} runs could be fitted, and two are needed. Fit the others one by one. Type: {fix}",
+    "over-time.few-fits": (
+        "{good} of {count} runs could be fitted, and two are needed. Fit the others one by one. Type: {fix}"
+    ),
     "over-time.few-runs": "Following a vehicle needs two runs or more, found {count}.",
     "parameter.all-fixed": "Every parameter is fixed, so nothing can be fitted. Name the free ones with {arg[free]}.",
     "parameter.bounds": "the bounds of {path} are {low:g} and {high:g}: expected the lower one first.",
@@ -232,7 +236,9 @@ TEMPLATES: dict[str, str] = {
         "{runs}: readings of {sensor} are missing. Expected at least one sensor with readings in "
         "all runs. Leave out the runs without it, or fit the others with it: {arg[use]:{sensor}}."
     ),
-    "turns.no-gyro": "{run} does not contain a reading of a gyro of {vehicle}. Give the file that names it. Type: {fix}",
+    "turns.no-gyro": (
+        "{run} does not contain a reading of a gyro of {vehicle}. Give the file that names it. Type: {fix}"
+    ),
     "turns.silent": (
         "The gyro of {run} is silent for {gap_s:.2g} s at {at_s:.1f} s, so its turn in that time is unknown. Turn it "
         "again, or cut that part off. Type: {fix}"

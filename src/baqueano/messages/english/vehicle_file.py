@@ -53,7 +53,9 @@ TEMPLATES: dict[str, str] = {
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
-    "vehicle.no-format": "{place} is missing: the first line of a vehicle file is format = {expected}. Is this another file?",
+    "vehicle.no-format": (
+        "{place} is missing: the first line of a vehicle file is format = {expected}. Is this another file?"
+    ),
     "vehicle.newer-format": "{place} = {found}: this baqueano reads format {expected}. Update it: {fix}",
     "vehicle.other-format": "{place} = {found}: this baqueano reads format {expected}. Write format = {expected}.",
     "vehicle.no-top-key": "{place} is missing: write {example} above the first table.",
@@ -70,11 +72,15 @@ TEMPLATES: dict[str, str] = {
     "vehicle.table-unknown": "{place} is not a key or table of a vehicle file. {near}.",
     "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
     "vehicle.unit-other": "This key is in {in_unit}: {value} {given} is {key} = {converted}",
-    "vehicle.number-in-quotes": "{place} = {found}: expected one number [{in_unit}], {meaning:word}. Take the quotes away.",
+    "vehicle.number-in-quotes": (
+        "{place} = {found}: expected one number [{in_unit}], {meaning:word}. Take the quotes away."
+    ),
     "vehicle.not-number": "{place} = {found}: expected one number [{in_unit}], {meaning:word}.",
     "vehicle.not-numbers": "{place} = {found}: expected {size} [{in_unit}], {meaning:word}.",
     "vehicle.size": "{place} has {found}: expected {size} [{in_unit}], {meaning:word}.",
-    "vehicle.size-with-commas": "{place} has {found}: expected {size} [{in_unit}], {meaning:word}. Decimal commas? Write points.",
+    "vehicle.size-with-commas": (
+        "{place} has {found}: expected {size} [{in_unit}], {meaning:word}. Decimal commas? Write points."
+    ),
     "vehicle.one-number": "one number",
     "vehicle.any-numbers": "a list of numbers",
     "vehicle.numbers": "{count} numbers",
@@ -125,7 +131,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.in-unit": "Is it in {in_unit}? {value:.3g} {in_unit} is {value_m:.3g} m",
     "vehicle.in-metres": "Is it in m?",
-    "vehicle.centre-of-mass": "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {in_unit}.",
+    "vehicle.centre-of-mass": (
+        "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {in_unit}."
+    ),
     "vehicle.two-shapes": "{place} and length_m, width_m: a platform is round or rectangular. Keep one.",
     "vehicle.track": "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {in_unit}.",
     "vehicle.wheel": "{place} = {found:g} m: a wheel larger than the platform, {across_m:g} m. {in_unit}.",

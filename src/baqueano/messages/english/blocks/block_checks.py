@@ -83,7 +83,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "check.done": "{place}: {subject} gives done = {found}: expected 1.0 at the end of the route, else 0.0.",
     "check.lets-through": "{place}: {subject} lets {u} through after a NaN in {what}: expected zeros.",
-    "check.drives-again": "{place}: {subject} lets the vehicle drive again by itself after a NaN in {what}: a stop is final.",
+    "check.drives-again": (
+        "{place}: {subject} lets the vehicle drive again by itself after a NaN in {what}: a stop is final."
+    ),
     "check.beyond-limit": "{place}: {subject} lets {u} through, beyond its limit {limit}.",
     "check.clock": (
         "{place}: {subject} gives another {name} when the clock begins at {begin_ns:.2g} ns (a "

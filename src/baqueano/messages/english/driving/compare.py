@@ -33,7 +33,9 @@ TEMPLATES: dict[str, str] = {
     "consistency.too-cautious": f"The {CONSISTENCY}",
     "consistency.worst": "; the worst state is {state:word}, {nees:.2f}",
     "consistency.unknown": "The run does not allow a judgement of {of:word}",
-    "consistency.correlated": "The innovations are correlated ({correlation:.2f} at lag 1): the model or the noise is incomplete",
+    "consistency.correlated": (
+        "The innovations are correlated ({correlation:.2f} at lag 1): the model or the noise is incomplete"
+    ),
     "corridor.lost": "lost after {t_s:.0f} s: from then on the heading is unknown",
     "corridor.lost-in-lap": "lost after {t_s:.0f} s (lap {lap}): from then on the heading is unknown",
     "corridor.after-time": "after {t_s:.0f} s the position is known to {within} (95 %)",

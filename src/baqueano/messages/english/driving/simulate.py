@@ -5,13 +5,17 @@ TEMPLATES: dict[str, str] = {
     "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
     "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, another value for {expected}.',
     "simulate.vary-not-finite": 'vary["{path}"] holds a number that is not finite.',
-    "simulate.no-vehicles": "The number of vehicles is 0: give vary = {{path: values}} with a row per vehicle, or vehicles.",
+    "simulate.no-vehicles": (
+        "The number of vehicles is 0: give vary = {{path: values}} with a row per vehicle, or vehicles."
+    ),
     "simulate.no-covariance": (
         "{name}: no parameter has a covariance yet, so nothing can be drawn. Fit it: baqueano identify RUNS "
         "--update, or say what varies: vary = {{path: values}}."
     ),
     "simulate.vehicles": "vehicles = {vehicles}: expected 1 or more.",
-    "simulate.signal-shape": "the command signal has shape {found}: expected (N, {commands}), one row a tick with {names}.",
+    "simulate.signal-shape": (
+        "the command signal has shape {found}: expected (N, {commands}), one row a tick with {names}."
+    ),
     "simulate.not-finite": "{name} = {value} at tick {tick}: expected a finite number.",
     "simulate.beyond-limit": (
         "{name} = {value:g} at tick {tick}: the vehicle file allows up to {limit:g} ([command] limit). Scale the "

@@ -117,7 +117,9 @@ TEMPLATES: dict[str, str] = {
     "expect.table": "a table [{key}]",
     "expect.ticks": 'a table [ticks] with file = "NAME": its times are the ticks of the run',
     "expect.measures": "a unit of {measures}: {known}, or raw with a scale",
-    "expect.measures-or-rolls": "a unit of {measures}: {known}, or raw with a scale, or beside it radius_m = …, that of the wheel",
+    "expect.measures-or-rolls": (
+        "a unit of {measures}: {known}, or raw with a scale, or beside it radius_m = …, that of the wheel"
+    ),
     "expect.measures-or-rate": "a unit of {measures}: {known}, or raw with a scale, or beside it derivative = true",
     "expect.measures-or-rate-of-rolling": (
         "a unit of {measures}: {known}, or raw with a scale, or beside it derivative = true, and radius_m = …, that of "

@@ -26,7 +26,9 @@ TEMPLATES: dict[str, str] = {
         "and were not touched."
     ),
     "imu.chip": "IMU: {chip} (WHO_AM_I {who_am_i})",
-    "imu.too-few-samples": "The IMU at 0x{address:02X} on {path} answers, but gave {count} samples in {within_s} s: {events}",
+    "imu.too-few-samples": (
+        "The IMU at 0x{address:02X} on {path} answers, but gave {count} samples in {within_s} s: {events}"
+    ),
     "imu.unknown-chip": (
         "The device at 0x{address:02X} answers 0x{who_am_i:02X} to WHO_AM_I, which is an unknown "
         "chip, and it {odd}. Put the vehicle at rest and try again; else try another IMU."
@@ -88,7 +90,9 @@ TEMPLATES: dict[str, str] = {
         "{host}: {key} = {found} was calibrated there, but your vehicle file does not have the "
         "table of that key. Add the table; or, to lose the calibration: ssh {host} rm {path}"
     ),
-    "setup.no-answer": "{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: {fix}",
+    "setup.no-answer": (
+        "{host} did not answer over ssh. Is it on, in this network, and does it know your key? Type: {fix}"
+    ),
     "setup.32-bit": (
         "{host} is a {computer}: numpy does not exist as a package for 32-bit systems. Write the "
         "64-bit Raspberry Pi OS Lite on its card (for a Pi 3, 4, 5 or Zero 2), and: baqueano "
