@@ -115,7 +115,9 @@ def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, 
     felt = robot.chip.motion
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), felt(t_ns)[1])
     bench.uno.arm()
-    with pytest.raises(AnswerNo, match=r"a change of speed of 0\.\d+ m/s .* too little to distinguish ahead from back"):
+    with pytest.raises(
+        AnswerNo, match=r"a change of speed of 0\.\d+ m/s .* too little to distinguish ahead from back"
+    ):
         calibrate_motors._wiring(bench, lambda text: None)
 
 

@@ -128,7 +128,9 @@ def test_encoders_of_which_nothing_is_wired_are_told_in_one_sentence(robot):
     robot.uno.keep(Settings(encoders=Encoders.SINGLE), robot.wait)
     run = driven(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
     (told,) = hardware(run)
-    assert told.startswith("both encoders count nothing, although both motors have a high command. Does that wheel turn?")
+    assert told.startswith(
+        "both encoders count nothing, although both motors have a high command. Does that wheel turn?"
+    )
 
 
 @pytest.mark.parametrize("path", [None, "run.mcap"])

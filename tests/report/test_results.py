@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from matplotlib.figure import Figure
 
 import baqueano as bq
 from baqueano.contracts.result import LINES, Result
+from baqueano.diagnostics import Severity, note
 from baqueano.drive import FirstDrive
 from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
@@ -17,6 +19,8 @@ from baqueano.identify import forecast
 from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
 from baqueano.identify.sensor_calibration import CalibratedNumber, Calibration
 from baqueano.identify.validation import validate
+from baqueano.report.of_fit import page_of_fit, sections_of_fit
+from baqueano.report.page import Page, Section, Table
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many
 
@@ -192,3 +196,22 @@ def test_a_route_and_a_vehicle_file_print_as_a_line(results):
     assert repr(bq.load("small")) == (
         "small (garage: small): Planar at 100 Hz, commands u_x, u_y, u_psi [duty], sensors imu"
     )
+
+
+def test_the_residuals_of_a_fit_are_drawn_over_time(results):
+    html = page_of_fit(results["fit"]).html()
+    assert "Residuals over time" in html
+    assert html.count("autocorrelation") >= 1
+
+
+def test_messages_on_a_page_are_ordered_by_weight(results):
+    notes = (note("fit.duty-step", steps=255), note("fit.most-weak", Severity.WARNING, asked=9, weak=5))
+    section = sections_of_fit(replace(results["fit"], notes=notes), reasons=False)[0]
+    assert section.text.index("poorly identified. The runs") < section.text.index("duty_step was added")
+
+
+def test_the_table_of_gains_stays_in_its_card(results):
+    html = Page("t", "", "", [], [Section("s", "", [Table(results["tuning"].rows())])]).html()
+    assert '<div class="scroll"><table class="cards">' in html
+    assert ".scroll { overflow-x: auto; }" in html
+    assert re.search(r"@media[^{]*max-width[^{]*\{[^@]*\.cards tr \{ display: grid", html, re.DOTALL)
