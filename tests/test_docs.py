@@ -115,8 +115,9 @@ def test_a_page_names_only_verbs_and_options_that_exist(page):
         )
 
 
-def test_each_row_of_the_security_of_the_page_names_tests_that_exist():
-    text = (ROOT / "docs/page.md").read_text(encoding="utf-8").partition("## Security")[2]
+@pytest.mark.parametrize(("page", "heading"), [("page.md", "## Security"), ("es/page.md", "## Seguridad")])
+def test_each_row_of_the_security_of_the_page_names_tests_that_exist(page, heading):
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8").partition(heading)[2]
     rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
     assert len(rows) >= 16
     tests = "\n".join(

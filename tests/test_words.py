@@ -27,6 +27,40 @@ def test_a_message_is_plain():
         )
 
 
+DOCS = Path(__file__).parents[1]
+PAGES = (  # but the one that the code writes
+    "README.md",
+    *(
+        path.relative_to(DOCS).as_posix()
+        for path in sorted((DOCS / "docs").glob("*.md"))
+        if path.stem != "vehicle-file"
+    ),
+    *(path.relative_to(DOCS).as_posix() for path in sorted((DOCS / "docs" / "es").glob("*.md"))),
+)
+SINGLE = re.compile(r"[^\W_]+(?:['’.,-][^\W_]+)*")
+
+
+def sentences_of(page: str) -> list[str]:
+    """Return the sentences of a page, with x in the place of code and of what a link says.
+
+    >>> sentences_of("One is [here](a.md), `two` there. Three | four")
+    ['One is x, x there.', 'Three', 'four']
+    """
+    text = re.sub(r"^```.*?^```$", "", page, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"!?\[[^\]]*\]\([^)]*\)|`[^`\n]*`", "x", text)
+    parts = re.split(r"\n\s*\n|\n(?=\s*[-*#\d]+[. ])|\||^#.*$", text, flags=re.MULTILINE)
+    found = [one for part in parts for one in re.split(r"(?<=[.;:!?])[\s*)\"]+|[()]", " ".join(part.split()))]
+    return [one.strip() for one in found if one.strip()]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_is_plain(page):
+    sentences = sentences_of((DOCS / page).read_text(encoding="utf-8"))
+    long = [one for one in sentences if len(SINGLE.findall(one)) > WORDS]
+    assert not long, f"over {WORDS} words: {long}"
+    assert not [one for one in sentences if NEGATION.search(one)], 'say "is not a", "does not exist"'
+
+
 def nodes():
     """Return the nodes of all rooms, with their file."""
     for path in SOURCE.rglob("*.py"):

@@ -220,6 +220,8 @@ def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnosti
     import difflib
 
     names = list(allowed)
+    if not names:
+        return note("name.none")
     near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     listed = _figure(names if len(names) <= LISTED else [*names[:LISTED], "…"])
     return note("name.near", meant=near[0], known=listed) if near else note("name.unknown", known=listed)

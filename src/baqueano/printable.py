@@ -18,7 +18,16 @@ def typed(*words: object) -> str:
     >>> typed("runs", "show", "my runs/0001.mcap")
     "baqueano runs show 'my runs/0001.mcap'"
     """
-    line = ["baqueano", *map(str, words)]
+    return quoted("baqueano", *words)
+
+
+def quoted(*words: object) -> str:
+    """Return words as the shell of this machine takes them.
+
+    >>> quoted("cd", "my lab")
+    "cd 'my lab'"
+    """
+    line = list(map(str, words))
     return " ".join(map(_for_powershell, line)) if os.name == "nt" else shlex.join(line)
 
 

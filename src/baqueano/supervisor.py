@@ -20,6 +20,7 @@ from baqueano.contracts.blocks import Block
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import from_outside, named
+from baqueano.language import translated as _
 from baqueano.parameter import INF, documented, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
@@ -115,7 +116,10 @@ def numbered(reason: int) -> Diagnostic:
     """Return the diagnostic of an index into REASONS; a supervisor of the user's may have others."""
     ours = REASONS[reason] if 0 < reason < len(REASONS) else None
     if ours is None:
-        return stop(StopReason.OWN_REASON, words=f"the supervisor stopped, reason {reason}")
+        return stop(
+            StopReason.OWN_REASON,
+            words=_("the supervisor stopped the vehicle, reason {reason}", reason=reason),
+        )
     return stop(ours)
 
 

@@ -126,7 +126,7 @@ def test_a_controller_without_named_gains_is_reported_how_to_name_them_before_th
     mine = own_controller(tmp_path, "0.5")
     end = project("tune", "--vehicle", str(mine), "--route", "lab")
     assert end.code == 2
-    assert "Mine names no gain to look for" in end.paragraph
+    assert "Mine does not declare a gain to tune" in end.paragraph
     assert "k: float = parameter(" in end.paragraph
 
 
@@ -194,7 +194,7 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
     end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
     assert end.code == 5
     assert "mine.py:6) raised OSError: no port" in end.paragraph
-    assert "nothing moved" in end.paragraph
+    assert "the vehicle did not move" in end.paragraph
     assert not list(tmp_path.rglob("*.mcap*"))
 
 

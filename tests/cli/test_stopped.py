@@ -40,7 +40,7 @@ def test_who_wants_no_more_is_not_reported_what_is_not_in_the_model(lab, monkeyp
     monkeypatch.setattr(assemble, "diagnose", lambda *of: pytest.fail("it was asked"))
     fit = identify(run, load("small"), ["model.actuator_matrix[0,0]"], say=say)
     assert fit.converged
-    assert asked[-1] == "asking what is not in the model"
+    assert asked[-1] == "testing for effects that the model lacks"
 
 
 def test_recordings_that_were_judged_before_are_in_the_table(baqueano, monkeypatch):

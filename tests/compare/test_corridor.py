@@ -26,7 +26,7 @@ def test_across_is_measured_across_the_heading_and_the_area_is_that_of_the_ellip
     assert along_y.across_m == pytest.approx([0.392, 0.392])
     assert along_x.area_m2[0] == pytest.approx(np.pi * 5.991 * 0.2 * 0.1)
     assert along_x.heading_rad[0] == pytest.approx(1.96 * 0.05)
-    assert along_x.sentence == "after 1 s the vehicle is known to ± 20 cm across, ± 5.6° (95 %)"
+    assert along_x.sentence == "after 1 s the position is known to ± 20 cm across, ± 5.6° (95 %)"
 
 
 def test_turning_the_map_changes_no_corridor():
@@ -64,7 +64,7 @@ def test_a_run_says_after_how_many_laps_and_compare_says_it_too():
     run = simulate_loop(load("small").with_values(SHARP), circle(0.3, 0.2), laps=2)
     found = corridor_of(run)
     assert found.lap_s == pytest.approx(2.0 * np.pi * 0.3 / 0.2, abs=0.1)
-    assert found.sentence.startswith("after 2 laps the vehicle is known to ± ")
+    assert found.sentence.startswith("after 2 laps the position is known to ± ")
     judged = compare(run)
     assert found.sentence in judged.table()
     assert judged.rows()[0]["corridor_across_m"] == found.across_m[-1]

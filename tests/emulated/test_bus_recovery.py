@@ -112,7 +112,7 @@ def test_a_bus_that_cannot_be_freed_is_reported_once_tried_again_and_ready_once_
     hold(robot, held)
     looked_on(service, robot, 12.0)
     assert len([call for call in held.read()["calls"] if call[0] == "get"]) == 2 * 3, "two looks, each 5 s"
-    assert log == ["SCL (GPIO 3) is low, so the bus cannot be clocked."]
+    assert log == ["SCL (GPIO 3) is stuck low, so clocks cannot free the bus."]
     state = last_state(service)
     assert state["state"] == "DISARMED"
     assert state["why"].code == StopReason.IMU_BUS_STILL_HELD

@@ -115,7 +115,9 @@ def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, 
     felt = robot.chip.motion
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), felt(t_ns)[1])
     bench.uno.arm()
-    with pytest.raises(AnswerNo, match=r"felt a push of 0\.\d+ m/s .* too little to tell ahead from back"):
+    with pytest.raises(
+        AnswerNo, match=r"a change of speed of 0\.\d+ m/s .* too little to distinguish ahead from back"
+    ):
         calibrate_motors._wiring(bench, lambda text: None)
 
 
@@ -220,7 +222,7 @@ def test_a_sweep_that_moved_nothing_is_reported():
 def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_reported():
     duties = np.linspace(1.0, 0.8, 8)
     with pytest.raises(
-        AnswerNo, match="stands still below a duty of 75%, and the firmware makes up for 70 %"
+        AnswerNo, match="does not turn below a duty of 75%, and the firmware compensates 70 %"
     ):
         fitted(0.8, duties, 5.0 * (duties - 0.75), "right backwards")
 

@@ -84,7 +84,7 @@ def test_an_encoder_that_falls_silent_is_reported_in_the_run_once_for_each_time(
     run = driven(robot, file, np.concatenate([ahead, pause, ahead]), left_alone)
     told = [e for e in run.events if e.source == "hardware"]
     assert len(told) == 2
-    assert all(e.text.startswith("the right encoder counts nothing though") for e in told)
+    assert all(e.text.startswith("the right encoder counts nothing, although") for e in told)
     assert told[0].t_ns * 1e-9 == pytest.approx(0.52, abs=0.04)  # 0.5 s at half of full duty
     assert told[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
 
@@ -128,7 +128,9 @@ def test_encoders_of_which_nothing_is_wired_are_reported_in_one_sentence(robot):
     robot.uno.keep(Settings(encoders=Encoders.SINGLE), robot.wait)
     run = driven(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
     (told,) = hardware(run)
-    assert told.startswith("neither encoder counts though both motors are driven hard: does that wheel turn?")
+    assert told.startswith(
+        "both encoders count nothing, although both motors have a high command. Does that wheel turn?"
+    )
 
 
 @pytest.mark.parametrize("path", [None, "run.mcap"])

@@ -173,7 +173,7 @@ def test_a_service_that_drives_is_not_stopped_for_it(verb, tmp_path, monkeypatch
         assert "systemctl stop baqueano.service" in calls.read_text()
     else:
         assert code == 1
-        assert f"the vehicle drives ({state}), and what you typed takes the hardware away from it." in err
+        assert f"the vehicle drives ({state}), and this command needs the hardware for itself." in err
         assert "stop" not in calls.read_text()
 
 

@@ -230,7 +230,7 @@ def test_what_choosing_does_not_go_with_is_reported(in_a_folder, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["identify", *SAID, "--speed-noise"])
     assert ended.value.code == 2
-    assert "--choose does not go with --speed-noise. Choose first" in capsys.readouterr().err
+    assert "--choose cannot be combined with --speed-noise. First choose" in capsys.readouterr().err
 
 
 def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, believed):

@@ -42,7 +42,7 @@ def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(
     row = next(r for r in fit.rows() if r["name"] == "model.friction.linear[2]")
     assert row["estimate"] is None
     assert row["sd"] is None
-    assert "not seen" in fit.table()
+    assert "not identifiable" in fit.table()
 
 
 def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, driven):

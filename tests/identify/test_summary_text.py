@@ -28,9 +28,9 @@ def row(
         (row(1.0, 0.26), "roughly, ± 51 %"),
         (row(1.0, 0.25), ""),
         (row(0.0, 0.1, "low"), "at its low bound, may be 0"),
-        (row(3.0, 1.0, None, "weak"), "weakly seen, roughly, ± 65 %"),
+        (row(3.0, 1.0, None, "weak"), "poorly identified, roughly, ± 65 %"),
         (row(3.0, None), "its error is not known"),
-        (row(None, None, None, "no"), "not seen"),
+        (row(None, None, None, "no"), "not identifiable"),
     ],
 )
 def test_a_row_whose_interval_holds_zero_or_is_wider_than_its_value_is_marked(of, said):

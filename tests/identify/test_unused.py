@@ -20,11 +20,9 @@ def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(dri
     run = with_more(driven(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
     said = unused([run, run], case)
     assert len(said) == 2, "once for all runs, and nothing of battery and temperature"
-    assert said[0].startswith(
-        "the run has 'odometer', the vehicle file case-study-1 has not: it is not used."
-    )
-    assert said[0].endswith('[sensors.odometer] and below it kind = "odometer"')
-    assert said[1].endswith('[sensors.rollers] and below it kind = "wheels"')
+    assert [one.code for one in said] == ["use.not-in-file"] * 2
+    assert said[0].figures == {"sensor": "odometer", "vehicle": "case-study-1", "kind": "odometer"}
+    assert said[1].figures["kind"] == "wheels"
     assert unused([driven(0, 2.0)], case) == []
 
 
@@ -40,6 +38,6 @@ def test_it_is_reported_before_the_fit_unless_sensors_are_named(driven, tmp_path
     for use in ([], ["--use", "imu"]):
         with pytest.raises(SystemExit):
             main(["identify", "run.mcap", "--vehicle", "case-study-1", "--no-noise", *use])
-        told.append("the run has 'odometer'" in capsys.readouterr().err)
+        told.append("has sensor odometer, which" in capsys.readouterr().err)
     assert told == [True, False]
     assert load("case-study-1").sensors._fields == ("imu",)

@@ -17,6 +17,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from baqueano.errors import FileError
+from baqueano.printable import typed
 from baqueano.runs import RunWriter, read_run, recover, write_run
 from baqueano.runs.container import records as mcap_records
 from baqueano.runs.container import writer
@@ -255,8 +256,9 @@ def test_rt16_a_full_disk_stops_nothing_while_it_drives_and_is_reported_at_the_e
     while run_writer.failure is None and time.monotonic() < deadline:
         time.sleep(0.01)
     record_one(run_writer, 10)
-    with refused("runs.disk-full", FileError):
+    with refused("runs.disk-full", FileError) as error:
         run_writer.close()
+    assert error.value.diagnostic.fix == typed("runs", "recover", path), "with the folder of the run"
     assert read_run(path).t_ns.tolist() == [5]
 
 

@@ -200,7 +200,7 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
         ("[sensors.imu]", "[sensors.1mu]", "write a name of letters, digits"),
         (RATE, '"wz"', r"imu.z\[2\] unit is missing; write unit = \"…\" \(rad/s, deg/s"),
         (RATE, '"wz", unit = "rad"', r"unit = 'rad'; write a unit of angular rate: rad/s, deg/s"),
-        (RATE, '"wz", unit = "radps"', r"unit = 'radps'; write a unit that is known, perhaps rad"),
+        (RATE, '"wz", unit = "radps"', r"unit = 'radps'; write a known unit, perhaps rad"),
         (RATE, '"wz", unit = "raw"', r"scale is missing; write scale = …: unit = \"raw\" needs"),
         ('{ column = "wz", unit = "rad/s" }', '"wz"', r"imu.z\[2\] = 'wz'; write an entry like"),
         ('column = "wz"', 'quaternion = ["x"], column = "wz"', r"either column = \"NAME\", or quaternion"),

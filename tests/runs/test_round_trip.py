@@ -173,7 +173,7 @@ def test_what_has_a_wrong_shape_is_reported_once_and_the_rest_goes_on(tmp_path):
     run = read_run(path)
     assert len(run.t_ns) == 5
     assert run.estimate is None or len(run.estimate.t_ns) == 0
-    assert [event.text.split(":")[0] for event in run.events] == ["estimate was not of the expected shape"]
+    assert [event.diagnostic.code for event in run.events] == ["run.not-packed"]
 
 
 def test_an_estimator_that_begins_to_report_innovations_is_filled_with_nan(tmp_path):

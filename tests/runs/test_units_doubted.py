@@ -93,7 +93,7 @@ def test_and_by_what_a_sensor_does_at_rest_and_in_curves_where_none_is(tmp_path,
 
 def test_a_gyro_in_degrees_is_reported_though_it_turns_slowly(tmp_path):
     said = imported(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
-    assert "before the first command, and small gyros are quieter" in said
+    assert "before the first command; small gyros have less noise" in said
     assert 'write unit = "deg/s"' in said
     spins = imported(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
     assert "2.4 turns a second" in spins

@@ -122,7 +122,7 @@ def test_without_a_display_no_page_is_opened(tmp_path, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.delenv("CI", raising=False)
     assert share.display()
-    with in_motion(tmp_path / "none", False, 4.0) as motion:  # --no-page
+    with run_with_page(tmp_path / "none", False, 4.0) as motion:  # --no-page
         assert motion._program is None
     monkeypatch.setenv("CI", "1")
     assert not share.display()

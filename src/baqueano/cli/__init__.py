@@ -9,6 +9,7 @@ from copy import copy
 import click
 
 from baqueano import __version__, language
+from baqueano.language import marked as N_
 from baqueano.language import translated as _
 
 VERBS = {
@@ -20,17 +21,19 @@ VERBS = {
     "tune": "Find the controller's gains on the identified model.",
     "drive": "Drive by hand from this terminal, with keys or a game pad; write a run.",
     "teach": "Drive a path once and store it as a route.",
-    "route": "Draw, import, smooth, cut, join, turn round or speed up a route; check it before it is driven.",
-    "forecast": "Say before driving a route how well the vehicle will know its place.",
+    "route": (
+        "Draw, import, smooth, cut, join, reverse, scale or speed up a route; check it before a drive."
+    ),
+    "forecast": "Predict, before a drive, the uncertainty of the position along a route.",
     "repeat": "Drive a taught route again, for N laps or for ever.",
     "replay": "Send a run through the same blocks again, or through others.",
     "compare": "Errors and consistency of one or more runs.",
     "runs": "List, show, cut, recover, import and export runs.",
     "serve": "Open the page of a vehicle in a browser: watch, drive, teach, repeat, stop.",
-    "view": "Open a run in a browser: map, strips, events, a ghost of another run.",
+    "view": "Open a run in a browser: map, time plots, events; compare it with another run.",
     "sweep": "Compare estimators, controllers and guides on the same simulated drives or recorded runs.",
     "report": "Write one self-contained HTML page about a run.",
-    "study": "Reproduce the paper's case studies; judge by recordings.",
+    "study": "Reproduce the paper's case studies; test with recordings.",
     "robot": "The real vehicle: from an empty card to a calibrated one; its service, state and runs.",
     "blocks": "List the blocks; check one of your own.",
 }
@@ -44,6 +47,15 @@ ROOMS = {  # of the verbs that do not stand beside this file
 
 WHOLE = 200  # letters: no first sentence is as long
 
+METAVARS = (
+    N_("TEXT"),
+    N_("INTEGER"),
+    N_("NUMBER"),
+    N_("FLOAT"),
+    N_("FILE"),
+    N_("FOLDER"),
+)  # what values are called
+USAGE = (N_("[OPTIONS]"), N_("COMMAND [ARGS]..."))  # of click's first line
 BACKENDS = ("auto", "c", "python", "numpy")
 
 
@@ -95,9 +107,22 @@ def in_language(command: click.Command) -> click.Command:
     for param in command.params:
         if isinstance(param, click.Option):
             param.help = language.translated(param.help or "") or None
+            param.metavar = param.metavar or _metavar(param)
+    command.options_metavar = language.translated(command.options_metavar or "") or None
     if isinstance(command, click.Group):
+        command.subcommand_metavar = language.translated(command.subcommand_metavar)
         command.commands = {name: in_language(verb) for name, verb in command.commands.items()}
     return command
+
+
+def _metavar(option: click.Option) -> str | None:
+    """Return what help calls the value of an option; None where it lists the values."""
+    kind = option.type
+    if option.is_flag or option.count or isinstance(kind, click.Choice):
+        return None
+    if isinstance(kind, click.Path):
+        return language.translated("FILE" if kind.file_okay else "FOLDER")
+    return language.translated(kind.name.removesuffix(" range").upper())
 
 
 class _LazyVerbs(click.Group):
@@ -132,7 +157,7 @@ class _LazyVerbs(click.Group):
 @click.option(
     "--allow-blocks",
     is_flag=True,
-    help="Execute blocks that a run, or a vehicle file from elsewhere, names.",
+    help="Execute blocks that are named in a run, or in a vehicle file of another folder.",
 )
 @click.version_option(__version__, prog_name="baqueano")
 @click.pass_context
@@ -198,7 +223,7 @@ def _answered(args: list[str], before: list[str]) -> int:
 
     answered.clear()
     try:
-        code = baqueano.main(before + args, prog_name="baqueano", standalone_mode=False)
+        code = in_language(baqueano).main(before + args, prog_name="baqueano", standalone_mode=False)
         return code if isinstance(code, int) else 0
     except NoArgsIsHelpError as error:
         error.show()

@@ -57,11 +57,15 @@ def which_estimator(file: "VehicleFile") -> Diagnostic:
 
 
 @command.command(
-    "check", help="Say what is wrong with BLOCK (file.py:Class, or a kind of ours), for its author."
+    "check", help="Check BLOCK (file.py:Class, or the name of a block), and explain what is wrong."
 )
 @click.argument("block")
 @click.option(
-    "--room", help="vehicle, sensor, estimator, guide, controller, supervisor; found by itself if left out."
+    "--room",
+    help=(
+        "Room of the block: vehicle, sensor, estimator, guide, controller or "
+        "supervisor; default: recognised by its methods."
+    ),
 )
 @options.vehicle
 @options.as_json

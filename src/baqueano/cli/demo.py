@@ -30,21 +30,21 @@ def free_folder() -> Path:
     "-o",
     "--out",
     type=click.Path(path_type=Path),
-    help="A folder; default: demo, or the next that is free, demo-2.",
+    help="Folder to write; default: demo, or the next free name, demo-2.",
 )
 @click.option(
     "--page/--no-page", "shown", default=None,
-    help="Show the drives in a browser, in motion. Default: where there is a display.",
+    help="Show the drives in a browser while they happen. Default: if there is a display.",
 )  # fmt: skip
 @click.option(
     "--pace", type=click.FloatRange(0.05, 50.0), default=4.0, show_default=True,
-    help="Simulated seconds that the page shows in a second.",
+    help="Simulated seconds per real second, on the page.",
 )  # fmt: skip
 @click.option(
     "--animation",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE.svg",
-    help="Also write fit and drive as a moving picture.",
+    help="Also write the fit and the drive as an animated picture.",
 )
 @options.seed
 @options.backend

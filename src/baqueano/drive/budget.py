@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from baqueano.contracts.values import Tree
 from baqueano.errors import FromOutside
+from baqueano.language import translated as _
 
 BUDGET_S = 0.1  # ten ticks: a third of the dead man's patience
 AGAIN_S = 0.02  # for a block that swallows the first alarm
@@ -60,7 +61,7 @@ def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value
         finally:
             running = False  # an alarm from here on is too late; one before this line is held below
     except TooLong as alarm:
-        text = f"it took longer than {1e3 * seconds:.0f} ms"
+        text = _("it took longer than {ms:.0f} ms", ms=1e3 * seconds)
         raise TimeoutError(text).with_traceback(alarm.__traceback__) from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

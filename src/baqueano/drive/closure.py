@@ -18,7 +18,8 @@ import numpy as np
 
 from baqueano.contracts.blocks import Sensor
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
@@ -33,8 +34,8 @@ MOST_TURNS = 4  # of a lap
 REST_S, LEAST_S = 1.0, 1.0  # without a command before it counts as standing; of that, so much
 
 
-@dataclass(frozen=True)
-class Closure:
+@dataclass(frozen=True, repr=False)
+class Closure(Result):
     """The motion of a run between its first mark and its last."""
 
     gyro: str  # name of the IMU
@@ -45,6 +46,16 @@ class Closure:
     values: dict[str, object]  # of the vehicle file: path → value
     travelled: dict[str, float]  # sensor of speed → metres by its scale in the vehicle file
     length_m: float | None
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per scale."""
+        rows: list[TableRow] = [
+            {"name": f"sensors.{self.gyro}.gyro_scale", "value": self.scale, "sd": self.sd}
+        ]
+        others = {path: value for path, value in self.values.items() if not path.endswith("gyro_scale")}
+        return rows + [
+            {"name": path, "value": str(value), "sd": float("nan")} for path, value in others.items()
+        ]
 
     def table(self) -> str:
         """In words, with what to type."""

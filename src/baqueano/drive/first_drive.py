@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
 from baqueano.controllers import CarefulController
 from baqueano.diagnostics import Diagnostic, fault, joined
 from baqueano.drive.first_drive_pulses import GROWTH, SEEN, STEP, Careful
@@ -55,8 +57,8 @@ WHEELS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstDrive:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FirstDrive(Result):
     """The result of a first drive.
 
     Attributes
@@ -96,6 +98,18 @@ class FirstDrive:
     def moved(self) -> int:
         """Pulses that moved the vehicle."""
         return sum(p.significance > SEEN for p in self.pulses)
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per pulse."""
+        return [
+            {
+                "command": " ".join(f"{x:g}" for x in p.u),
+                "v_m_s": p.v,
+                "turn_rad": p.turn,
+                "moved": p.seen > SEEN,
+            }
+            for p in self.pulses
+        ]
 
     def table(self) -> str:
         """Sentences."""

@@ -7,6 +7,8 @@ import numpy as np
 
 from baqueano.blocks import allowed
 from baqueano.contracts.blocks import Controller, Guide, OwnBlock
+from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
 from baqueano.controllers import Hand, Schedule
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import holding
@@ -100,6 +102,18 @@ class TeachResult(NamedTuple):
 
     def __repr__(self) -> str:
         return f"{self.route!r}\n{self.run!r}"
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per topic of the run."""
+        return self.run.rows()
+
+    def table(self) -> str:
+        """Return the route, and the content of the run."""
+        return f"{self.route!r}\n{self.run.table()}"
+
+    _repr_html_ = Result._repr_html_
+    plot = Result.plot
+    to_pandas = Result.to_pandas
 
 
 def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> TeachResult:

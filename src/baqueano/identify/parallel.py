@@ -1,9 +1,8 @@
 """The same work on each run of a fit, on all cores where that pays.
 
-Kernels and NumPy's long loops let go of the interpreter's lock, so threads do. Two threads of many short NumPy calls
-do not: they hand the lock to and fro, and take longer than one after the other. So of one run only what is one long
-call goes `ahead`, beside them. Work that is given to threads must not give work to them again: all might wait for each
-other.
+Kernels and long NumPy calls release the GIL, so threads speed them up. Many short NumPy calls do not: two threads
+exchange the lock all the time, and take longer than one. So within one run only a single long call goes `ahead` in a
+thread. Work inside a thread must not start other work in the threads: all could wait for each other.
 """
 
 import os

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
@@ -75,8 +76,8 @@ class ParameterChange(NamedTuple):
         return note(code, Severity.WARNING, subject=self.name, **details, **runs, unit=self.unit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ParameterHistory:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ParameterHistory(Result):
     """Parameters run by run."""
 
     names: tuple[str, ...]  # (p,)
@@ -362,4 +363,4 @@ def _when(run: "Run") -> str:
 
 
 def _with_error(value: float, sd: float) -> str:
-    return _("not seen") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"
+    return _("not identifiable") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
@@ -65,8 +66,8 @@ class Figure(NamedTuple):
         return self.error / self.noise if self.noise > 0.0 else float("nan")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Validation:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Validation(Result):
     """All channels of all unseen runs."""
 
     figures: tuple[Figure, ...]

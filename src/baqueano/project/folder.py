@@ -26,7 +26,7 @@ OFF = 0.15  # of each number of the vehicle that a simulation drives
 FOUND_BY_A_FIT = ("fitted", "gain", "term")  # roles of parameters
 GUESSES = """{text}
 
-# Nobody measured your vehicle yet. `baqueano identify last --update` writes what it measures below this table.
+# {advice}
 [provenance.model]
 run = "baqueano new, from {name}"
 verdict = "GUESS"
@@ -83,7 +83,7 @@ def with_truth(file: VehicleFile) -> VehicleFile:
     text = file.text if "[simulation]" in file.text else f"{file.text}\n[simulation]\n"
     text = re.sub(r"^truth *=.*\n", "", text, flags=re.MULTILINE)
     text = text.replace(
-        "[simulation]\n", f'[simulation]\ntruth = "{TRUTH}"   # a fit is to find its numbers\n', 1
+        "[simulation]\n", f'[simulation]\ntruth = "{TRUTH}"   # {_("a fit should find its numbers")}\n', 1
     )
     return parse(text, file.label, file.path, file.layers, file.on_disk)
 
@@ -106,6 +106,13 @@ def others_than(file: VehicleFile) -> VehicleFile:
     return truth.with_values(values)
 
 
+def explained(file: VehicleFile) -> VehicleFile:
+    """Return a file of guesses with its comments, and what it is about, in the current language."""
+    text = re.sub(r"# (.*)", lambda comment: f"# {_(comment[1])}", file.text)
+    text = re.sub(r'^about = "(.*)"', lambda about: f'about = "{_(about[1])}"', text, flags=re.MULTILINE)
+    return parse(text, file.label, file.path, file.layers, file.on_disk)
+
+
 def guess_of(vehicle: str | Path = "small") -> VehicleFile:
     """The file that a project begins with: of a vehicle of the garage, guesses; of another file its own numbers,
     marked as guesses unless a fit measured them.
@@ -116,8 +123,11 @@ def guess_of(vehicle: str | Path = "small") -> VehicleFile:
     """
     file = load(vehicle)
     if file.path is None:
-        return load(GUESSED / file.label)
+        return explained(load(GUESSED / file.label))
     if not file.guessed or "model" in file.provenance:
         return file
-    text = GUESSES.format(text=file.text.rstrip("\n"), name=file.name)
+    advice = _(
+        "The vehicle is not measured yet. `baqueano identify last --update` writes measured values below."
+    )
+    text = GUESSES.format(text=file.text.rstrip("\n"), name=file.name, advice=advice)
     return parse(text, file.label, file.path, file.layers, file.on_disk)

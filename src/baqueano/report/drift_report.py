@@ -18,7 +18,7 @@ def page_of_drift(history: Any) -> Page:
     sentences = "\n".join(text(one.message) for one in history.moved) or _(
         "Nothing moved beyond its error bars."
     )
-    entries = [i for i in range(len(history.names)) if np.isfinite(history.single[:, i]).sum() > 1]
+    entries = with_curves(history)
     caption = _("Each run by itself with its 95 % interval (blue), and what all runs say together (green).")
     return Page(
         title=_("{vehicle} over {runs} runs", vehicle=history.last.file.name, runs=len(history.runs)),
@@ -38,15 +38,21 @@ def page_of_drift(history: Any) -> Page:
         ],
         sections=[
             Section(_("What moved"), sentences, []),
-            Section(_("Run by run"), "", [draw(_curves(history, entries), caption)] if entries else []),
+            Section(_("Run by run"), "", [draw(curves(history, entries), caption)] if entries else []),
             Section(_("Figures"), "", [Table(history.rows())]),
         ],
         reproduce=typed("runs", "wear", *history.runs),
     )
 
 
+def with_curves(history: Any) -> list[int]:
+    """Return the entries of the parameters that two runs or more show."""
+    return [i for i in range(len(history.names)) if np.isfinite(history.single[:, i]).sum() > 1]
+
+
 @styled
-def _curves(history: Any, entries: list[int]) -> Any:
+def curves(history: Any, entries: list[int]) -> Any:
+    """Draw these parameters over the runs."""
     columns = 2 if len(entries) > 1 else 1
     rows = -(-len(entries) // columns)
     figure, axes = panels(rows, columns, (9.2, 2.0 * rows + 0.5), sharex=True)

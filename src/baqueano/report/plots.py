@@ -8,10 +8,16 @@ import numpy as np
 
 from baqueano.compare import Comparison
 from baqueano.compare.corridor_ahead import CorridorAhead
-from baqueano.contracts.result import Result
+from baqueano.contracts.result import Tabular
 from baqueano.diagnostics import fault, nearest
+from baqueano.drive import FirstDrive, TeachResult
+from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
+from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
+from baqueano.identify.parameter_drift import ParameterHistory
+from baqueano.identify.sensor_calibration import Calibration
+from baqueano.identify.validation import Validation
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.report import figures
@@ -19,8 +25,10 @@ from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import label, short, where_most_moves
 from baqueano.report.lab import onto, panel, panels, styled
 from baqueano.report.of_run import commands, errors, paths, sensors_of, speed
+from baqueano.report.of_wear import curves, with_curves
 from baqueano.report.page import Drawing, Table
 from baqueano.runs import Run
+from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import Ensemble
 from baqueano.tune import TuneResult
 from baqueano.tune.tuned import FACTORS
@@ -28,13 +36,14 @@ from baqueano.tune.tuned import FACTORS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from baqueano.identify.result.fit_result import ChannelFit
     from baqueano.report.lab import Target
 
 Draw = Callable[[], "Figure | None"]  # None: the result does not hold it
 
 
 def plot(
-    result: Result, kind: str = "", target: "Target" = None, width: str | float | None = None
+    result: Tabular, kind: str = "", target: "Target" = None, width: str | float | None = None
 ) -> "Figure":
     """Draw `kind` of a result, else the first that it holds, onto `target` or a figure of `width`."""
     drawings = drawings_of(result)
@@ -52,7 +61,7 @@ def plot(
 
 
 @singledispatch
-def drawings_of(result: Result) -> dict[str, Draw]:
+def drawings_of(result: Tabular) -> dict[str, Draw]:
     """Return the drawings of a result by their names, the most telling first."""
     return {}
 
@@ -82,13 +91,58 @@ def _of_fit(result: Fit) -> dict[str, Draw]:
         return {}
     return {
         "estimates": lambda: figures.estimates(names, result.estimate[identified], result.sd[identified]),
-        "data": lambda: where_most_moves(channels)[0],
+        **_of_channels(channels),
+        "correlation": lambda: figures.correlation(names, result.correlation[np.ix_(identified, identified)]),
+    }
+
+
+def _of_channels(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
+    """Return the drawings of the channels of one run: data beside the model, and residuals."""
+    return {
+        "data": lambda: where_most_moves(list(channels))[0],
         "residuals": lambda: figures.residuals(
             np.stack([(one.measured - one.predicted) / one.sigma for one in channels], axis=1),
             [label(one) for one in channels],
         ),
-        "correlation": lambda: figures.correlation(names, result.correlation[np.ix_(identified, identified)]),
     }
+
+
+@drawings_of.register(Validation)
+def _of_validation(result: Validation) -> dict[str, Draw]:
+    explained = [one for one in result.channels if np.isfinite(one.explained)]
+    return _of_channels([one for one in explained if one.run == explained[0].run]) if explained else {}
+
+
+@drawings_of.register(TeachResult)
+@drawings_of.register(ImportedRun)
+@drawings_of.register(FirstDrive)
+def _of_its_run(result: TeachResult | ImportedRun | FirstDrive) -> dict[str, Draw]:
+    return _of_run(result.run)
+
+
+@drawings_of.register(Route)
+def _of_route(result: Route) -> dict[str, Draw]:
+    return {"path": lambda: way(result)}
+
+
+@drawings_of.register(Calibration)
+def _of_calibration(result: Calibration) -> dict[str, Draw]:
+    known = [one for one in result.numbers if np.isfinite(one.half) and one.value != 0.0]
+    values, half = (np.array([getattr(one, name) for one in known]) for name in ("value", "half"))
+    names = [one.name for one in known]
+    return {"estimates": lambda: figures.estimates(names, values, half / 1.96)} if known else {}
+
+
+@drawings_of.register(Closure)
+def _of_closure(result: Closure) -> dict[str, Draw]:
+    names, scale, sd = [f"{result.gyro}.gyro_scale"], np.array([result.scale]), np.array([result.sd])
+    return {"estimates": lambda: figures.estimates(names, scale, sd)}
+
+
+@drawings_of.register(ParameterHistory)
+def _of_history(result: ParameterHistory) -> dict[str, Draw]:
+    entries = with_curves(result)
+    return {"parameters": lambda: curves(result, entries)} if entries else {}
 
 
 @drawings_of.register(Comparison)
@@ -194,6 +248,19 @@ def corridor(result: CorridorAhead) -> "Figure":
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel(_("time [s]"))
     axes.set_ylabel(_("across, 95 % [± cm]"))
+    return figure
+
+
+@styled
+def way(result: Route) -> "Figure":
+    """Draw the path of a route and its start."""
+    figure, axes = panel((7.2, 6.2))
+    axes.plot(result.eta[:, 0], result.eta[:, 1], color=REFERENCE, lw=1.6)
+    axes.plot(*result.eta[0, :2], "o", ms=6, color=MODEL, label=_("start"))
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.legend()
     return figure
 
 

@@ -305,4 +305,6 @@ def _head(one: Judgement) -> str:
 
 
 def _with_sd(estimate: float | None, sd: float | None) -> str:
-    return _("not seen") if estimate is None else f"{number(estimate):.4g} ± {number(sd or np.nan):.2g}"
+    return (
+        _("not identifiable") if estimate is None else f"{number(estimate):.4g} ± {number(sd or np.nan):.2g}"
+    )

@@ -87,7 +87,7 @@ class Demo:
         out = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):
             z = None if row["estimate"] is None or not row["sd"] else (row["estimate"] - truth) / row["sd"]
-            verdict = N_("not seen") if z is None else "ok" if abs(z) < 3 else N_("off")
+            verdict = N_("not identifiable") if z is None else "ok" if abs(z) < 3 else N_("off")
             out.append({**row, "truth": float(truth), "z": z, "verdict": verdict})
         return out
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from baqueano.blocks import allowed, check_room, resolve_named
 from baqueano.contracts.blocks import OwnBlock
+from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, UsageError
@@ -28,13 +29,13 @@ from baqueano.vehicle_file.head import (
     read_head,
     read_top,
 )  # fmt: skip
-from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
+from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, numbers_of, read_history
 from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, unknown
 from baqueano.vehicle_file.text.toml_text import read_text, tables
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.guides.route import Route
 
 LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
@@ -116,6 +117,16 @@ class VehicleFile:
             f"{self.name} ({', '.join(self.layers)}): {type(self.vehicle).__name__} at {self.rate_hz:g} Hz, commands "
             f"{commands}, sensors {', '.join(self.sensors._fields) or '-'}"
         )
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per number of the model, with who measured it."""
+        return numbers_of(self.data, self.provenance)
+
+    def table(self) -> str:
+        """Return the whole file."""
+        return self.text
+
+    _repr_html_ = Result._repr_html_
 
     def estimator(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """The block of [estimator]; `changes` are fields that win over the file. `kind` takes its place: a kind of

@@ -17,11 +17,15 @@ from baqueano.diagnostics import note
 @options.vehicle
 @options.robot
 @click.option(
-    "--laps", type=numbers.count_or_none, default=1, show_default=True, help="0: for ever, until Ctrl-C."
+    "--laps",
+    type=numbers.count_or_none,
+    default=1,
+    show_default=True,
+    help=("Number of laps; 0: until Ctrl-C."),
 )
 @room_option
 @start_option
-@click.option("--anyway", is_flag=True, help="Also a route that is faster than the vehicle, or has gaps.")
+@click.option("--anyway", is_flag=True, help="Drive the route even if it is too fast for the vehicle, or has gaps.")
 @click.option(
     "--faster", is_flag=True, help="As fast as the identified vehicle can, in place of the taught speed."
 )
@@ -52,9 +56,9 @@ from baqueano.diagnostics import note
     show_default=True,
     help="Give up a vehicle that is stuck for so long [s].",
 )
-@click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
-@click.option("--controller", metavar="FILE:CLASS", help="A controller of your own instead of the file's.")
-@click.option("--guide", metavar="FILE:CLASS", help="A guide of your own instead of the file's.")
+@click.option("--estimator", metavar="FILE:CLASS", help="Estimator to use instead of that of the file.")
+@click.option("--controller", metavar="FILE:CLASS", help="Controller to use instead of that of the file.")
+@click.option("--guide", metavar="FILE:CLASS", help="Guide to use instead of that of the file.")
 @options.seed
 @options.shake
 @options.backend

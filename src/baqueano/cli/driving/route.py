@@ -26,7 +26,7 @@ XY = (("x_m", "y_m"), ("x", "y"))  # columns of points
 
 
 @click.group(
-    cls=Verbs, help="Routes: draw, import, smooth, cut, join, turn round, scale, speed up; check one."
+    cls=Verbs, help="Draw, import, smooth, cut, join, reverse, scale or speed up a route; check one."
 )
 def command() -> None: ...
 
@@ -36,10 +36,10 @@ new_name = click.option("-o", "--out", "name", metavar="NAME", help="Route to wr
 room_option = click.option(
     "--room",
     metavar="WIDTHxHEIGHT",
-    help="Walls [m]; the route begins in the middle, along x, or at --start.",
+    help="Size of the room [m]; the route begins in the middle, along x, or at --start.",
 )
 start_option = click.option(
-    "--start", metavar="X,Y,DEG", help="Where in the room the route begins, from its middle [m, m, degrees]."
+    "--start", metavar="X,Y,DEG", help="Start of the route in the room, from its middle [m, m, degrees]."
 )
 
 
@@ -64,7 +64,7 @@ def ls(as_json: bool) -> None:
         talk(note("cli.no-routes"))
 
 
-@command.command("check", help="Judge ROUTE by the identified vehicle, and by the walls of a room.")
+@command.command("check", help=("Check if the identified vehicle can drive ROUTE, and if it fits in a room."))
 @click.argument("route")
 @vehicle
 @room_option
@@ -90,9 +90,16 @@ def check(
 @click.argument("shape", type=click.Choice(SHAPES))
 @click.argument("name")
 @click.option(
-    "--size", "size_m", type=numbers.length, default=1.0, show_default=True, help="As in teach [m]."
+    "--size",
+    "size_m",
+    type=numbers.length,
+    default=1.0,
+    show_default=True,
+    help="Radius or half length of the shape [m].",
 )
-@click.option("--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="[m/s]")
+@click.option(
+    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Speed [m/s]."
+)
 @options.as_json
 def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) -> None:
     stored(shape_or_route(shape, speed_m_s, size_m), name, as_json)
@@ -104,9 +111,16 @@ def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) 
 @click.argument("source")
 @click.argument("name")
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Of points [m/s]."
+    "--speed",
+    "speed_m_s",
+    type=numbers.speed,
+    default=0.25,
+    show_default=True,
+    help="Speed at the points [m/s].",
 )
-@click.option("--closed/--open", default=None, help="Default: closed where the end lies at the start.")
+@click.option(
+    "--closed/--open", default=None, help=("Close the route. Default: if its end lies at its start.")
+)
 @options.runs_folder
 @options.as_json
 def import_(
@@ -124,11 +138,14 @@ def import_(
     stored(route, name, as_json)
 
 
-@command.command("smooth", help="Take the short waves out of ROUTE, and its stops, within a tolerance.")
+@command.command("smooth", help="Remove short waves and stops from ROUTE, within a tolerance.")
 @click.argument("route")
-@click.option("--rms", "rms_m", type=numbers.length, help="Tolerance as root of the mean square [m].")
+@click.option("--rms", "rms_m", type=numbers.length, help="Tolerance: rms distance from the old path [m].")
 @click.option(
-    "--max", "max_m", type=numbers.length, help="Tolerance as the largest distance [m]; default 0.05."
+    "--max",
+    "max_m",
+    type=numbers.length,
+    help=("Tolerance: largest distance from the old path [m]; default: 0.05."),
 )
 @new_name
 @options.as_json
@@ -141,10 +158,19 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
     edited(route, "smooth", name, as_json, lambda one: smooth(one, *how))  # pyright: ignore[reportArgumentType]
 
 
-@command.command("cut", help="Keep the part of ROUTE between two places along it.")
+@command.command("cut", help="Keep the part of ROUTE between two distances along it [m].")
 @click.argument("route")
-@click.option("--from", "from_m", type=numbers.Number("m", above=False), default=0.0, show_default=True)
-@click.option("--to", "to_m", type=numbers.length, help="Default: the end.")
+@click.option(
+    "--from",
+    "from_m",
+    type=numbers.Number("m", above=False),
+    default=0.0,
+    show_default=True,
+    help="Start of the part that is kept [m].",
+)
+@click.option(
+    "--to", "to_m", type=numbers.length, help=("End of the part that is kept; default: the end of the whole.")
+)
 @new_name
 @options.as_json
 def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json: bool) -> None:
@@ -153,7 +179,7 @@ def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json
     edited(route, "cut", name, as_json, lambda one: cut(one, from_m, to_m))
 
 
-@command.command("join", help="Drive ROUTE, and then OTHER from where it ends.")
+@command.command("join", help="Join two routes: first ROUTE, then OTHER from the end of ROUTE.")
 @click.argument("route")
 @click.argument("other")
 @new_name
@@ -164,9 +190,9 @@ def join(route: str, other: str, name: str | None, as_json: bool) -> None:
     edited(route, f"{Path(other).stem}", name, as_json, lambda one: join(one, options.find_route(other)))
 
 
-@command.command("reverse", help="Drive ROUTE in the other direction.")
+@command.command("reverse", help="Reverse the direction of ROUTE.")
 @click.argument("route")
-@click.option("--backing", is_flag=True, help="Backward through the same poses, in place of turned round.")
+@click.option("--backing", is_flag=True, help="Keep the poses, so that the vehicle drives backward.")
 @new_name
 @options.as_json
 def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
@@ -175,7 +201,7 @@ def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
     edited(route, "reverse", name, as_json, lambda one: reverse(one, backing))
 
 
-@command.command("scale", help="Make ROUTE larger or smaller; its speed stays.")
+@command.command("scale", help="Make ROUTE larger or smaller at the same speed.")
 @click.argument("route")
 @click.argument("factor", type=numbers.Number("", high=1000.0))
 @new_name
@@ -187,23 +213,24 @@ def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
 
 
 @command.command(
-    "faster", help="Give ROUTE the fastest speeds that the identified vehicle can drive, or a steady one."
+    "faster",
+    help=("Give ROUTE the highest speeds that the identified vehicle can reach, or a constant speed."),
 )
 @click.argument("route")
 @vehicle
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, help="A steady speed in place of the fastest [m/s]."
+    "--speed", "speed_m_s", type=numbers.speed, help="Constant speed instead of the highest speeds [m/s]."
 )
 @click.option(
     "--share",
     type=numbers.Number("", high=1.0),
     default=0.8,
     show_default=True,
-    help="Of the command; the rest is left.",
+    help="Share of the command to use; the rest stays for the controller.",
 )
 @click.option(
     "--sideways", "sideways_m_s2", type=numbers.Number("m/s²"), default=3.0, show_default=True,
-    help="Largest acceleration to the side [m/s²].",
+    help="Largest lateral acceleration [m/s²].",
 )  # fmt: skip
 @new_name
 @options.backend

@@ -40,47 +40,75 @@ GROUPS = {
     "--free",
     multiple=True,
     metavar="[+]KEY",
-    help="Parameter to fit in place of those that the vehicle's kind needs; with a + beside them.",
+    help="Parameter to estimate. It replaces the default set; +KEY adds to that set.",
 )
-@click.option("--fix", multiple=True, metavar="KEY", help="Parameter to leave as it is.")
-@click.option("--bound", multiple=True, metavar="KEY=LOW,HIGH", help="Range of a parameter.")
+@click.option("--fix", multiple=True, metavar="KEY", help="Parameter to keep fixed.")
+@click.option(
+    "--bound", multiple=True, metavar="KEY=LOW,HIGH", help=("Lower and upper bound of a parameter.")
+)
 @click.option(
     "--use",
     multiple=True,
     metavar="SENSOR",
-    help="Sensor to fit to, or one channel of it as imu[2]; 'truth' of a camera; default: all of the runs.",
+    help=(
+        "Sensor to use in the fit, or one of its channels, imu[2]; 'truth' is a camera; "
+        "default: all sensors of the runs."
+    ),
 )
-@click.option("--per-run", multiple=True, metavar="KEY", help="Parameter that each run has for itself.")
-@click.option("--clock", multiple=True, metavar="SENSOR", help="Sensor whose stamps may be off, run by run.")
-@click.option("--segment", type=numbers.Number("s"), help="Split each run into segments of this length.")
+@click.option("--per-run", multiple=True, metavar="KEY", help="Parameter with its own value in each run.")
+@click.option(
+    "--clock", multiple=True, metavar="SENSOR", help=("Sensor whose clock offset is estimated, one per run.")
+)
+@click.option(
+    "--segment",
+    type=numbers.Number("s"),
+    help=("Split each run into segments of this length [s] (multiple shooting)."),
+)
 @click.option(
     "--cost",
     type=click.Choice(["simulation", "innovations"]),
     default="simulation",
-    help="What is made small: the error of a simulation, or of a filter's next step where the floor disturbs.",
+    help=(
+        "Error to minimise: of the simulation, or of one-step predictions (innovations; for a "
+        "floor that disturbs the vehicle)."
+    ),
 )
 @click.option("--speed-noise", is_flag=True, help="Let the noise grow with the speed.")
-@click.option("--choose", is_flag=True, help="Add terms to the least model where held-out data ask for them.")
-@click.option("--over-time", "parameter_history", is_flag=True, help="Follow the parameters from run to run.")
-@click.option("--held-out", multiple=True, metavar="RUN", help="Run to judge by; it is not fitted to.")
+@click.option(
+    "--choose",
+    is_flag=True,
+    help=("Start from the smallest model, and add the terms that lower the error on held-out data."),
+)
+@click.option(
+    "--over-time",
+    "parameter_history",
+    is_flag=True,
+    help=("Estimate the parameters run by run, and report their drift."),
+)
+@click.option(
+    "--held-out", multiple=True, metavar="RUN", help=("Run to test the fit with; it is not used in the fit.")
+)
 @click.option(
     "--measured",
     multiple=True,
     metavar='"TIME: LENGTH, ANGLE"',
-    help='A tape measure from the mark where the run began: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
+    help='Distance and angle from the start, measured by tape: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
 )
 @click.option(
     "--tolerance",
     multiple=True,
     metavar="KEY=PART",
-    help="How far a scale of the IMU may be off, where nothing else tells the speed: sensors.imu.gyro_scale=0.01.",
+    help=(
+        "Relative error of a scale of the IMU, for a car without another speed sensor: "
+        "sensors.imu.gyro_scale=0.01."
+    ),
 )
 @click.option(
     "--route",
     metavar="SHAPE|NAME",
-    help="The lap of the forecast; default: a sinuous circle as fast as the runs.",
+    help="Route of the forecast; default: a sinuous circle at the speed of the runs.",
 )
-@click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
+@click.option("--no-noise", is_flag=True, help="Keep the noise covariances of the file.")
 @click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
 @options.backend
 @options.runs_folder

@@ -34,7 +34,7 @@ def ls(folder: str, as_json: bool) -> None:
         tell(listing_table(folder_rows))
 
 
-@command.command("show", help="What RUN holds: topics, rates, gaps, events.")
+@command.command("show", help="Show the content of RUN: topics, rates, gaps, events.")
 @click.argument("run")
 @options.runs_folder
 @options.as_json
@@ -46,8 +46,20 @@ def show(run: str, folder: str, as_json: bool) -> None:
 
 @command.command("cut", help="Write the part of RUN between two times [s].")
 @click.argument("run")
-@click.option("--from", "from_s", type=numbers.moment, default=0.0, show_default=True)
-@click.option("--to", "to_s", type=numbers.Number("s"), help="Default: the end.")
+@click.option(
+    "--from",
+    "from_s",
+    type=numbers.moment,
+    default=0.0,
+    show_default=True,
+    help="Start of the part that is kept [s].",
+)
+@click.option(
+    "--to",
+    "to_s",
+    type=numbers.Number("s"),
+    help=("End of the part that is kept; default: the end of the whole."),
+)
 @options.runs_folder
 @options.out
 def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | None) -> None:
@@ -72,10 +84,15 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     )
 
 
-@command.command("recover", help="Save what is whole of a run that was cut or damaged.")
+@command.command("recover", help="Save the complete part of a run that was cut or damaged.")
 @click.argument("run")
 @options.runs_folder
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="Default: NAME-recovered.mcap beside it.")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    help=("File to write; default: NAME-recovered.mcap beside it."),
+)
 def recover(run: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.folder import find
     from baqueano.runs.recover import recover
@@ -116,16 +133,16 @@ eta = [
 
 @command.command(
     "import",
-    help="Make runs of CSV files or ROS bags, by a map of their columns (TOML): one run a file, or one for each "
-    "part of a file that the map splits. -o FOLDER takes them under their names, -o NAME.mcap one; else they are "
-    "numbered.",
+    help="Import CSV files or ROS bags as runs. MAP is a TOML file that assigns their columns. "
+    "Each file becomes one run, or several if the map splits it. -o FOLDER keeps their "
+    "names; -o NAME.mcap names a single run; by default the runs are numbered.",
     epilog=A_MAP,
 )
 @click.argument("map", metavar="MAP")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--draft", type=click.Path(path_type=Path), metavar="MAP.toml",
-    help="Write a draft of a map for the CSV file that stands in the place of MAP.",
+    help="Write a draft of a map for a CSV file, which is given in place of MAP.",
 )  # fmt: skip
 @options.vehicle
 @options.runs_folder
@@ -239,16 +256,19 @@ def _in(out: Path | None, folder: str, name: str) -> Path:
 
 @command.command(
     "calibrate",
-    help="Gyro, odometer and clocks of RUN by its truth (camera), without a model. Of a run in which no command moved: "
-    "the gyro by whole turns by hand, between rests on a mark.",
+    help="Calibrate the gyro, the odometer and the clocks of RUN with its truth (a camera); no "
+    "model is needed. A run without commands calibrates the gyro by whole turns by hand, "
+    "between rests on a mark.",
 )
 @click.argument("run")
 @click.option(
-    "--turns", type=numbers.count, help="Whole turns by hand between two rests. Default: the nearest number."
+    "--turns",
+    type=numbers.count,
+    help=("Number of whole turns by hand between two rests; default: the nearest number."),
 )
 @click.option(
     "--map", "map_", type=click.Path(path_type=Path),
-    help="Write where the mark of the truth sits, and its clock, into the map by which RUN was imported.",
+    help="Write the position of the camera's mark, and its clock offset, into the map of RUN.",
 )  # fmt: skip
 @options.vehicle
 @options.runs_folder
@@ -278,10 +298,20 @@ def calibrate(
 
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
 @click.argument("run")
-@click.option("--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True)
-@click.option("--which", default="estimate", show_default=True, help="TUM: estimate, truth or reference.")
 @click.option(
-    "--decimal", type=click.Choice([".", ","]), default=".", help="With ',' columns are parted by ';'."
+    "--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True, help="Format of the file."
+)
+@click.option(
+    "--which",
+    default="estimate",
+    show_default=True,
+    help=("Trajectory to write as TUM: estimate, truth or reference."),
+)
+@click.option(
+    "--decimal",
+    type=click.Choice([".", ","]),
+    default=".",
+    help=("Decimal sign of the CSV file; with ',' the columns are separated by ';'."),
 )
 @options.runs_folder
 @options.out
@@ -293,10 +323,24 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
     tell(str(export_csv(loaded, path, decimal) if to == "csv" else export_tum(loaded, path, which)))
 
 
-@command.command("noise", help="The sensors of RUN while it stands: bias, Allan deviation, warmth.")
+@command.command(
+    "noise", help=("Measure the sensors of RUN at rest: bias, Allan deviation, effect of temperature.")
+)
 @click.argument("run")
-@click.option("--from", "from_s", type=numbers.moment, default=0.0, show_default=True)
-@click.option("--to", "to_s", type=numbers.Number("s"), help="Default: the end.")
+@click.option(
+    "--from",
+    "from_s",
+    type=numbers.moment,
+    default=0.0,
+    show_default=True,
+    help="Start of the part that is kept [s].",
+)
+@click.option(
+    "--to",
+    "to_s",
+    type=numbers.Number("s"),
+    help=("End of the part that is kept; default: the end of the whole."),
+)
 @options.vehicle
 @options.runs_folder
 @options.update
@@ -320,7 +364,9 @@ def noise(
         options.kept(rest.updated(options.load_vehicle(vehicle, settings)), update)
 
 
-@command.command("wear", help="Which parameter moved beyond its error bars over several RUNS, and when.")
+@command.command(
+    "wear", help=("Find the parameters that changed beyond their error bars over several RUNS, and when.")
+)
 @click.argument("runs", nargs=-1, required=True)
 @options.vehicle
 @options.backend

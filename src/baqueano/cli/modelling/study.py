@@ -12,7 +12,7 @@ from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.printable import typed
 
 
-@click.group(cls=Verbs, help="Reproduce the paper's case studies; judge by recordings.")
+@click.group(cls=Verbs, help="Reproduce the paper's case studies; test with recordings.")
 def command() -> None: ...
 
 
@@ -21,7 +21,11 @@ def command() -> None: ...
 )
 @options.seed
 @click.option(
-    "--seeds", type=numbers.count, default=1, show_default=True, help="Fits at so many seeds from --seed on."
+    "--seeds",
+    type=numbers.count,
+    default=1,
+    show_default=True,
+    help=("Number of seeds to fit, counted from --seed."),
 )
 @options.backend
 @options.page
@@ -49,14 +53,26 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
     help="Robots and cars of a second simulator: errors against the Cramér-Rao bound, intervals, verdicts.",
 )
 @options.seed
-@click.option("--seeds", type=numbers.count, default=200, show_default=True, help="From --seed on.")
 @click.option(
-    "--case", "cases", multiple=True, help="Only this one, such as clean or understeer; may be repeated."
+    "--seeds",
+    type=numbers.count,
+    default=200,
+    show_default=True,
+    help=("Number of seeds, counted from --seed."),
+)
+@click.option(
+    "--case",
+    "cases",
+    multiple=True,
+    help=("Case to study, such as clean or understeer. Repeat the option for more; default: all."),
 )
 @click.option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),
-    help="A folder for what is done, from which an interrupted study goes on. Delete it after a change of the code.",
+    help=(
+        "Folder for finished drives: an interrupted command continues from it. Delete it after "
+        "a change of the code."
+    ),
 )
 @options.backend
 @options.page
@@ -85,11 +101,16 @@ def identification(
 
 
 @command.command(
-    "faults", help="Damaged recordings and effects that are in no model: is any wrong fit called usable?"
+    "faults",
+    help=("Damaged recordings, and effects outside every model: test if a wrong fit is called USABLE."),
 )
 @options.seed
 @click.option(
-    "--seeds", type=numbers.count, default=20, show_default=True, help="Of each fault, from --seed on."
+    "--seeds",
+    type=numbers.count,
+    default=20,
+    show_default=True,
+    help=("Number of seeds of each fault, counted from --seed."),
 )
 @options.backend
 @options.as_json
@@ -110,11 +131,21 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 
 
 @command.command(
-    "driving", help="Identified robots of a second simulator on three routes: do they drive evenly?"
+    "driving", help="Identified robots of a second simulator on three routes: test how evenly they drive."
 )
 @options.seed
-@click.option("--seeds", type=numbers.count, default=100, show_default=True, help="Robots, from --seed on.")
-@click.option("--controller", metavar="KIND", help='In place of pd_feedforward: ours, or "file.py:Class".')
+@click.option(
+    "--seeds",
+    type=numbers.count,
+    default=100,
+    show_default=True,
+    help=("Number of robots, with seeds counted from --seed."),
+)
+@click.option(
+    "--controller",
+    metavar="KIND",
+    help=('Controller to use instead of pd_feedforward: a name, or "file.py:Class".'),
+)
 @options.backend
 @options.as_json
 def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json: bool) -> None:
@@ -131,11 +162,22 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
 
 @command.command(
     "marks",
-    help="Fifty laps over two tags on the floor: do heading and position stay bounded, and as claimed?",
+    help=(
+        "Fifty laps over two tags on the floor: test if heading and position stay bounded, as "
+        "the filter claims."
+    ),
 )
 @options.seed
-@click.option("--seeds", type=numbers.count, default=20, show_default=True, help="Robots, from --seed on.")
-@click.option("--laps", type=numbers.count, default=50, show_default=True, help="Of each shape.")
+@click.option(
+    "--seeds",
+    type=numbers.count,
+    default=20,
+    show_default=True,
+    help=("Number of robots, with seeds counted from --seed."),
+)
+@click.option(
+    "--laps", type=numbers.count, default=50, show_default=True, help=("Number of laps of each shape.")
+)
 @options.backend
 @options.as_json
 def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None:
@@ -150,7 +192,7 @@ def marks(seed: int, seeds: int, laps: int, backend: str, as_json: bool) -> None
         raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seeds))
 
 
-@command.command("recordings", help="Real vehicles: fitted to one part of a recording, judged on another.")
+@command.command("recordings", help="Real vehicles: fit to one part of a recording, test on another.")
 @options.backend
 @options.page
 @options.as_json
@@ -173,10 +215,15 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
 
 
 @command.command(
-    "experiments", help="How much a designed experiment tells, beside four other signals in the same room."
+    "experiments",
+    help=(
+        "Compare the information of a designed experiment with that of four other signals in the same room."
+    ),
 )
 @options.seed
-@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Length of a drive.")
+@click.option(
+    "--seconds", type=numbers.seconds, default=60.0, show_default=True, help=("Duration of a drive [s].")
+)
 @options.backend
 @options.as_json
 def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
@@ -188,9 +235,15 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     answer(result, as_json)
 
 
-@command.command("first-drives", help="Vehicles of which nothing is known, driven carefully in a small room.")
+@command.command("first-drives", help="First drives of unknown vehicles, in a small room.")
 @options.seed
-@click.option("--seeds", type=numbers.count, default=40, show_default=True, help="Vehicles, from --seed on.")
+@click.option(
+    "--seeds",
+    type=numbers.count,
+    default=40,
+    show_default=True,
+    help=("Number of vehicles, with seeds counted from --seed."),
+)
 @options.backend
 @options.as_json
 def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
@@ -206,7 +259,10 @@ def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 
 
 @command.command(
-    "without-encoders", help="A real car from its commands and its IMU alone, judged by the odometer it hid."
+    "without-encoders",
+    help=(
+        "Fit a real car with its commands and IMU alone; test with the odometer, which the fit does not use."
+    ),
 )
 @options.backend
 @options.as_json
@@ -220,20 +276,26 @@ def fit_imu_only(backend: str, as_json: bool) -> None:
 
 @command.command(
     "estimation",
-    help="Estimators against the model and plain integration, fitted to one run, judged on another.",
+    help="Compare estimators with the model and with plain integration: fit to one run, test on another.",
 )
 @click.option(
-    "--estimator", "kinds", multiple=True, help="Judge this kind in place of the file's; may be repeated."
+    "--estimator",
+    "kinds",
+    multiple=True,
+    help=("Estimator to study instead of that of the file. Repeat the option for more."),
 )
 @click.option(
-    "--case", "cases", multiple=True, help="Only cpm, dart, dart bag or simulated; may be repeated."
+    "--case",
+    "cases",
+    multiple=True,
+    help=("Recordings to use: cpm, dart, dart bag or simulated. Repeat the option for more; default: all."),
 )
 @click.option(
     "--seeds",
     type=click.IntRange(0),
     default=20,
     show_default=True,
-    help="Simulated vehicles, some 20 s each.",
+    help="Number of simulated vehicles, about 20 s each.",
 )
 @options.backend
 @options.as_json
@@ -253,13 +315,19 @@ def estimation(
 
 @command.command(
     "corridor",
-    help="Vehicles of a second simulator, identified and driven: does the corridor of the filter hold them?",
+    help=(
+        "Identify and drive vehicles of a second simulator: test if the corridor of the filter contains them."
+    ),
 )
 @options.seed
 @click.option(
-    "--vehicles", type=numbers.count, default=100, show_default=True, help="From --seed on, some 8 s each."
+    "--vehicles",
+    type=numbers.count,
+    default=100,
+    show_default=True,
+    help=("Number of vehicles, counted from --seed, about 8 s each."),
 )
-@click.option("--recordings/--no-recordings", default=True, help="Windows of real drives too.")
+@click.option("--recordings/--no-recordings", default=True, help="Also use windows of real drives.")
 @options.backend
 @options.as_json
 def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: bool) -> None:

@@ -14,10 +14,13 @@ from baqueano.printable import typed
 keep = click.option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),
-    help="A folder for what is done, from which an interrupted study goes on. Delete it after a change of the code.",
+    help=(
+        "Folder for finished drives: an interrupted command continues from it. Delete it after "
+        "a change of the code."
+    ),
 )
 cluster = click.option(
-    "--cluster", metavar="ADDRESS", help="A Dask scheduler, in place of the own processors."
+    "--cluster", metavar="ADDRESS", help=("Dask scheduler to use instead of the processors of this computer.")
 )
 BLOCKS = [
     click.option(
@@ -25,7 +28,7 @@ BLOCKS = [
         f"{room}s",
         multiple=True,
         metavar="KIND",
-        help='Ours, or "file.py:Class"; again for more.',
+        help='Block to compare: a name, or "file.py:Class". Repeat the option for more.',
     )
     for room in ("estimator", "controller", "guide")
 ]
@@ -37,27 +40,38 @@ BLOCKS = [
 @options.together(*BLOCKS)
 @click.option(
     "--route", "routes", multiple=True, metavar="SHAPE|NAME",
-    help="A shape, or a path that was taught; again for more.",
+    help="Route: a shape, or a stored route. Repeat the option for more.",
 )  # fmt: skip
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+    "--speed",
+    "speed_m_s",
+    type=numbers.speed,
+    default=0.25,
+    show_default=True,
+    help="Speed along a shape [m/s].",
 )
 @click.option(
     "--size", "size_m", type=numbers.length, default=1.0, show_default=True,
-    help="Radius of a circle, half length of any other shape [m].",
+    help="Radius of a circle, or half the length of another shape [m].",
 )  # fmt: skip
 @options.seed
-@click.option("--seeds", type=numbers.count, default=5, show_default=True, help="From --seed on.")
-@click.option("--laps", type=numbers.count, default=1, show_default=True)
+@click.option(
+    "--seeds",
+    type=numbers.count,
+    default=5,
+    show_default=True,
+    help=("Number of seeds, counted from --seed."),
+)
+@click.option(
+    "--laps", type=numbers.count, default=1, show_default=True, help="Number of laps of each drive."
+)
 @click.option(
     "--aside", "aside_m", type=numbers.Number("m", low=-100.0), default=0.0, show_default=True,
     help="Start of the drive, left of the route [m].",
 )  # fmt: skip
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
-              help="How the estimated path is laid on the true one.")  # fmt: skip
-@click.option(
-    "--reference", metavar="CELL", help="The cell with which the others are compared; else the first."
-)
+              help="Alignment of the estimated path with the true path.")  # fmt: skip
+@click.option("--reference", metavar="CELL", help="Cell to compare the others with; default: the first.")
 @keep
 @cluster
 @options.backend
@@ -94,6 +108,9 @@ def command(
             "start": (0.0, aside_m, 0.0),
         }
         start, drives = partial(start, file, **given), len(named) * seeds
+    for room, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
+        for kind in kinds:
+            options.own_block(file, room, kind)
     count = drives * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
     with progress(note("cli.sweep", drives=count), count) as each:
         result = start(each=each)

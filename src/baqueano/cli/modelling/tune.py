@@ -18,10 +18,15 @@ from baqueano.diagnostics import note
     default=["sinuous-circle"],
     show_default="sinuous-circle",
     metavar="SHAPE|NAME",
-    help="What it is to drive: a shape, or a path that was taught; give it several times for gains that suit all.",
+    help="Route to tune for: a shape, or a stored route. Repeat the option for gains that suit several routes.",
 )
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+    "--speed",
+    "speed_m_s",
+    type=numbers.speed,
+    default=0.25,
+    show_default=True,
+    help="Speed along a shape [m/s].",
 )
 @click.option(
     "--size",
@@ -29,7 +34,13 @@ from baqueano.diagnostics import note
     type=numbers.length,
     default=1.0,
     show_default=True,
-    help="Radius of a circle, half length of an eight [m].",
+    help="Radius of a circle, or half the length of an eight [m].",
+)
+@click.option(
+    "--estimator",
+    "with_estimator",
+    is_flag=True,
+    help=("Simulate with the estimator in the loop, and with noise."),
 )
 @click.option(
     "--controller",
@@ -41,7 +52,7 @@ from baqueano.diagnostics import note
     "--draws",
     type=numbers.count_or_none,
     default=0,
-    help="Suit so many vehicles drawn from the covariance of the fit.",
+    help="Number of vehicles to tune for, drawn from the covariance of the fit.",
 )
 @click.option(
     "--seeds",
@@ -56,7 +67,7 @@ from baqueano.diagnostics import note
     type=numbers.Number("m^2", above=False),
     default=0.1,
     show_default=True,
-    help="Price of a jerky command [m^2]; without one, 0, the drive is mostly from limit to limit.",
+    help="Weight of changes of the command [m^2]; with 0 the command jumps between its limits.",
 )
 @click.option(
     "--effort",
@@ -72,10 +83,13 @@ from baqueano.diagnostics import note
     type=numbers.Number("m", above=False),
     default=0.1,
     show_default=True,
-    help="Start of the drive, behind and beside the route [m]; 0 with --jerk 0 is the paper's cost.",
+    help="Start of the drive, behind and beside the route [m]; 0 and --jerk 0 give the paper's cost.",
 )
 @click.option(
-    "--radian", "radian_m", type=numbers.length, help="What a radian weighs [m]; default half the track."
+    "--radian",
+    "radian_m",
+    type=numbers.length,
+    help=("Weight of an error of 1 rad in heading [m]; default: half the track."),
 )
 @options.seed
 @options.backend

@@ -33,7 +33,7 @@ page = options.together(
     click.option("--page", "shown", is_flag=True, help="Show the drive in a browser while it happens."),
     click.option(
         "--pace", type=click.FloatRange(0.05, 50.0), default=1.0, show_default=True,
-        help="With --page, of a simulated drive: its seconds in a second.",
+        help="Simulated seconds per real second (with --page).",
     ),
 )  # fmt: skip
 

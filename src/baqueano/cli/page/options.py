@@ -14,14 +14,16 @@ if TYPE_CHECKING:
     from baqueano.web.run import PageOptions
 
 serving = options.together(
-    click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: a free one."),
+    click.option("--port", type=click.IntRange(0, 65535), default=0, help=("Port of the page; "
+                                                                          "default: a free one.")),
     click.option(
         "--share", is_flag=True,
-        help="Also for others of this network, who need the printed address or its QR code. "
-        "Default: this machine alone.",
+        help="Open the page to this network too; others need the printed address or its QR code. "
+             "Default: this machine only.",
     ),
-    click.option("--address", default="", metavar="IP", help="The address that is shared. Default: the network's."),
-    click.option("--browser/--no-browser", default=True, help="Open a tab, where there is a display."),
+    click.option("--address", default="", metavar="IP", help=("Address to share; default: that of "
+                                                             "the network.")),
+    click.option("--browser/--no-browser", default=True, help="Open a browser tab, if there is a display."),
 )  # fmt: skip
 
 

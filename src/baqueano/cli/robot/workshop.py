@@ -13,13 +13,13 @@ host = click.argument("host", default="here")
 
 
 @click.command(
-    help="Look at everything: line, firmware, IMU, battery, supply, rights, disk, clock; say what to do."
+    help="Check line, firmware, IMU, battery, supply, permissions, disk and clock; advise what to do."
 )
 @host
 @options.vehicle
 @options.runs_folder
 @click.option("--jitter", "jitter_s", type=float, is_flag=False, flag_value=10.0, default=0.0, metavar="[SECONDS]",
-              help="Also measure how late a loop of 100 Hz wakes; default 10 s.")  # fmt: skip
+              help="Also measure how late a loop of 100 Hz wakes up; default: 10 s.")  # fmt: skip
 @options.as_json
 def doctor(
     host: str, vehicle: str | None, settings: tuple[str, ...], folder: str, jitter_s: float, as_json: bool
@@ -69,14 +69,17 @@ def flash(
 
 
 @click.group(
-    cls=Verbs, help="Find what belongs to this one vehicle: how its IMU sits, how its motors are wired."
+    cls=Verbs,
+    help=(
+        "Calibrate what differs from vehicle to vehicle: the mounting of the IMU, the wiring of the motors."
+    ),
 )
 def calibrate() -> None:
     pass
 
 
 @calibrate.command(
-    help="Axes and biases of the IMU: at rest, by a lift of the front, and half a turn by hand."
+    help=("Calibrate axes and biases of the IMU: at rest, with the front lifted, and by half a turn by hand.")
 )
 @host
 @options.vehicle
@@ -101,7 +104,10 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
 
 
 @calibrate.command(
-    help="Wiring, dead zones and slopes of the motors, kept in the Uno. It needs 1 m of free floor."
+    help=(
+        "Measure wiring, dead zones and slopes of the motors, and store them in the Uno. It "
+        "needs 1 m of free floor."
+    )
 )
 @host
 @options.vehicle

@@ -1,15 +1,15 @@
 """The experiment for this vehicle in this room: `designed`.
 
-Pieces by chance, composed; then, some rounds long, children of the pieces that were chosen join the library and what
-is better takes its place. So far a few of the possible vehicles drive every piece. They allow more than all of them
-would, the more so the longer one searches: so all VEHICLES drive the best of the library, and with their paths it is
-composed again. A piece ends with a coast in which COVERED of the way that a vehicle at full command still rolls is
-covered; the composition counts on the rest of that way too, but not on what the speed that is left does to the next
-piece. So the plan is driven as a whole by as many others that took no part in the search, in three orders: as
-composed, and by how far its pieces reach, up and down. The one that then tells most is the plan, and where those
-others go is told with it. The numbers of pieces and rounds are fixed, not the time: the same seed gives the same plan
-everywhere. A piece that is not allowed (room.py, (4)) waits, and one that would come later has its turn; last comes
-the one of the library that is worth most beside the others.
+1. Draw random pieces of command and compose a drive of them. In each of some rounds, variations of the chosen pieces
+   join the library, and better pieces replace worse ones.
+2. Only a small sample of the possible vehicles drives each piece of step 1. A small sample is too permissive, and the
+   search exploits that. So all VEHICLES drive the best pieces, and the drive is composed again with their paths.
+3. Each piece ends with a coast over COVERED of the stopping distance. The composition reserves the rest of that
+   distance, but ignores the effect of the remaining speed on the next piece.
+4. So new vehicles, which took no part in the search, drive the whole plan in three orders: as composed, and sorted by
+   the reach of its pieces, both ways. The most informative order becomes the plan; its room is that of these vehicles.
+
+The numbers of pieces and rounds are fixed, not the time: the same seed gives the same plan on every machine.
 """
 
 from collections.abc import Callable

@@ -155,7 +155,10 @@ def _at_kinks(
     scale: np.ndarray,
     movable: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Return the mask (p,) of parameters at a kink, and the number of evaluations.  (5)"""
+    """Return the mask (p,) of parameters at a kink, and the number of evaluations.  (5)
+
+    At a kink the cost rises in both directions although the gradient is not zero.
+    """
     at_kink, slope = np.zeros(len(theta), bool), here.gradient / np.sqrt(np.maximum(scale, 1e-300))
     steep = np.flatnonzero(movable & (np.abs(slope) > STEEP))
     for i in steep:

@@ -22,6 +22,7 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
 from baqueano.identify.result.verdict import Evidence, noted, verdict_of
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     pass
@@ -105,7 +106,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
 
 def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
     """All diagnostics of the fit, and by how much they say that parameters are off."""
-    if not end.ask or end.search.stopped or _stopped(end, "asking what is not in the model"):
+    if not end.ask or end.search.stopped or _stopped(end, _("testing for effects that the model lacks")):
         return end.doubts, {}
     messages, off = diagnose(end, sd, sigma_of_file(end.blocks))
     return tuple(messages), off
@@ -150,7 +151,7 @@ def _evidence(
 
 
 def _stopped(end: FinishedFit, text: str) -> bool:
-    """Says what comes; whether whoever is told wants no more than there is."""
+    """Report the next stage; return True if the caller asked to stop."""
     return end.task.say is not None and end.task.say(text) is True
 
 

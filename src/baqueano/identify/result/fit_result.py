@@ -221,8 +221,10 @@ class Fit(Result):
         lines = [f"{_('parameter'):{wide}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
         for row in self.rows():
             if row["estimate"] is None:
-                start_text = _("held at {start:.4g}", start=row["start"])
-                lines.append(f"{short(row['name']):{wide}}  {_('not seen'):>12}   {'':>10}  {start_text}")
+                start_text = _("fixed at {start:.4g}", start=row["start"])
+                lines.append(
+                    f"{short(row['name']):{wide}}  {_('not identifiable'):>12}   {'':>10}  {start_text}"
+                )
                 continue
             remarks = marks(row)
             sd = f"{number(row['sd']):.2g}" if row["sd"] is not None else "?"
@@ -254,7 +256,7 @@ class Fit(Result):
             return self._asked_together(rows)
         out = []
         for row in rows:
-            sd = _("not seen") if row["sd"] is None else f"± {number(row['sd']):.2g}"
+            sd = _("not identifiable") if row["sd"] is None else f"± {number(row['sd']):.2g}"
             unit = _(" s, to be added to its stamps") if row["name"].startswith("clock.") else ""
             out.append(_("{name} of {run}: {estimate:.5g} {sd}{unit}", **row | {"sd": sd, "unit": unit}))
         return [*out, ""] if out else []
@@ -340,9 +342,9 @@ def marks(row: dict[str, Any]) -> str:
     """Return the marks of a row of `Fit.rows()`, "" without any."""
     value, sd = row["estimate"], row["sd"]
     if value is None:
-        return _("not seen")
+        return _("not identifiable")
     texts_ = [_(BOUNDS[row["bound"]])] if row["bound"] else []
-    texts_ += [_("weakly seen")] if row["observable"] == "weak" else []
+    texts_ += [_("poorly identified")] if row["observable"] == "weak" else []
     if sd is None:
         texts_.append(_("its error is not known"))
     elif abs(value) < QUANTILE_95 * sd:

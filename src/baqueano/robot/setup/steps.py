@@ -219,7 +219,7 @@ def environment(pi: Pi) -> Step:
         pips = [(path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in pi.bundle.glob("pip-*.whl")]
         pip = next((path for path, found in pips if f"sha256:{found}" in locks["pip"]), None)
         if pip is None:
-            sys.exit("the wheel of pip is not the one of the lock, so nothing was installed")
+            sys.exit(_("the wheel of pip differs from the lock, so nothing was installed"))
         words = (
             "install",
             "--quiet",

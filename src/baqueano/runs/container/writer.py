@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, fault
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import in_english
 from baqueano.printable import typed
@@ -125,8 +125,7 @@ class RunWriter:
             return
         self._closed = True
         if self.dropped:
-            lost = f"the disk was too slow: {self.dropped} estimates, references or poses are not in this run"
-            self.event(self._t_ns, "warning", "run writer", lost)
+            self.event(self._t_ns, "warning", "run writer", note("run.disk-slow", lost=self.dropped))
         self._closing.set()
         self._thread.join()
         try:
@@ -166,7 +165,7 @@ class RunWriter:
             if what not in self._once:
                 self._once.add(what)
                 self.event(
-                    self._t_ns, "error", "run writer", f"{what} was not of the expected shape: {error}"
+                    self._t_ns, "error", "run writer", note("run.not-packed", what=what, error=str(error))
                 )
 
     def _put(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.result import shortened
+from baqueano.contracts.result import Result, shortened
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
@@ -41,6 +41,10 @@ class ImportedRun(NamedTuple):
 
     run: Run
     doubts: tuple[Doubt, ...]
+
+    _repr_html_ = Result._repr_html_
+    plot = Result.plot
+    to_pandas = Result.to_pandas
 
     @property
     def verdict(self) -> str:

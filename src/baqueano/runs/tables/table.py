@@ -16,6 +16,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
+from baqueano.language import translated as _
 from baqueano.runs.tables.cells import Cells, packed
 from baqueano.runs.tables.lines import CELL, Lines
 
@@ -66,7 +67,7 @@ class LogTable(NamedTuple):
     def _first_cells(self, column: str) -> str:
         """Return the content of the file in words, for a message."""
         cells = self.columns[column]
-        return "several of that name" if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
+        return _("several columns of that name") if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
 
     def numbers(self, column: str) -> np.ndarray:
         """(rows,) float64; NaN where the cell is empty or says so."""

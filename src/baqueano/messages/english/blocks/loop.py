@@ -7,7 +7,7 @@ TEMPLATES: dict[str, str] = {
     S.ESTIMATE_NOT_FINITE: "the estimate is not a finite number",
     S.SPEED: "the vehicle is faster than max_speed_m_s",
     S.YAW_RATE: "the vehicle turns faster than max_yaw_rate_rad_s",
-    S.POSITION_UNCERTAIN: "the position is less certain than max_position_std_m",
+    S.POSITION_UNCERTAIN: "the standard deviation of the position exceeds max_position_std_m",
     S.SENSOR_SILENT: "the IMU has been silent for imu_timeout_s",
     S.OWN_REASON: "{words}",
     S.BLOCK_RAISED: "{block} raised {error}",
@@ -30,13 +30,15 @@ TEMPLATES: dict[str, str] = {
     "caution.over": "the vehicle goes on at full pace; this is over: {cause}",
     "caution.uncertain": "the position is known to {std_m:.2f} m; at {most_m:.2f} m the supervisor stops",
     "drive.on-mark": "on the mark",
-    "drive.disk-full": "the disk is full and does not store more of this run ({error}); the drive goes on",
+    "drive.disk-full": (
+        "the disk is full, so the rest of this run is not stored ({error}); the drive goes on"
+    ),
     "drive.not-compiled": "{room} {block} runs as it is written, not compiled: {error}",
-    "drive.not-watched": "the sensors are not watched: {error}",
+    "drive.not-watched": "the monitor cannot watch the sensors: {error}",
     "drive.other-vehicle": (
         "{file} has {found} commands and the world's vehicle takes {expected}: they are not the same kind of vehicle."
     ),
     "drive.own-origin": (
-        "estimator {block} starts at its own origin, the vehicle at {start}: write init(self, eta=None)"
+        "estimator {block} starts at its own origin, but the vehicle at {start}. Write init(self, eta=None)"
     ),
 }

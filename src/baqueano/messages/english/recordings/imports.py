@@ -55,41 +55,45 @@ TEMPLATES = {
     "recording.mirrored": (
         "[truth] eta: course and heading turn opposite ways (agreement {same:.2f}, mirrored {mirrored:.2f})"
     ),
-    "recording.beside": "[truth] eta[2]: the vehicle moves {off_deg:.0f}° (or {back_deg:.0f}°) beside its heading",
+    "recording.beside": "[truth] eta[2]: the direction of motion differs from the heading by "
+                    "{off_deg:.0f}° (or {back_deg:.0f}°)",
     "recording.too-much": (
         '{key} with unit = "{unit_read}" reaches {value:.3g} {shown}: this is too much for a small vehicle'
     ),
     "recording.tyres": (
-        '{key} with unit = "{unit_read}" stays at {most:.3g} m/s² for {window_s:g} s: tyres cannot hold that'
+        "{key} with unit = \"{unit_read}\" stays at {most:.3g} m/s² for {window_s:g} s: tyres "
+        "cannot give that"
     ),
     "recording.gyro-at-rest": (
-        '{key} with unit = "{unit_read}" is {off:.2g} ± {sd:.2g} rad/s before the first command, and small gyros are '
-        "quieter"
+        "{key} with unit = \"{unit_read}\" is {off:.2g} ± {sd:.2g} rad/s before the first command; "
+        "small gyros have less noise"
     ),
     "recording.fast-turns": '{key} with unit = "{unit_read}" reaches {most:.3g} rad/s, {turns:.1f} turns a second',
     "recording.quiet": (
-        '{key} with unit = "{unit_read}" trembles by {sd:.1g} m/s² at rest and reaches {most:.2g}: few accelerometers '
-        "are so quiet"
+        "{key} with unit = \"{unit_read}\" varies by {sd:.1g} m/s² at rest and reaches {most:.2g}: "
+        "few accelerometers have so little noise"
     ),
-    "recording.curve": '{first} and {last} with unit = "{unit_read}" belong to curves at {speed_m_s:.3g} m/s',
+    "recording.curve": '{first} and {last} with unit = "{unit_read}" mean curves at {speed_m_s:.3g} m/s',
     "recording.command-range": '{key} ({name}) reaches {most:.5g} with unit = "{unit_read}"; a full command is 1',
     "recording.against-truth": "{key} is {slope:.3g} times what [truth] says (correlation {correlation:.2f})",
     "recording.against-motion": (
         "{key} is {slope:.3g} times what speed and turning give (correlation {correlation:.2f})"
     ),
-    "recording.twice": '"{unit_read}" is too small by {ratio:.4g}; is it SI?',
-    "recording.no-sign": "{key} is never negative: the sensor does not know the direction",
+    "recording.twice": '"{unit_read}" is too small by a factor of {ratio:.4g}. Is the column in SI units?',
+    "recording.no-sign": "{key} is never negative: the sensor does not measure the direction",
     "recording.clock-later": "[truth] fits {key} best {by_ms:.0f} ms later (correlation {now:.3f}, then {then:.3f})",
     "recording.clock-earlier": (
         "[truth] fits {key} best {by_ms:.0f} ms earlier (correlation {now:.3f}, then {then:.3f})"
     ),
-    "recording.turns-against": "{by} turns against {wheels} (correlation {correlation:.2f})",
-    "recording.and-sideways": "{cause}, and {key} against it ({correlation:.2f})",
-    "recording.turns-otherwise": "{wheels} does not turn as {by} says (correlation {correlation:.2f})",
+    "recording.turns-against": "{wheels} and {by} have opposite signs of the turning (correlation "
+                           "{correlation:.2f})",
+    "recording.and-sideways": "{cause}, and {key} contradicts it ({correlation:.2f})",
+    "recording.turns-otherwise": "{wheels} and {by} disagree on the turning (correlation {correlation:.2f})",
     "recording.track": (
-        "{wheels} and {by} turn as wheels that are {apart_m:.3g} m apart do (correlation {correlation:.2f})"
+        "{wheels} and {by} agree with wheels that are {apart_m:.3g} m apart (correlation "
+        "{correlation:.2f})"
     ),
-    "recording.axes-swapped": "{x} follows v·ω and {y} v̇ (correlations {first:.2f}, {second:.2f})",
+    "recording.axes-swapped": "{x} agrees with v·ω and {y} with v̇ (correlations {first:.2f}, {second:.2f})",
     "recording.other-steers": "command {other} turns the vehicle (correlation {correlation:.2f}), {steering} does not",
     "recording.turns-right": (
         "positive {steering} turns right (correlation {correlation:.2f}): its gain will be negative"
@@ -108,7 +112,7 @@ TEMPLATES = {
     ),
     "recording.short-parts": "{count} parts with fewer than {least} ticks were left out: {names}",
     "recording.no-command-yet": "{count} ticks before the first command were left out",
-    "recording.no-command": "no command: the vehicle stands",
+    "recording.no-command": "no command: the vehicle is at rest",
     "recording.missing": "[{key}]: {lost} of {rows} rows lack a number (NaN, empty) and were left out",
     "recording.no-time": "{table}: {count} rows without a time were left out",
     "recording.cut-line": "{table}: line {line} is cut and was left out",
