@@ -96,14 +96,14 @@ class Mpc:
     steps: ClassVar[int] = 12  # of the horizon
 
     vehicle: Vehicle
-    horizon_s: float = parameter("s", "time that is looked ahead", low=0.1, high=5.0, default=0.8)
+    horizon_s: float = parameter("s", "time that the controller looks ahead", low=0.1, high=5.0, default=0.8)
     e_max: np.ndarray = parameter(
-        "m, m, rad", "errors ahead, beside and of the heading that matter alike", low=1e-4, shape=(3,),
+        "m, m, rad", "errors ahead, beside and of the heading with the same weight", low=1e-4, shape=(3,),
         default=(0.05, 0.02, 0.15),
     )  # fmt: skip
     change_max: float = parameter(
         "1",
-        "change of the command in a step, in parts of its limit, worth such errors",
+        "change of the command in a step, as a share of its limit, with the same weight as those errors",
         low=1e-3,
         default=0.3,
     )
