@@ -51,12 +51,18 @@ class Supervisor:
     """Clips the command to `limit` and stops for the reasons above. A limit that is not given is infinite."""
 
     limit: np.ndarray = parameter("unit of u", "largest command, one per channel, (n,)", low=0.0, shape=None)
-    max_speed_m_s: float = parameter("m/s", "estimated speed that stops the vehicle", low=0.0, default=INF)
-    max_yaw_rate_rad_s: float = parameter("rad/s", "estimated yaw rate that stops it", low=0.0, default=INF)
-    max_position_std_m: float = parameter(
-        "m", "uncertainty of the position that stops it", low=0.0, default=INF
+    max_speed_m_s: float = parameter(
+        "m/s", "estimated speed above which the vehicle is stopped", low=0.0, default=INF
     )
-    imu_timeout_s: float = parameter("s", "silence of the IMU that stops it", low=0.0, default=0.5)
+    max_yaw_rate_rad_s: float = parameter(
+        "rad/s", "estimated yaw rate above which it is stopped", low=0.0, default=INF
+    )
+    max_position_std_m: float = parameter(
+        "m", "standard deviation of the position above which it is stopped", low=0.0, default=INF
+    )
+    imu_timeout_s: float = parameter(
+        "s", "time without data from the IMU after which it is stopped", low=0.0, default=0.5
+    )
     watch: str = "imu"  # the sensor that must not be silent; a vehicle without it is not watched
 
     def __post_init__(self) -> None:

@@ -183,7 +183,7 @@ def test_rt12_a_terminal_that_hangs_up_stops_the_vehicle_and_the_run_is_whole(te
 
 def test_a_terminal_that_never_answers_is_driven_by_single_keys(terminal, tmp_path):
     screen = terminal(*DRIVE, there=False, gone_s=START_S)
-    screen.until(rb"never says that it is there")
+    screen.until(rb"does not confirm that it is alive")
     for _ in range(20):  # a key counts for 0.75 s, for which a machine that is busy may show nothing
         screen.type(b"w")
         if screen.shows(rb"u_x +\S+ \+0\.15", 2.0):
@@ -264,7 +264,10 @@ def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, b
 def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
     text = vehicle_file.override(vehicle_file.load("small"), ("model.drivetrain.gain=[1.1,0.9]",)).text
     (tmp_path / "unequal.toml").write_text(text, encoding="utf-8")
-    for words, shown in (((), rb"heading held by [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not held")):
+    for words, shown in (
+        ((), rb"heading corrected by [+-]0\.0[1-9]"),
+        (("--no-hold",), rb"heading not corrected"),
+    ):
         out = f"run{len(words)}.mcap"
         screen = terminal(*DRIVE[:3], "--robot", "simulated:unequal.toml", "-o", out, *words)
         screen.until(rb"terminal \d+ ms")

@@ -71,7 +71,7 @@ def test_one_run_goes_into_the_folder_that_is_reported_as_several_do(baqueano, t
         rows = "".join(f"{20 * k},{k},{2 * k}\n" for k in range(20))
         (tmp_path / f"{name}.csv").write_text("time_ms,pwm_left,pwm_right\n" + rows, encoding="utf-8")
     several = baqueano("runs", "import", "rover.toml", "first.csv", "second.csv", "-o", "my runs")
-    assert several.out == "nothing was doubted\n"
+    assert several.out == "nothing was doubtful\n"
     (line,) = re.findall(r"^next: (.*)   \(", several.err, re.MULTILINE)
     ends = [str(Path("my runs") / f"{name}.mcap") for name in ("first", "second")]
     assert shlex.split(line) == [

@@ -123,7 +123,7 @@ def test_a_terminal_that_never_answers_is_reported_and_drives_for_the_time_of_a_
     terminal = Terminal()
     terminal.there = False
     with cockpit(terminal, latched=True) as hand:
-        assert "never says that it is there" in hand.status.line
+        assert "does not confirm that it is alive" in hand.status.line
         assert (RELEASES_ON, RELEASES_OFF) not in terminal.changes
         terminal.type("w")
         assert wait(hand, terminal, 0.2)[0] > 0.0
@@ -215,7 +215,7 @@ def test_what_holds_the_heading_is_shown():
         wait(hand, terminal, 0.2)
         hand.show({"u": [0.5, 0.0, 0.03], "requested": [0.5, 0.0, 0.04]})
         wait(hand, terminal, 0.2)
-        assert b"heading held by +0.04" in terminal.sent
+        assert b"heading corrected by +0.04" in terminal.sent
         terminal.type("a")
         wait(hand, terminal, 0.1)
         hand.show({"u": [0.5, 0.0, 0.4], "requested": [0.5, 0.0, 0.4]})
@@ -232,7 +232,7 @@ def test_that_nothing_holds_the_heading_is_shown():
         wait(hand, terminal, 0.2)
         hand.show({"u": [0.5, 0.0, 0.03]})
         wait(hand, terminal, 0.2)
-        assert b"heading not held" in terminal.sent
+        assert b"heading not corrected" in terminal.sent
 
 
 MOTORS = Drivetrain(

@@ -170,7 +170,7 @@ def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, ben
     with pytest.raises(KeyboardInterrupt if what == "ctrl-c" else SafetyStop):
         calibrate(bench, say)
     assert robot.uno.settings(robot.wait) == MINE
-    assert said[-1] == "the Uno keeps what it kept before"
+    assert said[-1] == "the Uno keeps its old settings"
     assert not robot.board.moving
 
 

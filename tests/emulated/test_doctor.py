@@ -235,7 +235,7 @@ def test_a_pi_without_an_imu_is_bad_and_a_laptop_has_none(tmp_path):
     assert laptop[:3] == (
         "IMU",
         "unknown",
-        "there is no /dev/i2c-1 on this machine, which is no Raspberry Pi",
+        "/dev/i2c-1 is missing on this machine: it is not a Raspberry Pi",
     )
     (tmp_path / doctor.MODEL).parent.mkdir(parents=True)
     (tmp_path / doctor.MODEL).write_text("Raspberry Pi 3 Model B Plus")

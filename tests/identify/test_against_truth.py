@@ -86,7 +86,7 @@ def test_the_convention_of_the_scale_is_reported_both_ways(believed, drive):
     found = calibrate(drive(0), believed)
     row = found.rows()[1]
     assert row["name"] == "sensors.imu.gyro_scale"
-    assert row["text"] == f"the truth turns {1.0 / row['value']:.4f} of what the gyro says"
+    assert row["text"] == f"the truth turns {1.0 / row['value']:.4f} times as much as the gyro"
     assert "to be added to the truth's stamps" in found.table()
 
 

@@ -29,7 +29,7 @@ def row(
         (row(1.0, 0.25), ""),
         (row(0.0, 0.1, "low"), "at its low bound, may be 0"),
         (row(3.0, 1.0, None, "weak"), "poorly identified, roughly, ± 65 %"),
-        (row(3.0, None), "its error is not known"),
+        (row(3.0, None), "its error is unknown"),
         (row(None, None, None, "no"), "not identifiable"),
     ],
 )

@@ -123,7 +123,7 @@ def test_a_drive_shows_its_speed_and_its_commands_with_their_limits():
     speed, commands = (parts[title][0].svg for title in ("Speed", "Commands"))
     assert all(f">{name}<" in speed for name in ("truth", "estimate", "reference"))
     assert all(
-        f">{name}<" in commands for name in ("asked for", "limit", "at its limit", "right wheel [duty]")
+        f">{name}<" in commands for name in ("requested", "limit", "at its limit", "right wheel [duty]")
     )
     rows = parts["Commands"][1].rows
     assert [row["command"] for row in rows][-2:] == ["left wheel [duty]", "right wheel [duty]"]
@@ -262,7 +262,7 @@ def test_a_fit_has_a_page_that_stands_alone():
 
 def test_the_page_says_whether_the_filter_knows_its_errors():
     """The estimate is off by 1 cm, 0.01 rad, 1 cm/s and 0.01 rad/s, as its covariance says; then by twice as much."""
-    run, title = a_run(), "Does the filter know its errors?"
+    run, title = a_run(), "Consistency of the filter"
     nu = run.estimate.nu + 0.01 * np.random.default_rng(1).normal(size=(400, 3))
     run = replace(run, estimate=run.estimate._replace(nu=nu))
     sections = {section.title: section for section in page_of_run(run).sections}

@@ -82,7 +82,7 @@ def test_a_recording_that_is_not_there_is_left_out_with_a_sentence(monkeypatch, 
     )
     found = recordings(names=("here", "dart"))
     assert len(found.rows()) == 2
-    assert found.left_out[0].startswith("dart is left out: there is no dart_jetracer/throttle_step_input")
+    assert found.left_out[0].startswith("dart is left out: dart_jetracer/throttle_step_input")
     assert found.verdict == "WARN"
 
 

@@ -27,7 +27,7 @@ VERBS = {
     "forecast": "Predict, before a drive, the uncertainty of the position along a route.",
     "repeat": "Drive a taught route again, for N laps or for ever.",
     "replay": "Send a run through the same blocks again, or through others.",
-    "compare": "Errors and consistency of one or more runs.",
+    "compare": "Show errors and consistency of one or more runs.",
     "runs": "List, show, cut, recover, import and export runs.",
     "serve": "Open the page of a vehicle in a browser: watch, drive, teach, repeat, stop.",
     "view": "Open a run in a browser: map, time plots, events; compare it with another run.",

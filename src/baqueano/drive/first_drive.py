@@ -117,9 +117,9 @@ class FirstDrive(Result):
             _("{pulses} pulses, {moved} of them moved the vehicle", pulses=len(self.pulses), moved=self.moved)
         ]
         if np.isfinite(self.gain_along):
-            lines.append(_("along: {times:.2g} times as strong as the file says", times=self.gain_along))
+            lines.append(_("along: {times:.2g} times the gain in the file", times=self.gain_along))
         if np.isfinite(self.gain_about):
-            lines.append(_("about z: {times:.2g} times as strong as the file says", times=self.gain_about))
+            lines.append(_("about z: {times:.2g} times the gain in the file", times=self.gain_about))
         return "\n".join([*lines, *texts((*self.still, *self.wiring))])
 
 

@@ -92,7 +92,7 @@ class AugmentedEkf:
     use: tuple[str, ...] = ("imu",)
     speed_from: tuple[str, ...] = ()
     gate_sigma: float = parameter(
-        "1", "a number further off than this loses its weight", low=1.0, default=4.0
+        "1", "a number further from its prediction than this loses its weight", low=1.0, default=4.0
     )
     disturbance_std: np.ndarray = parameter(
         "m/s², rad/s² (kinematic: m/s, rad/s)", "σ_d of what the model does not explain, forward and turning",

@@ -84,7 +84,7 @@ class Unscented:
     )
     rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
     gate_sigma: float = parameter(
-        "1", "a measurement further off than this is left out", low=0.0, default=4.0
+        "1", "a measurement further from its prediction than this is left out", low=0.0, default=4.0
     )
     use: tuple[str, ...] = ("imu",)
     disturbance_time_s: float = parameter(

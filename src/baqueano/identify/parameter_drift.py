@@ -144,8 +144,8 @@ class ParameterHistory(Result):
     def _sentences(self) -> list[str]:
         out = [f"- {text(one.message)}" for one in self.moved]
         out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
-        still = _("nothing moved beyond its error bars over {runs} runs", runs=len(self.runs))
-        summary = _("{moved} parameters moved", moved=len(self.moved)) if self.moved else still
+        still = _("no parameter changed beyond its error bars over {runs} runs", runs=len(self.runs))
+        summary = _("{moved} parameters changed", moved=len(self.moved)) if self.moved else still
         return [*out, f"{_(self.verdict)}: {summary}"]
 
 

@@ -63,7 +63,7 @@ class Calibration(Result):
     run: str
     numbers: tuple[CalibratedNumber, ...]
     residuals: dict[str, float]  # what is left of the windows, by equation: rad, m
-    all_told: str = N_("the truth tells all")  # where nothing speaks against it
+    all_told: str = N_("the truth determines everything")  # where nothing speaks against it
 
     def value(self, name: str) -> float:
         """By its name; KeyError if it is not known."""
@@ -373,7 +373,7 @@ def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
 
 def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     block, path = getattr(file.sensors, name), f"sensors.{name}.gyro"
-    words = _("the truth turns {ratio:.4f} of what the gyro says", ratio=float(answer.x[0]))
+    words = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(answer.x[0]))
     return [
         _number(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), words),
         _number(answer, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
@@ -383,7 +383,9 @@ def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[Cali
 def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     """The mark's place is told in the body's axes, x the way in which the wheels roll."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
-    words = _("the truth goes {ratio:.4f} of what the odometer says", ratio=float(np.hypot(*answer.x[:2])))
+    words = _(
+        "the truth moves {ratio:.4f} times as far as the odometer", ratio=float(np.hypot(*answer.x[:2]))
+    )
 
     def turned(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))

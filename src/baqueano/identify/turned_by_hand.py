@@ -90,7 +90,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
                   float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
         {"heading_rad": float(np.std(angle[used] / scale - TAU * whole))},
-        N_("the turns tell all"),
+        N_("the turns determine everything"),
     )  # fmt: skip
 
 

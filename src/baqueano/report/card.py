@@ -232,5 +232,7 @@ def _of_history(result: ParameterHistory) -> Card:
          "unit": shown_unit(one.unit)}
         for one in result.moved
     ]  # fmt: skip
-    sentences = texts([one.message for one in result.moved]) or [_("Nothing moved beyond its error bars.")]
+    sentences = texts([one.message for one in result.moved]) or [
+        _("No parameter changed beyond its error bars.")
+    ]
     return Card(title, result.verdict, rows, sentences[:SENTENCES])

@@ -16,10 +16,10 @@ from baqueano.report.page import Headline, Page, Section, Table, draw
 def page_of_drift(history: Any) -> Page:
     """The page of `over_time`."""
     sentences = "\n".join(text(one.message) for one in history.moved) or _(
-        "Nothing moved beyond its error bars."
+        "No parameter changed beyond its error bars."
     )
     entries = with_curves(history)
-    caption = _("Each run by itself with its 95 % interval (blue), and what all runs say together (green).")
+    caption = _("Each run by itself with its 95 % interval (blue), and the estimate from all runs (green).")
     return Page(
         title=_("{vehicle} over {runs} runs", vehicle=history.last.file.name, runs=len(history.runs)),
         subtitle=_(
@@ -37,7 +37,7 @@ def page_of_drift(history: Any) -> Page:
             for one in history.moved[:4]
         ],
         sections=[
-            Section(_("What moved"), sentences, []),
+            Section(_("Changed parameters"), sentences, []),
             Section(_("Run by run"), "", [draw(curves(history, entries), caption)] if entries else []),
             Section(_("Figures"), "", [Table(history.rows())]),
         ],

@@ -43,7 +43,7 @@ def sentence_of_path(one: RunComparison, alignment: str) -> str:
         lap = " " + _("in the last lap") if _laps(corridor) > 1 else ""
         sentence = (
             _(
-                "Shaded: where the vehicle may be{lap}, to the left and right of where it believes to be.",
+                "Shaded: where the vehicle may be{lap}, to the left and right of its estimated path.",
                 lap=lap,
             )
             + " "
@@ -124,7 +124,7 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
             curves = {"±2σ": (t, scale * band[:, k]), "estimate": (t, scale * off[:, k])}
             panels.append((label, curves | {n: (at, scale * e[:, k]) for n, (at, e) in others.items()}))
     drawing = draw(
-        figures.over_time(panels), _("Estimate minus truth; the band is what the filter promises.")
+        figures.over_time(panels), _("Estimate minus truth; the band is the error that the filter claims.")
     )
     return [Section(_("Errors against the truth"), "", [drawing])]
 
@@ -143,7 +143,10 @@ def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarra
 def knows(corridor: FilterConsistency, run: Run) -> list[Section]:
     """Return the sentence on the filter's own covariance, its figures and its innovations, where there are any."""
     rows, log = corridor.figures(), run.estimate
-    caption = _("1 if consistent; a right covariance lies from … to …, in 95 % of runs.")
+    caption = _(
+        "1 if the filter is consistent; a correct covariance gives a value between the "
+        "two limits in 95 % of runs."
+    )
     parts: list[Table | Drawing] = [Table(rows, caption)]
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
         t, two = seconds(log.t_ns, run.t_ns[0]), np.full(len(log.t_ns), 2.0)
@@ -153,7 +156,7 @@ def knows(corridor: FilterConsistency, run: Run) -> list[Section]:
             for k, y in enumerate((log.innovation / sd).T) if np.isfinite(y).any()
         ]  # fmt: skip
         remark = _(
-            "Innovations over time, in standard deviations: 95 % of a right covariance lie in the band."
+            "Innovations over time, in standard deviations: with a correct covariance 95 % lie in the band."
         )
         parts += [draw(figures.over_time(panels, height_in=1.4), remark)] if panels else []
-    return [Section(_("Does the filter know its errors?"), corridor.sentence, parts)] if rows else []
+    return [Section(_("Consistency of the filter"), corridor.sentence, parts)] if rows else []

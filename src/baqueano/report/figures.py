@@ -228,9 +228,9 @@ COLOURS = {
     "estimate": MODEL,
     "truth": TRUTH,
     "reference": REFERENCE,
-    "asked for": REFERENCE,
+    "requested": REFERENCE,
 }
-THICK = {"asked for": 2.6, "reference": 2.0, "truth": 1.8}
+THICK = {"requested": 2.6, "reference": 2.0, "truth": 1.8}
 
 
 def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:

@@ -87,14 +87,15 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
         drawing = figures.estimates(names, fit.estimate[identified], fit.sd[identified], beside)
         parts.append(
             draw(
-                drawing, _("Each estimate with its 95 % interval; one that goes beyond the figure may be 0.")
+                drawing,
+                _("Each estimate with its 95 % interval; an interval that leaves the figure may include 0."),
             )
         )
     sections = [Section(_("Parameters"), messages, parts), *_runs(fit)]
     sections += [_of_run(fit, run) for run in _drawn(fit.channels)]
     if identified.sum() > 1:
         matrix = fit.correlation[np.ix_(identified, identified)]
-        messages = _("Red or blue off the diagonal: these are known only together.")
+        messages = _("Red or blue off the diagonal: only the combination of these parameters is known.")
         drawing = draw(figures.correlation(names, matrix), messages, narrow=False)
         sections.append(Section(_("Correlation of the estimates"), "", [drawing]))
     return sections
@@ -120,7 +121,7 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     reasons_ = [f"• {one}" for one in reasons_] if len(reasons_) > 1 else reasons_
     if held_out is not None:
         reasons_ += [
-            _("On unseen runs: {sentence}", sentence=ended(held_out.sentence)),
+            _("On held-out runs: {sentence}", sentence=ended(held_out.sentence)),
             *(f"{one}." for one in texts(held_out.outside)),
         ]
     needs = [one.figures["needs"] for one in fit.unobservable if "needs" in one.figures]
@@ -131,7 +132,7 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     elif held_out is not None and held_out.verdict == Verdict.REFUSED:
         reasons_.append(_("Next: look at the held-out runs below. The vehicle file stays as it is."))
     elif held_out is None:
-        reasons_.append(_("Next: judge it by a run that it has not seen: add --held-out RUN."))
+        reasons_.append(_("Next: test it with a run that the fit does not use: add --held-out RUN."))
     else:
         reasons_.append(_("Next: baqueano tune, then teach and repeat."))
     return Section(_("Verdict and next step"), "\n".join(reasons_), [])
@@ -141,7 +142,7 @@ def _of_unseen(held_out: "Validation | None") -> list[Section]:
     """The table and the figures of runs that the fit has not seen."""
     if held_out is None:
         return []
-    caption = _("Sensors and model of a run that the fit has not seen; the model knows its commands alone.")
+    caption = _("Sensors and model of a held-out run; the model uses its commands only.")
     drawings = []
     for run in _drawn(held_out.channels):
         drawing, channels_shown = where_most_moves(_explained(held_out.channels, run))
@@ -224,11 +225,10 @@ def _of_run(fit: Fit, run: str) -> Section:
         for c, r in zip(channels, residual.T, strict=True)
     ], height_in=1.4)  # fmt: skip
     parts: list[Table | Drawing] = [
+        draw(few, _("Sensors and model, {shown}. The model uses only the commands.", shown=channels_shown)),
         draw(
-            few, _("Sensors and model, {shown}. The model has seen only the commands.", shown=channels_shown)
-        ),
-        draw(
-            over_time, _("Residuals over time, in standard deviations: 95 % of white ones lie in the band.")
+            over_time,
+            _("Residuals over time, in standard deviations: if they are white, 95 % lie in the band."),
         ),
         draw(
             figures.residuals(residual, [label(c) for c in channels]),
@@ -252,7 +252,7 @@ def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
     if len(t) == len(t_s):
         return drawing, _("all {span_s:.0f} s", span_s=t[-1] - t[0])
     return drawing, _(
-        "{span_s:.0f} s from {from_s:.0f} s, where most moves", span_s=t[-1] - t[0], from_s=t[0]
+        "{span_s:.0f} s from {from_s:.0f} s, with most motion", span_s=t[-1] - t[0], from_s=t[0]
     )
 
 

@@ -179,7 +179,7 @@ def comparison(result: Comparison) -> "Figure":
     rows = np.arange(len(runs))[::-1]
     marks = (
         (_("across its path"), [one.across_true.rms_m for one in runs], TRUTH, "s"),
-        ("as it believed", [one.across_estimate.rms_m for one in runs], MODEL, "o"),
+        ("by the estimate", [one.across_estimate.rms_m for one in runs], MODEL, "o"),
         ("position off", [one.ate_m for one in runs], MEASURED, "D"),
     )
     for name, metres, colour, marker in marks:

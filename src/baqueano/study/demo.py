@@ -110,9 +110,9 @@ class Demo:
         if any(row["verdict"] == "off" for row in self.rows()):
             lines.append(
                 _(
-                    "off: the gyro shows {percent:.1f} % too much. Nothing on board tells it, and what turns "
-                    "is off by "
-                    "as much. Two turns on a mark tell it.",
+                    "off: the gyro reads {percent:.1f} % too much. Nothing on board shows this, "
+                    "and the turning parameters are off by the same share. Two turns on a mark "
+                    "show it.",
                     percent=100.0 * (SCALE - 1.0),
                 )
             )
@@ -132,8 +132,8 @@ class Demo:
                 estimate_cm=100 * judged["across_estimate_rms_m"], true_cm=100 * judged["across_true_rms_m"],
             ),
             _("speed"): _(
-                "{percent:.1f} % rms off the asked one, at a limit in {at_limit:.0f} % of the ticks, {changes:.1f} "
-                "changes of sign per s",
+                "{percent:.1f} % rms from the requested speed, at a limit in {at_limit:.0f} % of "
+                "the ticks, {changes:.1f} changes of sign per s",
                 percent=100 * judged["pace_true_error"], at_limit=100 * judged["at_limit"],
                 changes=judged["sign_changes_per_s"],
             ),
@@ -142,7 +142,7 @@ class Demo:
                 velocity=_(judged["nees_velocity_is"]), pose=_(judged["nees_pose_is"]),
             ),
             _("corridor"): _(
-                "{corridor}; in truth it is off by {error_cm:.0f} cm at the end",
+                "{corridor}; the true error at the end is {error_cm:.0f} cm",
                 corridor=corridor.sentence if corridor else _("not known"), error_cm=100 * judged["end_error_m"],
             ),
             _("verdict"): verdict_line(self.verdict, self.fit.reasons[:1]),
@@ -170,9 +170,9 @@ class Demo:
         """Return the report."""
         judged = self.judged.rows()[0]
         text = _(
-            "The taught path, driven again {laps} times on IMU and model alone. Nothing on board "
-            "measures a position, "
-            "so the true path drifts away from the believed one; the corridor says how far it may be.",
+            "The taught path, driven again {laps} times with IMU and model only. Nothing on "
+            "board measures a position, so the true path drifts away from the estimated one; the "
+            "corridor shows how far it may be.",
             laps=LAPS,
         )
         identifiable = [r for r in self.rows() if r["z"] is not None]
@@ -180,7 +180,7 @@ class Demo:
         count = _("{inside} of {all}", inside=inside, all=len(identifiable))
         first = Headline(_("parameters in their 95 % interval"), count, _("against the truth"))
         return Page(
-            title=_("A vehicle nobody had a data sheet for"),
+            title=_("A vehicle without a data sheet"),
             subtitle=_("the simulated small vehicle: experiment, identify, noise, tune, teach, repeat"),
             verdict=self.verdict,
             headlines=[first, *headlines(judged)],
@@ -192,8 +192,9 @@ class Demo:
                 Section(
                     _("Gains"),
                     _(
-                        "Tuned on the identified model, from a start beside the route, by the paper's cost with a "
-                        "price on jerky commands: {cost:.2g} m², before {before:.2g} m².",
+                        "Tuned on the identified model, from a start beside the route, with the "
+                        "paper's cost and a weight on changes of the command: {cost:.2g} m², "
+                        "before {before:.2g} m².",
                         cost=self.tuned.cost,
                         before=self.tuned.cost_before,
                     ),

@@ -91,7 +91,7 @@ def recordings(
         if missing:
             left_out.append(
                 _(
-                    "{name} is left out: there is no {missing}; set BAQUEANO_DATA to its folder",
+                    "{name} is left out: {missing} is missing; set BAQUEANO_DATA to its folder",
                     name=name,
                     missing=missing[0],
                 )

@@ -62,7 +62,11 @@ class Hardware:
     )
     telemetry_hz: float = parameter("Hz", "frames of telemetry a second", low=10.0, high=200.0, default=100.0)
     least_battery_v: float = parameter(
-        "V", "voltage below which nothing drives; 0 where it is not wired", low=0.0, high=30.0, default=0.0
+        "V",
+        "voltage below which the vehicle does not drive; 0 if it is not wired",
+        low=0.0,
+        high=30.0,
+        default=0.0,
     )
     counts_per_turn: float | None = parameter(
         "1", "counts of an encoder in a turn of the wheel, all edges", low=1.0, high=1e6, default=None
@@ -76,12 +80,18 @@ class Hardware:
         "1", "low pass of the IMU, 1 to 6 (3 is 44 Hz); where it is written, [sensors.imu] low_pass_hz follows",
         low=1.0, high=6.0, default=3.0,
     )  # fmt: skip
-    max_tilt_rad: float = parameter("rad", "tilt that stops the vehicle", low=0.05, high=1.6, default=0.6)
+    max_tilt_rad: float = parameter(
+        "rad", "tilt above which the vehicle is stopped", low=0.05, high=1.6, default=0.6
+    )
     max_temperature_c: float = parameter(
-        "°C", "temperature of the computer that stops the vehicle", low=40.0, high=120.0, default=82.0
+        "°C",
+        "temperature of the computer above which the vehicle is stopped",
+        low=40.0,
+        high=120.0,
+        default=82.0,
     )
     least_disk_mb: float = parameter(
-        "MB", "room on the disk below which no drive begins", low=1.0, high=1e6, default=200.0
+        "MB", "free space on the disk below which a drive does not begin", low=1.0, high=1e6, default=200.0
     )
 
 

@@ -80,7 +80,7 @@ class Planar:
     )
     process_noise_std: np.ndarray = parameter(
         "m/s^1.5, m/s^1.5, rad/s^1.5",
-        "white acceleration that nobody modelled: its random walk of ν in 1 s", low=0.0, high=1e6,
+        "white acceleration outside the model: its random walk of ν in 1 s", low=0.0, high=1e6,
         default=ZERO, shape=(3,), role="noise",
     )  # fmt: skip
 

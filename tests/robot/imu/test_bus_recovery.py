@@ -287,7 +287,7 @@ def test_the_doctor_says_whether_a_held_bus_could_be_freed(lines, tmp_path):
     model, held = tmp_path / "model", lines([])
     assert recoverable(BUS, model)[0] == "unknown"
     model.write_text("Orange Pi Zero\0")
-    assert recoverable(BUS, model)[:2] == ("unknown", "this machine is no Raspberry Pi")
+    assert recoverable(BUS, model)[:2] == ("unknown", "this machine is not a Raspberry Pi")
     model.write_text("Raspberry Pi 3 Model B Plus Rev 1.3\0")
     assert recoverable(BUS, model)[:2] == ("ok", "pinctrl reaches GPIO 2 and 3; SDA high, SCL high")
     held.put(function={"2": "ip", "3": "ip"})

@@ -8,7 +8,7 @@ from baqueano.diagnostics import note
 from baqueano.printable import typed
 
 
-@click.command(help="Errors and consistency of one or more RUNS: by number, name, path, or 'last'.")
+@click.command(help="Show errors and consistency of one or more RUNS: by number, name, path, or 'last'.")
 @click.argument("runs", nargs=-1, required=True)
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
               help="Alignment of the estimated path with the true path.")  # fmt: skip

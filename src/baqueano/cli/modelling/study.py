@@ -17,7 +17,8 @@ def command() -> None: ...
 
 
 @command.command(
-    "paper", help="Case study I: the paper's table, its errors and ours, both models, both figures."
+    "paper",
+    help=("Reproduce case study I: the paper's table, its errors and ours, both models, both figures."),
 )
 @options.seed
 @click.option(

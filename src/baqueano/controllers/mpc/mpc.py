@@ -65,13 +65,13 @@ class Mpc:
     as_written: ClassVar[bool] = True  # its solver is a library, so the step is not compiled
 
     vehicle: Vehicle
-    horizon_s: float = parameter("s", "time that is looked ahead", low=0.1, high=5.0, default=0.8)
+    horizon_s: float = parameter("s", "time that the controller looks ahead", low=0.1, high=5.0, default=0.8)
     e_max: np.ndarray = parameter(
-        "m, m, rad", "errors ahead, beside and of the heading that matter alike", low=1e-4, shape=(3,),
+        "m, m, rad", "errors ahead, beside and of the heading with the same weight", low=1e-4, shape=(3,),
         default=(0.05, 0.02, 0.15),
     )  # fmt: skip
     change_max: float = parameter(
-        "1", "change of the command in a step, in parts of its limit, worth such errors", low=1e-3, default=0.3
+        "1", "change of the command in a step, as a share of its limit, with the same weight as those errors", low=1e-3, default=0.3
     )  # fmt: skip
     wall_low: np.ndarray = parameter(
         "m, m", "least x and y that the origin may reach in the map", shape=(2,), default=(-INF, -INF)

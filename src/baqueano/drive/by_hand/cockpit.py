@@ -227,7 +227,7 @@ class Cockpit(Observer):
         self._held = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
         self.status.way = HOW[self._held.way]
         if not alive:
-            self.say(_("this terminal never says that it is there: a key counts for its time only"))
+            self.say(_("this terminal does not confirm that it is alive: each key counts for a short time"))
 
     def _listen(self, now_s: float) -> None:
         """Return the driver's events since the last call."""

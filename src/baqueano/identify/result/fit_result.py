@@ -346,7 +346,7 @@ def marks(row: dict[str, Any]) -> str:
     texts_ = [_(BOUNDS[row["bound"]])] if row["bound"] else []
     texts_ += [_("poorly identified")] if row["observable"] == "weak" else []
     if sd is None:
-        texts_.append(_("its error is not known"))
+        texts_.append(_("its error is unknown"))
     elif abs(value) < QUANTILE_95 * sd:
         texts_.append(_("may be 0"))
     elif abs(value) < 2.0 * QUANTILE_95 * sd:

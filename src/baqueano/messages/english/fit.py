@@ -124,8 +124,8 @@ TEMPLATES: dict[str, str] = {
         "Longer drives may differ"
     ),
     "truth.horizon-of-pieces": (
-        "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of way, with a new start each "
-        "time. Longer drives may differ"
+        "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of path, "
+        "each time from a new start. Longer drives may differ"
     ),
     "truth.mount": "{subject}: add these values to those in [truth] of the map: {keys}",
     "noise.without-floor": "noise of the sensors without the disturbance of the floor: {noise}",

@@ -15,8 +15,10 @@ TEMPLATES: dict[str, str] = {
     ),
     "allan.averages": "{samples} samples can be averaged over 1 to {most}: {found} is outside.",
     "allan.numbers": "an Allan deviation needs a list of at least {least} finite numbers; this has {found}.",
-    "allan.rate": "rate_hz = {rate_hz:g}: expected samples a second, above 0.",
-    "at-rest.driven": "{run} has commands all the time. To measure the noise at rest, record a run without commands.",
+    "allan.rate": "rate_hz = {rate_hz:g}: expected the number of samples per second, above 0.",
+    "at-rest.driven": (
+        "{run} has commands all the time. To measure the noise at rest, record a run without commands."
+    ),
     "at-rest.few-samples": (
         "{run} holds no sensor with {least} samples at rest. Record a minute or more with the motors off and "
         "nobody near."

@@ -80,8 +80,8 @@ TEMPLATES: dict[str, str] = {
     "calibration.drive-further": "the error of {subject} is still ± {percent:.1f} %: drive it further",
     "calibration.loose-clock": "the clocks agree to ± {half_ms:.0f} ms only: change speed and turn often",
     "calibration.clock-at-end": "the clock offset {offset_s:.2f} s is at the end of the searched range",
-    "over-time.step": f"{{subject}} moved between {{first}} and {{second}}: {MOVED}",
-    "over-time.drift": f"{{subject}} moved slowly from {{first}} to {{second}}: {MOVED}",
+    "over-time.step": f"{{subject}} changed between {{first}} and {{second}}: {MOVED}",
+    "over-time.drift": f"{{subject}} changed slowly from {{first}} to {{second}}: {MOVED}",
     "over-time.refused": "the fit of {subject} is refused, so it does not count",
     "forecast.off": (
         "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit "

@@ -230,7 +230,7 @@ def _legend(of: Scene, y: float) -> list[str]:
     """Return a line for each thing that is drawn."""
     entries = [("route", _("taught path"), of.route is not None),
              ("band", _("corridor, 95 %"), of.half_m is not None),
-             ("sure", _("believed path"), of.estimated is not None),
+             ("sure", _("estimated path"), of.estimated is not None),
              ("true", _("true path"), of.true is not None)]  # fmt: skip
     out, x = [], LEFT + 50
     for k, (kind, label, _there) in enumerate([one for one in entries if one[2]]):

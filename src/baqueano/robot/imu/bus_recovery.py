@@ -123,7 +123,7 @@ def recoverable(path: str, model: Path) -> tuple[str, str, str]:
     """Check if the bus at `path` could be clocked free on this machine, whose name is in the file `model`: a verdict, a
     figure and a remedy of doctor.py."""
     if not model.exists() or "Raspberry Pi" not in model.read_text(encoding="utf-8"):
-        return "unknown", _("this machine is no Raspberry Pi"), ""
+        return "unknown", _("this machine is not a Raspberry Pi"), ""
     try:
         sda, scl = _pins(path).look()
     except RobotUnreachable as error:

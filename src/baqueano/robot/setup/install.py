@@ -156,7 +156,7 @@ def _write_locks(folder: Path, packages: dict[str, str]) -> None:
 def _piped(command: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if done.returncode:
-        said = done.stderr.strip().splitlines() or [_("it says nothing")]
+        said = done.stderr.strip().splitlines() or [_("without output")]
         raise FileError(fault("setup.packages", said=said[-1]))
 
 

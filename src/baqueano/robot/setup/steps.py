@@ -258,7 +258,10 @@ def vehicle(pi: Pi) -> Step:
         if target.exists():
             if target.read_bytes() != seen.read_bytes():
                 sys.exit(
-                    _("{path} was changed by somebody else meanwhile and stays: type it again", path=target)
+                    _(
+                        "another program changed {path} meanwhile, so it stays as it is: type the line again",
+                        path=target,
+                    )
                 )
             shutil.copyfile(target, before)
         part = target.with_name("vehicle.toml.part")

@@ -156,7 +156,7 @@ def calibrate(watched: ImuReader, say: Say) -> MountedImu:
     """Asks a person for three things and finds the rest; the IMU gives its chip's own axes."""
     say(
         _(
-            "put it on the floor, wheels down, and leave it alone for {steady_s:g} s",
+            "put the vehicle on the floor, wheels down, and do not touch it for {steady_s:g} s",
             steady_s=REST_S + STEADY_S,
         )
     )
@@ -169,7 +169,7 @@ def calibrate(watched: ImuReader, say: Say) -> MountedImu:
         return bool(np.abs(_across(accel - first, up)).max() > least)
 
     axes, lift = ahead(watched.changed(N_("the lift of the front"), tilted) - first, up)
-    say(_("put it down and turn it by about half a turn to the left, on the floor; then leave it alone"))
+    say(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
     before = watched.turned
     watched.changed(N_("the turn"), lambda accel: _turned(watched, before, up) and not tilted(accel))
     second, gyro_2 = watched.still(REST_S, N_("after the turn"))

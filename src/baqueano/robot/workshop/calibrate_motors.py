@@ -186,7 +186,7 @@ def _give_back(floor: "FloorTests", before: Settings, say: Say) -> None:
             except RobotUnreachable:
                 if not left:
                     raise
-        say(_("the Uno keeps what it kept before"))
+        say(_("the Uno keeps its old settings"))
     except (RobotUnreachable, KeyboardInterrupt):
         say(
             _(

@@ -75,7 +75,7 @@ def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
     bus = f"dev/i2c-{hardware.imu_bus:.0f}"
     if not (root / bus).exists() and not (root / MODEL).exists():
         yield Check(
-            "IMU", "unknown", _("there is no /{bus} on this machine, which is no Raspberry Pi", bus=bus)
+            "IMU", "unknown", _("/{bus} is missing on this machine: it is not a Raspberry Pi", bus=bus)
         )
         return
     try:
@@ -243,7 +243,7 @@ def power(root: Path) -> Iterator[Check]:
     try:
         bits = int((root / THROTTLED).read_text(encoding="utf-8"), 16)
     except (OSError, ValueError):
-        yield Check(N_("supply"), "unknown", _("this machine does not tell (a Raspberry Pi does)"))
+        yield Check(N_("supply"), "unknown", _("this machine does not report it (a Raspberry Pi does)"))
         return
     throttled = [_(text) for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
     yield Check(
@@ -259,7 +259,7 @@ def temperature(root: Path) -> Iterator[Check]:
     try:
         celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text(encoding="utf-8")) / 1000.0
     except (OSError, ValueError):
-        yield Check(N_("temperature"), "unknown", _("this machine does not tell"))
+        yield Check(N_("temperature"), "unknown", _("this machine does not report it"))
         return
     yield Check(
         N_("temperature"),
@@ -278,7 +278,7 @@ def governor(root: Path) -> Iterator[Check]:
             .strip()
         )
     except OSError:
-        yield Check(N_("governor"), "unknown", _("this machine does not tell"))
+        yield Check(N_("governor"), "unknown", _("this machine does not report it"))
         return
     yield Check(
         N_("governor"),
@@ -317,7 +317,8 @@ def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
         "ok" if year >= LEAST_YEAR else "warn",
         text,
         _(
-            "It has not heard of the time; runs are named by it. baqueano robot setup brings the laptop's time"
+            "The clock is not set, and runs are named by it. baqueano robot setup sets it to the "
+            "laptop's time"
         ),
     )
 

@@ -41,7 +41,7 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
             yield from answers(link, least_battery_v, before)
             yield memory(link.ask(AskInfo(), Info))  # INFO of its start comes before it has looked
     except BaqueanoError as error:
-        yield Check(N_("serial line"), "bad", _("no Uno that speaks our language"), str(error))
+        yield Check(N_("serial line"), "bad", _("no Uno with our firmware"), str(error))
 
 
 def commanded(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
@@ -62,7 +62,7 @@ def answers(
         yield Check(
             N_("firmware"),
             "bad",
-            _("the Uno was reset while it was asked"),
+            _("the Uno was reset during the check"),
             _("Look at its supply, and try again"),
         )
         return

@@ -118,7 +118,7 @@ class ImportedRuns(NamedTuple):
             )
             for (level, code), d in first.items()
         ]
-        return "\n".join(lines or [_("nothing was doubted")])
+        return "\n".join(lines or [_("nothing was doubtful")])
 
 
 def import_run(

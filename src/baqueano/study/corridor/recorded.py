@@ -49,7 +49,7 @@ def ends_of_recordings(
         if files := missing(case):
             notes.append(
                 _(
-                    "{case} is left out: there is no {files}; set BAQUEANO_DATA to its folder",
+                    "{case} is left out: {files} is missing; set BAQUEANO_DATA to its folder",
                     case=case,
                     files=files[0],
                 )

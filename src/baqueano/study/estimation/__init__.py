@@ -28,7 +28,7 @@ def estimation(
         if files := missing(name):
             left_out.append(
                 _(
-                    "{name} is left out: there is no {files}; set BAQUEANO_DATA to its folder",
+                    "{name} is left out: {files} is missing; set BAQUEANO_DATA to its folder",
                     name=name,
                     files=files[0],
                 )

@@ -2,7 +2,9 @@
 
 from baqueano.diagnostics import StopReason as S
 
-ENCODER = "Does that wheel turn? If it does, check its encoder: 5 V, ground, wire A. Without an encoder: {fix}"
+ENCODER = (
+    "Does that wheel turn? If it does, check its encoder: 5 V, ground, wire A. Without an encoder: {fix}"
+)
 MISSION = "the service ended in the middle of a mission: {kind} into {run}, with {blocks}."
 ENDED = "One of its blocks ended, crashed or blocked the program, or somebody killed the service"
 OTHERWISE = (
