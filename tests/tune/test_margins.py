@@ -45,7 +45,9 @@ def test_the_loop_of_a_vehicle_has_the_margins_of_python_control(plant):
         omega = np.geomspace(0.05, np.pi / plant.dt_s, 4000)
         response = control.frd(loop.at(omega), omega, smooth=True)
         theirs = control.StateSpace(loop.A, loop.B, loop.C, loop.D, plant.dt_s)
-        np.testing.assert_allclose(loop.at(omega[::200]), theirs(np.exp(1j * omega[::200] * plant.dt_s)), rtol=1e-6)
+        np.testing.assert_allclose(
+            loop.at(omega[::200]), theirs(np.exp(1j * omega[::200] * plant.dt_s)), rtol=1e-6
+        )
         gain, phase, _, _, crossover, _ = control.stability_margins(response)
         ours = margins(loop)
         assert ours[0] == pytest.approx(gain, rel=1e-3)

@@ -184,7 +184,9 @@ def test_the_slope_over_vehicles_is_exact_one_after_the_other_and_in_lanes(ident
 
 
 def test_the_worst_of_other_vehicles_is_never_worse_than_with_nominal_gains(identified):
-    tuned = tune(identified, circle(0.4, 0.3), starts=1, polish=False, draws=4, duration_s=2.0, gains=["alpha", "beta"])
+    tuned = tune(
+        identified, circle(0.4, 0.3), starts=1, polish=False, draws=4, duration_s=2.0, gains=["alpha", "beta"]
+    )
     assert tuned.worst is not None
     assert (tuned.worst.draws, tuned.worst.judges) == (4, 200)
     assert tuned.worst.cost <= tuned.worst.nominal

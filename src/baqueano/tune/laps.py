@@ -18,8 +18,8 @@ from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_o
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
-from baqueano.tune.cost import Weights, jerk, path_cost, shown
 from baqueano.tune.asked import SoughtGains, sought
+from baqueano.tune.cost import Weights, jerk, path_cost, shown
 from baqueano.tune.rehearsal import ASIDE_M, HUBER_M, JERK_M2, TICKS_FROM, rms, unquantised, weights_of
 
 if TYPE_CHECKING:

@@ -32,7 +32,11 @@ if TYPE_CHECKING:
 
 SETTLE_S = 0.5
 NEWTON, STEADY = 8, 1e-7  # steps at most, and what is left of them, relative
-LONGER_S, CALM_S, CALM = 4.0, 0.5, 0.05  # where there is no steady drive: the command of the last time changes less
+LONGER_S, CALM_S, CALM = (
+    4.0,
+    0.5,
+    0.05,
+)  # where there is no steady drive: the command of the last time changes less
 SLOWEST_M_S = 0.01  # no steady drive below it
 FREQUENCIES = 2000
 LOWEST_RAD_S = 0.02
@@ -65,7 +69,8 @@ class Linear(NamedTuple):
         """Return the first entry of the transfer function at ω (f,) [rad/s]."""
         z = np.exp(1j * np.atleast_1d(omega) * self.dt_s)
         resolved = np.linalg.solve(
-            z[:, None, None] * np.eye(len(self.A)) - self.A, np.broadcast_to(self.B[:, :1], (len(z), len(self.A), 1))
+            z[:, None, None] * np.eye(len(self.A)) - self.A,
+            np.broadcast_to(self.B[:, :1], (len(z), len(self.A), 1)),
         )
         return (self.C[:1] @ resolved)[:, 0, 0] + self.D[0, 0]
 
@@ -84,7 +89,8 @@ def loop_margins(
     whole = np.block([[plant.A, plant.B], [plant.C, plant.D]])
     stable = steady and bool(np.max(np.abs(np.linalg.eigvals(whole))) < GROWS)
     return tuple(
-        LoopMargins(names[k], *margins(opened(plant, k)), speed_m_s, stable) for k in np.flatnonzero(limit > 0.0)
+        LoopMargins(names[k], *margins(opened(plant, k)), speed_m_s, stable)
+        for k in np.flatnonzero(limit > 0.0)
     )
 
 
@@ -126,7 +132,11 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
 
     Newton's method finds the state x that a tick only moves along: f(x) = x + v δ ∂x/∂place.
     """
-    system, rate_hz, dt_s = _straight(vehicle_file, controller, speed_m_s), vehicle_file.rate_hz, 1.0 / vehicle_file.rate_hz
+    system, rate_hz, dt_s = (
+        _straight(vehicle_file, controller, speed_m_s),
+        vehicle_file.rate_hz,
+        1.0 / vehicle_file.rate_hz,
+    )
     state = begin(system)
     flat = _Numbers(state)
     along = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
@@ -148,7 +158,9 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
     return Linear(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
 
 
-def _steady(tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+def _steady(
+    tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the row that a tick shifts only, by Newton's method from x, the Jacobian there, and whether it exists."""
     J = np.zeros((len(x), len(x)))
     for _ in range(NEWTON):
@@ -186,7 +198,9 @@ class _Numbers:
 
     def state(self, row: Tree) -> SystemState:
         """Return the state with the numbers of a row, and the integers of the example."""
-        whole: list[Tree] = [int(x) if leaf.kind != "f" else x for leaf, x in zip(self.leaves, self.example, strict=True)]
+        whole: list[Tree] = [
+            int(x) if leaf.kind != "f" else x for leaf, x in zip(self.leaves, self.example, strict=True)
+        ]
         at = 0
         for k in self.free:
             shape, size = self.example[k].shape, self.example[k].size

@@ -239,14 +239,13 @@ def rehearse(
     each = list(routes) if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]
     if not each or seeds < 1:
         raise UsageError(fault("tune.nothing-to-drive", routes=len(each), seeds=seeds))
-    systems = [
-        unquantised(closed(vehicle_file, route, laps, not estimator, asked.block)) for route in each
-    ]
+    systems = [unquantised(closed(vehicle_file, route, laps, not estimator, asked.block)) for route in each]
     own, vehicles = drawn_vehicles(vehicle_file, systems[0], draws, seed) if draws else ((), np.zeros((1, 0)))
     paths = (*(f"controller.{name}" for name in asked.names), *own)
     systems = [_with_room(system, own, vehicles, vehicle_file.rate_hz) for system in systems]
     legs = [
-        _leg(vehicle_file, system, paths, weights, duration_s, aside_m, estimator, backend) for system in systems
+        _leg(vehicle_file, system, paths, weights, duration_s, aside_m, estimator, backend)
+        for system in systems
     ]
     loop = N_("estimator in the loop") if estimator else N_("perfect pose")
     of_noise = range(seed, seed + seeds) if estimator else [None]
@@ -309,7 +308,11 @@ def rms(x: np.ndarray) -> float:
 
 
 def weights_of(
-    vehicle_file: "VehicleFile", radian_m: float | None, huber_m: float, jerk_m2: float, effort_m2: float = 0.0
+    vehicle_file: "VehicleFile",
+    radian_m: float | None,
+    huber_m: float,
+    jerk_m2: float,
+    effort_m2: float = 0.0,
 ) -> Weights:
     """The settings of the cost, checked."""
     radian_m = _radian(vehicle_file) if radian_m is None else radian_m

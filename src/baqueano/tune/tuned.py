@@ -22,7 +22,17 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file import VehicleFile
 
-FACTORS = (0.5, 0.65, 0.8, 0.9, 1.0, 1.1, 1.25, 1.6, 2.0)  # of a gain: where the cost around the optimum is taken
+FACTORS = (
+    0.5,
+    0.65,
+    0.8,
+    0.9,
+    1.0,
+    1.1,
+    1.25,
+    1.6,
+    2.0,
+)  # of a gain: where the cost around the optimum is taken
 AGREE = 1e-3  # costs that differ by less than this part are the same
 
 
@@ -226,7 +236,9 @@ class TuneResult(Result):
             lines.append(
                 _(
                     "worst of {judges} other vehicles: {cost:.4g} m², {nominal:.4g} with gains for the file's own",
-                    judges=self.worst.judges, cost=self.worst.cost, nominal=self.worst.nominal,
+                    judges=self.worst.judges,
+                    cost=self.worst.cost,
+                    nominal=self.worst.nominal,
                 )
             )
         if self.fresh:

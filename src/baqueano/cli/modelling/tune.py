@@ -32,7 +32,9 @@ from baqueano.diagnostics import note
     help="Radius of a circle, half length of an eight [m].",
 )
 @click.option(
-    "--controller", metavar="KIND|FILE:CLASS", help="Another controller than the file's; --update writes it too."
+    "--controller",
+    metavar="KIND|FILE:CLASS",
+    help="Another controller than the file's; --update writes it too.",
 )
 @click.option("--estimator", "with_estimator", is_flag=True, help="With the estimator in the loop and noise.")
 @click.option(

@@ -49,8 +49,8 @@ class TuningBench:
         meanings = dict(_meanings(block))
         known = bool(np.all(np.isfinite(asked.before)))
         rows = [
-            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]], "low": low, "high": high,
-             "file": before if known else None, "value": first}
+            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]],
+             "low": low, "high": high, "file": before if known else None, "value": first}
             for n, unit, low, high, before, first in zip(
                 asked.names, asked.units, asked.low.tolist(), asked.high.tolist(), asked.before.tolist(),
                 asked.first.values(), strict=True)
