@@ -69,7 +69,9 @@ def beside(loops, robots, seeds, seconds):
         now, reference = guide.step(now, at_rest._replace(t_ns=int(t)))
         for i, one in enumerate(loops):
             known = np.concatenate([truth.eta[i], truth.nu[i]])
-            states[i], (u[i], _) = one.step(states[i], Tick(int(t), u[i].copy(), one.slots(Slot(1.0, known))), reference)
+            states[i], (u[i], _) = one.step(
+                states[i], Tick(int(t), u[i].copy(), one.slots(Slot(1.0, known))), reference
+            )
         true[k], asked[k] = truth.eta[:, :2], reference.eta[:2]
     late = t_ns >= int(min(FROM_S, 0.5 * seconds) * 1e9)
     return np.array([rms(cross_track(t_ns[late], true[late, i], t_ns, asked)) for i in range(n)])
@@ -87,16 +89,22 @@ def main():
     gains = {"alpha": 4.0, "beta": 1.0, "gamma": 0.1} if asked.controller == "pd" else {}
     files = [
         model_of(one, seed).with_values(
-            {"controller.kind": asked.controller} | {f"controller.{name}": value for name, value in gains.items()}
+            {"controller.kind": asked.controller}
+            | {f"controller.{name}": value for name, value in gains.items()}
         )
         for one, seed in zip(each, seeds, strict=True)
     ]
     loops, robots = [Loop(file, True, "auto") for file in files], together(each)
     own = float(np.median(robots.delay_s))
     found = [beside(loops, robots.changed(delay_s=robots.delay_s + late), seeds, seconds) for late in extra]
-    print(f"{asked.controller}, {len(seeds)} robots: total delay [ms] (median), beside the path [mm rms]: median, worst")
+    print(
+        f"{asked.controller}, {len(seeds)} robots: total delay [ms] (median), beside the path [mm rms]: median, worst"
+    )
     for late, distances in zip(extra, found, strict=True):
-        print(f"  {1e3 * (own + late):6.0f} {1e3 * np.median(distances):8.2f} {1e3 * np.max(distances):8.2f}", flush=True)
+        print(
+            f"  {1e3 * (own + late):6.0f} {1e3 * np.median(distances):8.2f} {1e3 * np.max(distances):8.2f}",
+            flush=True,
+        )
     medians = np.array([np.median(d) for d in found])
     twice = np.flatnonzero(medians >= 2.0 * medians[0])
     if len(twice):

@@ -6,7 +6,7 @@ import pytest
 from baqueano.symbolic import scan, where
 from tests.symbolic.test_scan import BACKENDS
 
-X = [*np.sin(np.arange(30.0)).reshape(-1, 1), 0.0, 0.5]
+X = np.sin(np.arange(30.0)).reshape(-1, 1) + np.array([0.0, 0.5])
 
 
 def step(p, x, u):

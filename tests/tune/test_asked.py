@@ -112,3 +112,9 @@ def test_a_gain_on_a_soft_bound_is_searched_for_again_beyond_it():
     assert gain.value < first.low[0]
     inside = at_limit(np.array([gain.value]), np.array([gain.low]), np.array([gain.high]))
     assert inside[0] == 0 or gain.low == pytest.approx(first.low[0] / 64.0)
+
+
+def test_a_controller_whose_step_calls_a_library_is_refused_before_the_search():
+    pytest.importorskip("osqp")
+    with refused("tune.as-written", UsageError, controller="Mpc"):
+        sought(load("small"), controller="mpc")

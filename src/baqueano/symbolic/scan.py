@@ -303,11 +303,7 @@ class TracedScan(Scan):
         with self.trace.graph.lock:
             if key not in self.summing:
                 program = summed(assembly.program, slopes)
-                self.summing[key] = (
-                    assembly,
-                    program,
-                    Runner(program, self.asked),
-                )  # it keeps the assembly's id
+                self.summing[key] = assembly, program, Runner(program, self.asked)  # the id stays taken
         return self.summing[key][1:]
 
     def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:

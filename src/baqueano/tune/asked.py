@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.blocks import kinds, resolve
+from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller, OwnBlock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
@@ -92,6 +93,8 @@ def sought(
     """The gains, their bounds, and what the file has for them; `controller` in place of the file's."""
     bounds = bounds or {}
     block, known = _block(vehicle_file, gains, controller)
+    if optional.of(block, "as_written"):
+        raise UsageError(fault("tune.as-written", controller=type(block).__name__))
     entries = _entries(block)
     fields = {name.partition("[")[0] for name in entries}
     asked = entries if gains is None else gains

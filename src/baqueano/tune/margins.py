@@ -32,7 +32,11 @@ if TYPE_CHECKING:
 
 SETTLE_S = 0.5
 NEWTON, STEADY = 8, 1e-7  # steps at most, and what is left of them, relative
-LONGER_S, CALM_S, CALM = 4.0, 0.5, 0.05  # where there is no steady drive: the command of the last time changes less
+LONGER_S, CALM_S, CALM = (
+    4.0,
+    0.5,
+    0.05,
+)  # where there is no steady drive: the command of the last time changes less
 SLOWEST_M_S = 0.01  # no steady drive below it
 FREQUENCIES = 2000
 LOWEST_RAD_S = 0.02
@@ -128,7 +132,11 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
 
     Newton's method finds the state x that a tick only moves along: f(x) = x + v δ ∂x/∂place.
     """
-    system, rate_hz, dt_s = _straight(vehicle_file, controller, speed_m_s), vehicle_file.rate_hz, 1.0 / vehicle_file.rate_hz
+    system, rate_hz, dt_s = (
+        _straight(vehicle_file, controller, speed_m_s),
+        vehicle_file.rate_hz,
+        1.0 / vehicle_file.rate_hz,
+    )
     state = begin(system)
     flat = _Numbers(state)
     along = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
@@ -150,7 +158,9 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
     return Linear(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
 
 
-def _steady(tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+def _steady(
+    tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the row that a tick shifts only, by Newton's method from x, the Jacobian there, and whether it exists."""
     J = np.zeros((len(x), len(x)))
     for _ in range(NEWTON):
@@ -188,7 +198,9 @@ class _Numbers:
 
     def state(self, row: Tree) -> SystemState:
         """Return the state with the numbers of a row, and the integers of the example."""
-        whole: list[Tree] = [int(x) if leaf.kind != "f" else x for leaf, x in zip(self.leaves, self.example, strict=True)]
+        whole: list[Tree] = [
+            int(x) if leaf.kind != "f" else x for leaf, x in zip(self.leaves, self.example, strict=True)
+        ]
         at = 0
         for k in self.free:
             shape, size = self.example[k].shape, self.example[k].size

@@ -37,17 +37,11 @@ from baqueano.diagnostics import note
     help="Radius of a circle, or half the length of an eight [m].",
 )
 @click.option(
-    "--estimator",
-    "with_estimator",
-    is_flag=True,
-    help=("Simulate with the estimator in the loop, and with noise."),
-)
-@click.option(
     "--controller",
     metavar="KIND|FILE:CLASS",
     help="Another controller than the file's; --update writes it too.",
 )
-@click.option("--estimator", "with_estimator", is_flag=True, help="With the estimator in the loop and noise.")
+@click.option("--estimator", "with_estimator", is_flag=True, help="Simulate with the estimator in the loop, and with noise.")
 @click.option(
     "--draws",
     type=numbers.count_or_none,
@@ -59,7 +53,7 @@ from baqueano.diagnostics import note
     type=numbers.count,
     default=1,
     show_default=True,
-    help="Suit so many draws of the noise, with --estimator.",
+    help="Number of draws of the noise to tune for, with --estimator.",
 )
 @click.option(
     "--jerk",
@@ -75,7 +69,7 @@ from baqueano.diagnostics import note
     type=numbers.Number("m^2", above=False),
     default=0.0,
     show_default=True,
-    help="Price of a tick at the limit of the command [m^2].",
+    help="Weight of the command [m^2]: the cost of a tick at its limit.",
 )
 @click.option(
     "--aside",

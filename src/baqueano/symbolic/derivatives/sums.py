@@ -1,4 +1,4 @@
-"""A program whose carry ends with the sums of its outputs over the ticks, and their derivatives by the first parameters.
+"""A program whose carry ends with the sums of its outputs over the ticks, and their slopes by some parameters.
 
     S⁺ = S + y,    ∂S⁺ = ∂S + ∂y,    ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                              (1)
 

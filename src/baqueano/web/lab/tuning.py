@@ -49,8 +49,8 @@ class TuningBench:
         meanings = dict(_meanings(block))
         complete = bool(np.all(np.isfinite(search.before)))
         rows = [
-            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]], "low": low, "high": high,
-             "file": before if complete else None, "value": first}
+            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]],
+             "low": low, "high": high, "file": before if complete else None, "value": first}
             for n, unit, low, high, before, first in zip(
                 search.names, search.units, search.low.tolist(), search.high.tolist(), search.before.tolist(),
                 search.first.values(), strict=True)

@@ -39,6 +39,10 @@ TEMPLATES: dict[str, str] = {
         "huber_m above 0, the others at least 0."
     ),
     "tune.nothing-to-drive": "{routes} routes and {seeds} seeds: expected at least one of each.",
+    "tune.as-written": (
+        "{controller} cannot be tuned: its step calls a library, so its cost has no gradient. Compare sets of its "
+        "parameters with a sweep."
+    ),
     "tune.of-a-cell": (
         "{controller} stands in no file that a vehicle file could name. Drive with controller=tuned.controller, or "
         "write the class into a file."
