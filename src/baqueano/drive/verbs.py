@@ -200,9 +200,10 @@ def repeat(
         In place of the file's: a kind of ours, "file.py:Class", a class, which is made with what the file holds, or a
         block as it is. The run records the text of those that are not ours.
     **options : object
-        `anyway`: also a route that is too fast or has gaps; `room`: stop before the vehicle may leave it; `lead_in`:
-        False to begin with the route wherever the vehicle stands; `way_back`: drive back to the start afterwards;
-        `caution`: False to go on with a doubtful estimate; `patience_s`: after which a vehicle that is stuck is given
+        `check`: False to judge no route; `anyway`: also one that is too fast or has gaps; `room`: stop before the
+        vehicle may leave it; `lead_in`: False to begin with the route wherever the vehicle stands; `way_back`: drive
+        back to the start afterwards; `caution`: False to go on with a doubtful estimate; `patience_s`: after which a
+        vehicle that is stuck is given
         up. Keywords of `drive` and of its `Conditions`: `path`, `seed`, `eta`, `truth`, `world`, …
 
     Returns
@@ -229,10 +230,10 @@ def repeat(
     """
     care, options = Precautions.of(options)
     options = {"eta": route.eta[0], "backend": "auto"} | options
-    measured = not vehicle_file.guessed or (vehicle_file.path is None and options.get("world") is None)
-    warnings_of(
-        route, vehicle_file, care.room, measured=measured, anyway=care.anyway, backend=options["backend"]
-    )
+    if care.check:
+        measured = not vehicle_file.guessed or (vehicle_file.path is None and options.get("world") is None)
+        how = {"measured": measured, "anyway": care.anyway, "backend": options["backend"]}
+        warnings_of(route, vehicle_file, care.room, **how)
     blocks = Blocks(
         vehicle_file.estimator(estimator),
         with_laps(vehicle_file.guide(route, guide), laps),

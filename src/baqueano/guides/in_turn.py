@@ -98,7 +98,7 @@ def _either(condition: Value, a: Tree, b: Tree) -> Tree:
     """Return the one tree or the other, which have one shape, number by number."""
     if isinstance(a, tuple):
         parts = [_either(condition, x, y) for x, y in zip(a, b, strict=True)]
-        return type(a)(*parts) if hasattr(a, "_fields") else tuple(parts)
+        return tuple(parts) if type(a) is tuple else type(a)(*parts)
     if isinstance(a, dict):
         return {name: _either(condition, a[name], b[name]) for name in a}
     return a if a is None else np.where(condition, a, b)

@@ -81,9 +81,15 @@ def work(job: SweepJob) -> SweepDrive:
 def _driven(job: SweepJob) -> "Run":
     assert job.route is not None
     start = compose(job.route.eta[0], np.array(job.settings.start))
+    bare = {
+        "check": False,
+        "lead_in": False,
+        "caution": False,
+        "patience_s": np.inf,
+    }  # blocks alone are compared
     return repeat(
         job.file.parsed(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
-        backend=job.settings.backend,
+        backend=job.settings.backend, **bare,
     )  # fmt: skip
 
 

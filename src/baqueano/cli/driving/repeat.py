@@ -85,7 +85,7 @@ def command(
         taught = as_fast_as_it_can(taught, route, file, backend)
     walled = walls(file, room, start)
     drivable(taught, route, file, walled, robot, anyway, backend)
-    care = Precautions(anyway, walled, lead_in, way_back, caution, patience_s)
+    care = Precautions(True, anyway, walled, lead_in, way_back, caution, patience_s)
     own = {"estimator": estimator, "controller": controller, "guide": guide}
     own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
     what = Mission(

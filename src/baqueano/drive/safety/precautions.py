@@ -43,12 +43,13 @@ class PlainRoom(NamedTuple):
 class Precautions:
     """Options of `repeat` for the safety of the vehicle.
 
-    `anyway`: drive a route that is too fast, or has gaps. `room`: stop before the vehicle may leave it. `lead_in`:
-    where the vehicle does not stand at the start of its route, drive there first. `way_back`: afterwards drive back to
-    that start. `caution`: slow down and stop where the estimate is doubtful. `patience_s`: give up a vehicle that is
-    stuck for so long.
+    `check`: judge the route before anything moves. `anyway`: drive one that is too fast, or has gaps. `room`: stop
+    before the vehicle may leave it. `lead_in`: where the vehicle does not stand at the start of its route, drive there
+    first. `way_back`: afterwards drive back to that start. `caution`: slow down and stop where the estimate is
+    doubtful. `patience_s`: give up a vehicle that is stuck for so long.
     """
 
+    check: bool = True
     anyway: bool = False
     room: "Walls | None" = None
     lead_in: bool = True
