@@ -103,8 +103,9 @@ def test_the_bound_is_the_inverse_of_the_information():
     np.testing.assert_allclose(list(found.values()), expected, rtol=1e-6)
 
 
-def test_one_robot_is_fitted_and_the_fit_is_not_wrong():
-    study = identification(1, 5, cases=("floor",), duration_s=5.0)
+@pytest.mark.parametrize("case", ["floor", "low-passed"])
+def test_one_robot_is_fitted_and_the_fit_is_not_wrong(case):
+    study = identification(1, 5, cases=(case,), duration_s=5.0)
     (outcome,) = study.outcomes
     assert len(outcome.names) == 27
     rows = study.rows()

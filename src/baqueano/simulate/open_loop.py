@@ -137,6 +137,7 @@ def simulate(
 
 def _ticks_of(vehicle_file: "VehicleFile", run: Run, rows: int, rate_hz: float) -> Run:
     """Return a run of `rows` rows a tick as one of ticks."""
+    assert run.truth is not None
     end = slice(rows - 1, None, rows)
     t_ns = times(len(run.t_ns) // rows, rate_hz)
     sensors = {}

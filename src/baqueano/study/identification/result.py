@@ -52,6 +52,7 @@ LIMITS = {
     "rough": Limit(0.92, width=1.5),
     "floor": Limit(0.92, usable=0.80),
     "floor, innovations": Limit(0.92, usable=0.80),
+    "low-passed": Limit(),
     "wrong start": Limit(),
     "matched": Limit(0.85, named=0.10),
     "understeer": Limit(held_or_named=0.85),

@@ -7,6 +7,7 @@ the search begins at a rough guess, but for the tilt (robots.py). Cars on tyres,
     clean               white noise alone
     rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, steps of 1 σ, walking biases
     floor               process noise of a rough floor; floor, innovations: with the other cost
+    low-passed          clean, but the IMU filters at 44 Hz, which the file does not name
     wrong start         clean, from friction and forces times 0.2 to 5, random signs, and dead zones from 0 to 0.5
     matched             cars with stiff tyres that are alike, gentle steering: nearly the car that is fitted
     understeer          soft tyres that understeer and saturate, half of full lock and more
@@ -39,12 +40,21 @@ from baqueano.study.identification.bound import beside, bound_of
 from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
-OF_ROBOTS = (N_("clean"), N_("rough"), N_("floor"), N_("floor, innovations"), N_("wrong start"))
+OF_ROBOTS = (
+    N_("clean"),
+    N_("rough"),
+    N_("floor"),
+    N_("floor, innovations"),
+    N_("low-passed"),
+    N_("wrong start"),
+)
 OF_CARS = (N_("matched"), N_("understeer"))
 CASES = OF_ROBOTS + OF_CARS
 SECONDS, REST_S = 60.0, 2.0
 FLOOR = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
 JITTER_S = 1e-3
+BOUNDED = ("clean", "rough", "wrong start")  # the cases whose readings the bound of clean ones is for
+LOW_PASS_HZ = 44.0
 BOUND_STEP_S = 5e-3  # of Runge and Kutta: the bound is the one at 1 ms to 1e-4
 PWM = 255
 STEERED = {"matched": 0.2, "understeer": 0.8}  # of full lock
@@ -129,7 +139,7 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     t_ns, n = times(len(us[0]), 100.0), len(robots)
     given: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
-    if not all("floor" in case for case in cases):
+    if set(cases) & set(BOUNDED):
         bounds = _bounds(robots, us, t_ns)
     if "clean" in cases or "wrong start" in cases:
         given = dict.fromkeys(("clean", "wrong start"), driven(_group(robots), _beside(us), job.seeds, t_ns))
@@ -138,6 +148,9 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
         given |= dict.fromkeys(
             ("floor", "floor, innovations"), driven(_group(rough), _beside(us), job.seeds, t_ns)
         )
+    if "low-passed" in cases:
+        slow = [_filtered(q) for q in robots]
+        given["low-passed"] = driven(_group(slow), _beside(us), job.seeds, t_ns)
     if "rough" in cases:
         given["rough"] = _roughly(robots, us, job.seeds, t_ns)
     out: list[TrialOutcome] = []
@@ -148,7 +161,7 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
             run = recorded(given[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
             fit = _fitted(run, q, case, job.seeds[k], job.backend)
             clean = fit if case == "clean" else clean
-            bound = bounds[k] if "floor" not in case else {}
+            bound = bounds[k] if case in BOUNDED else {}
             right = clean if case == "wrong start" else None
             true = robot_values(q.changed(imu=q.imu.changed(bias=q.imu.bias + given[case].wandered[k])))
             out.append(_outcome(case, job.seeds[k], fit, true, bound, right))
@@ -183,6 +196,10 @@ def _roughly(
 
 def _coarse(q: Robots) -> Robots:
     return q.changed(imu=q.imu.changed(walk=np.array([WALK]), step=q.imu.noise))
+
+
+def _filtered(q: Robots) -> Robots:
+    return q.changed(imu=q.imu.changed(low_pass_s=np.full(1, 0.5 / (np.pi * LOW_PASS_HZ))))
 
 
 def _with_outliers(run: Run, q: Robots, seed: int) -> Run:
