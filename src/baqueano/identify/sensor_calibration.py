@@ -76,8 +76,7 @@ class Calibration(Result):
         for one in self.numbers:
             if one.name.endswith("scale") and not one.half < LOOSE * one.value:
                 code = "calibration.turn-more" if "gyro" in one.name else "calibration.drive-further"
-                percent = 100 * one.half / one.value
-                out.append(note(code, Severity.WARNING, subject=one.name, percent=percent))
+                out.append(note(code, Severity.WARNING, "", one.name, percent=100 * one.half / one.value))
             if one.name == "clock.truth" and not one.half < CLOCK_LOOSE_S:
                 out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * one.half))
             if one.name == "clock.truth" and abs(one.value) > LARGEST_S - GRID_S:
@@ -105,8 +104,8 @@ class Calibration(Result):
         lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
         for one in self.numbers:
             was = "" if one.in_file is None else f"{number(one.in_file):.4g}"
-            values = f"{number(one.value):>10.4f} ± {number(one.half):>8.2g}"
-            lines.append(f"{one.name:{wide}}  {values}  {was:>8}  {one.unit}  {one.words}")
+            values = f"{number(one.value):>10.4f} ± {number(one.half):>8.2g}  {was:>8}"
+            lines.append(f"{one.name:{wide}}  {values}  {one.unit}  {one.words}")
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
@@ -383,9 +382,7 @@ def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[Cali
 def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     """The mark's place is told in the body's axes, x the way in which the wheels roll."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
-    words = _(
-        "the truth moves {ratio:.4f} times as far as the odometer", ratio=float(np.hypot(*answer.x[:2]))
-    )
+    words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
 
     def turned(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))

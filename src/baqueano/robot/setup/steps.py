@@ -258,10 +258,7 @@ def vehicle(pi: Pi) -> Step:
         if target.exists():
             if target.read_bytes() != seen.read_bytes():
                 sys.exit(
-                    _(
-                        "another program changed {path} meanwhile, so it stays as it is: type the line again",
-                        path=target,
-                    )
+                    _("another program changed {path}, so it stays as it is: repeat the line", path=target)
                 )
             shutil.copyfile(target, before)
         part = target.with_name("vehicle.toml.part")
