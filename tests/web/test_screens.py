@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.web.chromium import CHROMIUM, SIZES
-from tests.web.screens import BOXES, LANGUAGES, SEEN, THEMES, each_screen, looked_at, shot
+from tests.web.screens import BOXES, LANGUAGES, SEEN, THEMES, each_screen, looked_at, opened, shot
 
 AXE = Path(__file__).parent / "axe" / "node_modules" / "axe-core" / "axe.min.js"
 RULES = """axe.run(document, { resultTypes: ["violations"] }).then(({ violations, passes }) => ({
@@ -52,3 +52,22 @@ def test_axe_finds_no_violation_on_any_screen(browser, kind):
                 wrong[f"{screen} {theme}"] = judged["violations"]
     assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
     assert min(passes) > 15  # rules that had something to judge
+
+
+@pytest.mark.parametrize(
+    ("spoil", "finds"),
+    [
+        ("p.style.top = '70px'; p.style.left = '60px'", "overlap"),
+        ("p.style.top = '300px'; p.style.left = `${innerWidth - 20}px`", "beyond the edge"),
+        ("p.style.top = '-200px'; p.style.color = '#eee'", "faint"),
+        ("p.replaceWith(document.createElement('input'))", "nameless"),
+    ],
+)
+def test_the_check_finds_what_it_is_for(tab, live, spoil, finds):
+    opened(tab, live, screen="runs")
+    tab.js(
+        "(() => { const p = document.createElement('p'); p.textContent = 'a text that stands in the way of another';"
+        f"p.style.position = 'fixed'; p.style.whiteSpace = 'nowrap'; document.body.append(p); {spoil}; }})()"
+    )
+    found = tab.js(BOXES)
+    assert any(one.startswith(finds) for one in found), found
