@@ -143,7 +143,7 @@ class Door:
 
     def _tell_all(self) -> bool:
         """Put what was told before each guest; True if something was."""
-        told = bool(self._told)
+        before = len(self._told)
         while self._told:
             message = self._told.popleft()
             if message["is"] in ("state", "done"):
@@ -155,7 +155,7 @@ class Door:
             line = encoded(message)
             for guest in self._guests:
                 guest.send_line(line)
-        return told
+        return before > 0
 
     def _accept(self) -> None:
         assert self._listener is not None

@@ -29,6 +29,7 @@ from baqueano.web.visitor import Visitor, packed
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
+    from baqueano.web.visitor import Piece
 
 HZ = 20.0
 STATE_S = 0.4  # between states
@@ -227,10 +228,9 @@ class Live:
     def _identify(self, visitor: Visitor, word: "JsonObject") -> None:
         self.identifying.look(visitor, bool(word["on"]))
 
-    async def _history(self, from_s: float) -> "AsyncIterator[bytes | JsonObject]":
-        frame = self.feed.history(from_s)
-        if frame is not None:
-            yield frame
+    async def _history(self, from_s: float) -> "AsyncIterator[Piece]":
+        if parts := self.feed.history(from_s):
+            yield parts
 
     def _needs(self, visitor: Visitor, role: Role) -> None:
         if visitor.role is None or visitor.role < role:

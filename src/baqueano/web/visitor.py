@@ -28,10 +28,13 @@ from baqueano.web.guard import Rate, Role
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
+    Piece = bytes | JsonObject | tuple[bytes, ...]  # a binary message, a word, the parts of a binary message
+
 WORDS = 64
 LONGEST = 16 << 10  # bytes of a word of a browser
 RATE = 50.0  # words a second of a browser
 UNREAD = 4 << 20  # bytes that wait for the kernel: more than the largest piece
+FRAGMENT = 16 << 10  # bytes of a long message that are made at a time
 SENDING = 64 << 10  # bytes in the socket's buffer
 PING_S = 2.0
 WAY_S = 0.2  # there and back, at most, that a picture is given
@@ -53,7 +56,7 @@ class Visitor:
         self.spoke = False
         self._reader, self._writer, self._protocol = reader, writer, protocol
         self._words: deque[JsonObject] = deque()
-        self._pieces: AsyncIterator[bytes | JsonObject] | None = None
+        self._pieces: AsyncIterator[Piece] | None = None
         self._picture: bytes | None = None
         self._waiting, self._heard_s = asyncio.Event(), time.monotonic()
         self._parts: list[bytes] = []
@@ -89,7 +92,7 @@ class Visitor:
         self._picture = picture
         self._waiting.set()
 
-    def send_all(self, pieces: "AsyncIterator[bytes | JsonObject]") -> None:
+    def send_all(self, pieces: "AsyncIterator[Piece]") -> None:
         """Send pieces one by one, in place of those that have not gone.  (2)"""
         self._pieces = pieces
         self._waiting.set()
@@ -197,13 +200,28 @@ class Visitor:
             return False
         return True
 
-    async def _write(self, what: "bytes | JsonObject") -> None:
+    async def _write(self, what: "Piece") -> None:
+        if isinstance(what, tuple):
+            return await self._write_parts(deque(what))
         if isinstance(what, bytes):
             self._protocol.send_binary(what)
         else:
             self._protocol.send_text(encoded(what))
         self._flush()
         await self._drained()
+
+    async def _write_parts(self, parts: deque[bytes]) -> None:
+        """Send one message in fragments, the next when the kernel has the one before: one who does not read has no
+        long message of its own in memory."""
+        send = self._protocol.send_binary
+        while parts and self.open:
+            data = bytearray()
+            while parts and len(data) < FRAGMENT:
+                data += parts.popleft()
+            send(bytes(data), fin=not parts)
+            send = self._protocol.send_continuation
+            self._flush()
+            await self._drained()
 
     async def _drained(self) -> None:
         """Wait until the kernel has it."""
