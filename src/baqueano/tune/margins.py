@@ -1,4 +1,4 @@
-"""How much gain, phase and delay a loop bears: linearised where it drives straight on at a steady speed.
+"""The gain, phase and delay that a loop bears, linearised where it drives straight on at a steady speed.
 
     x⁺ = A x + B u,    y = C x + D u          vehicle, delay, sensors, controller; u in force, y the next    (1)
     L_i(z) = −z⁻¹ (C (zI − A)⁻¹ B + D)_ii,    z = exp(jω δ)        channel i opened, the others closed         (2)

@@ -40,7 +40,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "tune.nothing-to-drive": "{routes} routes and {seeds} seeds: expected at least one of each.",
     "tune.as-written": (
-        "{controller} cannot be tuned: its step calls a library, so its cost has no gradient. Compare sets of its "
+        "{controller} cannot be tuned: its step calls a library, which gives no gradient. Compare sets of its "
         "parameters with a sweep."
     ),
     "tune.of-a-cell": (
