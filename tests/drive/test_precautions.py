@@ -62,8 +62,9 @@ def test_anyway_passes_what_is_too_fast_and_never_what_is_no_number():
 def test_a_vehicle_beside_its_route_is_led_onto_it_and_drives_all_of_it():
     run = repeat(SMALL, LAP, eta=BESIDE)
     away, way = off_route(run, LAP)
-    assert np.max(away[way > 1.0]) < 0.03
-    assert run.reference.eta[0] == pytest.approx(BESIDE)
+    assert np.max(away[way > 0.6]) < 0.01  # it joins ahead, some 0.4 m along the way
+    assert run.reference.eta[0] == pytest.approx(BESIDE, abs=1e-3)
+    assert run.duration_s < LAP.t_s[-1] + 1.5  # no part of the route twice
     assert run.reference.done[-1] == 1.0
 
 

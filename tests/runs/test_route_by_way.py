@@ -23,12 +23,20 @@ def test_a_drawn_route_over_its_way_is_the_route_over_time(tmp_path, route):
     again = read_route(written(tmp_path / "r.csv", [",".join(map(repr, row)) for row in rows]))
     np.testing.assert_array_equal(again.eta, route.eta)
     np.testing.assert_allclose(again.t_s, route.t_s, rtol=1e-4)
-    np.testing.assert_allclose(again.nu[1:-1, 2], route.nu[1:-1, 2], atol=0.51)  # half a step of a corner's yaw rate
+    np.testing.assert_allclose(
+        again.nu[1:-1, 2], route.nu[1:-1, 2], atol=0.51
+    )  # half a step of a corner's yaw rate
     assert np.median(np.abs(again.nu[:, 2] - route.nu[:, 2])) < 1e-3
 
 
 def test_a_speed_profile_a_stop_and_a_turn_on_the_spot_take_their_time(tmp_path):
-    rows = ["0,0,0,0,0,0", "0.1,0.1,0,0,0.2,0", "0.3,0.3,0,0,0.2,3", "0.5,0.5,0,0,0.2,0", "0.5,0.5,0,1.5,0.2,0"]
+    rows = [
+        "0,0,0,0,0,0",
+        "0.1,0.1,0,0,0.2,0",
+        "0.3,0.3,0,0,0.2,3",
+        "0.5,0.5,0,0,0.2,0",
+        "0.5,0.5,0,1.5,0.2,0",
+    ]
     route = read_route(written(tmp_path / "r.csv", rows, HEAD + ",wait_s"))
     np.testing.assert_allclose(route.t_s, [0.0, 1.0, 2.0, 5.0, 6.0, 7.5])
     np.testing.assert_array_equal(route.eta[2], route.eta[3])

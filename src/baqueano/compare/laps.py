@@ -66,9 +66,9 @@ def laps_of(run: "Run") -> tuple[Lap, ...]:
     if ref is None or log is None or len(ref.t_ns) < 3 or len(log.t_ns) < 2:
         return ()
     at = _passages(ref.eta, bool(ref.done[-1] > 0.0))
-    at = at if len(at) and at[0] == 0 else [0, *at]
-    if len(at) < 2:
+    if len(at) < 2:  # it does not come back
         return ()
+    at = at if at[0] == 0 else [0, *at]
     across = errors.cross_track(log.t_ns, log.eta[:, :2], ref.t_ns, ref.eta[:, :2])
     ends = poses_at(ref.t_ns[at], log.t_ns, log.eta)
     laps = []

@@ -59,12 +59,12 @@ class InTurn:
     joins: bool = False
 
     @classmethod
-    def led_in(cls, guide: Guide, route: Route, **limits: float) -> "InTurn":
+    def led_in(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
         """Return the guide with a way onto its route from where the vehicle stands; `limits` are those of DriveTo."""
         return cls(DriveTo.join(route, **limits), guide, True)
 
     @classmethod
-    def with_way_back(cls, guide: Guide, route: Route, **limits: float) -> "InTurn":
+    def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
         """Return the guide with a way back to where its route begins."""
         return cls(guide, DriveTo(route.eta[:1], **limits))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Estimator, Guide
-from baqueano.contracts.values import JsonObject
+from baqueano.contracts.values import JsonObject, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.observers import Observer
 from baqueano.drive.safety.caution import Caution
@@ -35,7 +35,7 @@ PATIENCE_S = 20.0
 class PlainRoom(NamedTuple):
     """A room as it travels in a mission: see `routes.examine.Walls`."""
 
-    free: tuple[float, float]
+    free: Value
     start: tuple[float, float, float]
 
 

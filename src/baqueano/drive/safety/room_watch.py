@@ -17,6 +17,7 @@ from baqueano.geometry import map_from_body
 from baqueano.loop import Record
 
 if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
     from baqueano.routes.examine import Walls
 
 CHI_SQUARE = 5.991  # 95 % of two normal numbers
@@ -44,7 +45,7 @@ class RoomWatch(Observer):
         if np.max(beyond) > 0.0 and self._why is None:
             i = int(np.argmax(beyond))
             wall_m = float(self._free[i] - abs(place[i]))
-            figures = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
+            figures: JsonObject = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
             self._why = stop(StopReason.ROOM, axis="xy"[i], **figures)
 
     def why(self, t_ns: int) -> Diagnostic | None:
