@@ -230,9 +230,7 @@ def driving(
 
     `controller` is a kind, ours or "file.py:Class", in place of the file's; its gains are its defaults.
     """
-    compilable(
-        controller=guess().controller(controller)
-    )  # what cannot drive is refused before the first drive
+    compilable(controller=guess().controller(controller))  # refuses before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
     parts = spread_over(work, jobs, processes, lambda done: each(done * BATCH))

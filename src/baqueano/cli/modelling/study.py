@@ -162,6 +162,29 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
 
 
 @command.command(
+    "controllers",
+    help="All controllers on identified robots of a second simulator: known pose, own estimate, truth.",
+)
+@options.seed
+@click.option("--seeds", type=numbers.count, default=100, show_default=True, help="Robots, from --seed on.")
+@click.option(
+    "--with", "own", multiple=True, metavar="KIND", help='Yours beside ours: "file.py:Class"; again for more.'
+)
+@options.backend
+@options.as_json
+def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_json: bool) -> None:
+    from baqueano.cli.errors import Interrupted
+    from baqueano.study.controllers import controllers
+    from baqueano.sweep.workers import processors
+
+    with progress(note("cli.study-controllers", seeds=seeds), seeds) as each:
+        found = controllers(seeds, seed, processors(), backend, own, each=each)
+    answer(found, as_json)
+    if found.robots < seeds:
+        raise Interrupted(fault("cli.study-interrupted", done=found.robots, asked=seeds))
+
+
+@command.command(
     "marks",
     help=(
         "Fifty laps over two tags on the floor: test if heading and position stay bounded, as "
