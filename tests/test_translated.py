@@ -24,7 +24,7 @@ TYPED = re.compile(  # lines to type, code, words of NumPy
     r"^(exec )?baqueano |^sudo |^pip |\.__class__ |^\(\w+, \w+\(t_ns"
 )
 OTHER_TEXT = {  # with text that people read elsewhere, or not at all
-    "cli/__init__.py", "cli/blocks.py", "cli/modelling/runs.py", "cli/robot/settings.py",  # constants that are given as help
+    "cli/__init__.py", "cli/blocks.py", "cli/modelling/runs.py", "cli/robot/settings.py",  # constants: help
     "drive/verbs.py", "study/paper/case_study.py", "web/lab/identification.py",  # names of files, and units
     "identify/data/added_channels.py", "runs/importing/sources.py", "study/faults/judged.py",  # in the catalogue
     "robot/setup/card.py", "robot/setup/install.py", "robot/setup/steps.py", "robot/uno/c_header.py",  # of a robot

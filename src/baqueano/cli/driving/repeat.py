@@ -25,7 +25,9 @@ from baqueano.diagnostics import note
 )
 @room_option
 @start_option
-@click.option("--anyway", is_flag=True, help="Drive the route even if it is too fast for the vehicle, or has gaps.")
+@click.option(
+    "--anyway", is_flag=True, help="Drive the route even if it is too fast for the vehicle, or has gaps."
+)
 @click.option(
     "--faster", is_flag=True, help="As fast as the identified vehicle can, in place of the taught speed."
 )

@@ -41,7 +41,12 @@ from baqueano.diagnostics import note
     metavar="KIND|FILE:CLASS",
     help="Another controller than the file's; --update writes it too.",
 )
-@click.option("--estimator", "with_estimator", is_flag=True, help="Simulate with the estimator in the loop, and with noise.")
+@click.option(
+    "--estimator",
+    "with_estimator",
+    is_flag=True,
+    help="Simulate with the estimator in the loop, and with noise.",
+)
 @click.option(
     "--draws",
     type=numbers.count_or_none,

@@ -83,7 +83,9 @@ TEMPLATES: dict[str, str] = {
         "{name} ends {gap_m:.2f} m and {gap_deg:.0f}° from where it began; a closed route comes back within "
         "{close_m} m and {close_deg:.0f}°. Drive back to the mark, or teach it as an open route."
     ),
-    "drive.never-began": "{cause}. This was before the first tick: the vehicle did not move, and the run was not written.",
+    "drive.never-began": (
+        "{cause}. This was before the first tick: the vehicle did not move, and the run was not written."
+    ),
     "pad.lacks": '--pad {path}: "{name}" has {lack}. Without a path, --pad searches for the pad.',
     "pad.no-stick": "no stick",
     "pad.no-front-buttons": "no front buttons",
