@@ -20,7 +20,7 @@ from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart.robots import robot_file, robot_values
 from baqueano.study.driving import Loop, together
-from baqueano.study.truth import TruthWorld, drawn
+from baqueano.study.truth import TruthWorld, draw_robots
 
 ROUTE = sinuous_circle(0.6, 0.06, 5, 0.2)
 FIRST, ROBOTS = 900, 4
@@ -86,7 +86,7 @@ def main():
     asked = parser.parse_args()
     seeds = [FIRST] if asked.smallest else list(range(FIRST, FIRST + ROBOTS))
     seconds, extra = (1.0, EXTRA_S[:2]) if asked.smallest else (LASTS_S, EXTRA_S)
-    each = [drawn(1, seed) for seed in seeds]
+    each = [draw_robots(1, seed) for seed in seeds]
     gains = {"alpha": 4.0, "beta": 1.0, "gamma": 0.1} if asked.controller == "pd" else {}
     files = [
         model_of(one, seed).with_values(

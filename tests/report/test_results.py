@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from baqueano.report.of_fit import page_of_fit, sections_of_fit
 from matplotlib.figure import Figure
 
 import baqueano as bq
@@ -20,6 +19,7 @@ from baqueano.identify import forecast
 from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
 from baqueano.identify.sensor_calibration import CalibratedNumber, Calibration
 from baqueano.identify.validation import validate
+from baqueano.report.fit_report import page_of_fit, sections_of_fit
 from baqueano.report.page import Page, Section, Table
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many

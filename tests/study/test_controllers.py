@@ -12,13 +12,13 @@ from baqueano.study.controllers import controllers
 from baqueano.study.controllers.drives import Contestant, from_origin
 from baqueano.study.controllers.result import JUDGED, Controllers
 from baqueano.study.counterpart import LoopWorld
-from baqueano.study.truth import drawn
+from baqueano.study.truth import draw_robots
 from baqueano.sweep.pieces import Pieces
 from baqueano.sweep.result import SweepCell, SweepDrive, SweepResult
 
 
 def test_the_pose_that_is_known_is_that_of_the_world():
-    world = LoopWorld(drawn(1, 0), 0, 100.0)
+    world = LoopWorld(draw_robots(1, 0), 0, 100.0)
     estimator = StateOfWorld(lambda: world.motion)
     (tick, *_), truths = world.read(10_000_000), world.new_truths()
     _, estimate = estimator.step(estimator.init(), tick)

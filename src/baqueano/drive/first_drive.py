@@ -106,7 +106,7 @@ class FirstDrive(Result):
                 "command": " ".join(f"{x:g}" for x in p.u),
                 "v_m_s": p.v,
                 "turn_rad": p.turn,
-                "moved": p.seen > SEEN,
+                "moved": p.significance > SEEN,
             }
             for p in self.pulses
         ]

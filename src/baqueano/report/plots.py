@@ -21,11 +21,11 @@ from baqueano.identify.validation import Validation
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.report import figures
+from baqueano.report.drift_report import curves, with_curves
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import label, short, where_most_moves
 from baqueano.report.lab import onto, panel, panels, styled
 from baqueano.report.of_run import commands, errors, paths, sensors_of, speed
-from baqueano.report.of_wear import curves, with_curves
 from baqueano.report.page import Drawing, Table
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class Batch(NamedTuple):
     """L lanes of N ticks, as a kernel takes them."""
 
-    count: int
+    lanes: int
     ticks: int
     theta: np.ndarray  # (L, p)
     start: np.ndarray | None  # (L, c); None where it follows from θ

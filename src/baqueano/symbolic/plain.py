@@ -101,7 +101,7 @@ class PlainScan(Scan):
     ) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
         batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
-        each = [self.sensitivities(*one, tree) for *one, tree in self._each(batch)]
+        each = [self.sensitivities(rows, values, start) for rows, values, start in self._each(batch)]
         return np.array([y.sum(0) for y, _ in each]), np.array([d.sum(0)[:, :slopes] for _, d in each])
 
     def _each(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
@@ -109,7 +109,7 @@ class PlainScan(Scan):
         shared, own, is_shared = batch.inputs
         rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
         rows[:, mask] = shared
-        for k in range(batch.count):
+        for k in range(batch.lanes):
             rows[:, ~mask] = own[k]
             start = None if batch.start is None else tree_of(self.carry_shape, batch.start[k])
             yield (

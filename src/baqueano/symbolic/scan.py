@@ -274,7 +274,7 @@ class TracedScan(Scan):
 
         batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
         (assembly, runner), start = self._prepared(True, carry, batch.start)
-        program, count, n = assembly.program, batch.count, batch.ticks
+        program, count, n = assembly.program, batch.lanes, batch.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
         every = np.empty((count, n, len(program.outputs))) if outputs else None
         final = np.empty((count, len(program.carry)))
@@ -291,7 +291,7 @@ class TracedScan(Scan):
         batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
         (assembly, _), start = self._prepared(False, carry, batch.start)
         program, runner = self._summing(assembly, slopes)
-        count, m = batch.count, len(assembly.program.outputs)
+        count, m = batch.lanes, len(assembly.program.outputs)
         start = np.broadcast_to(start, (count, start.shape[-1]))
         final = np.empty((count, len(program.carry)))
         runner.call("batch", count, batch.ticks, batch.theta, start, *batch.inputs, None, final)

@@ -105,6 +105,7 @@ def searched(
     """The descents, the least cost first, and the drives with the bounds that were needed: where a gain ends on a soft
     bound, the search goes on from there with a wider one."""
     found: list[Descent] = []
+    best = np.zeros(0)
     for _ in range(1 + WIDENED):
         asked = rehearsal.asked
         found += search(

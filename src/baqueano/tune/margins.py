@@ -65,7 +65,7 @@ class Linear(NamedTuple):
     D: np.ndarray  # (k, m)
     dt_s: float
 
-    def at(self, omega: np.ndarray) -> np.ndarray:
+    def at(self, omega: np.ndarray | float) -> np.ndarray:
         """Return the first entry of the transfer function at ω (f,) [rad/s]."""
         z = np.exp(1j * np.atleast_1d(omega) * self.dt_s)
         resolved = np.linalg.solve(
@@ -89,7 +89,7 @@ def loop_margins(
     whole = np.block([[plant.A, plant.B], [plant.C, plant.D]])
     stable = steady and bool(np.max(np.abs(np.linalg.eigvals(whole))) < GROWS)
     return tuple(
-        LoopMargins(names[k], *margins(opened(plant, k)), speed_m_s, stable)
+        LoopMargins(names[k], *margins(opened(plant, int(k))), speed_m_s, stable)
         for k in np.flatnonzero(limit > 0.0)
     )
 
@@ -98,7 +98,7 @@ def margins(loop: Linear) -> tuple[float, float, float, float]:
     """Return the gain margins above and below 1, the phase margin and the delay margin of L.  (3)"""
     omega = np.geomspace(LOWEST_RAD_S, np.pi / loop.dt_s, FREQUENCIES)
     L = loop.at(omega)
-    ends = np.flatnonzero(np.diff(np.sign(L.imag)) != 0)
+    ends = np.flatnonzero(np.diff(np.sign(np.imag(L))) != 0)
     real = [loop.at(_crossing(loop, omega[k : k + 2], np.imag))[0].real for k in ends]
     factors = [-1.0 / x for x in [*real, L[-1].real] if x < 0.0]
     of_one = np.flatnonzero(np.diff(np.sign(np.abs(L) - 1.0)) != 0)

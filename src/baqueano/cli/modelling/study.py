@@ -173,7 +173,7 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
 @options.backend
 @options.as_json
 def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_json: bool) -> None:
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.study.controllers import controllers
     from baqueano.sweep.workers import processors
 
@@ -181,7 +181,7 @@ def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_js
         found = controllers(seeds, seed, processors(), backend, own, each=each)
     answer(found, as_json)
     if found.robots < seeds:
-        raise Interrupted(fault("cli.study-interrupted", done=found.robots, asked=seeds))
+        raise Interruption(fault("cli.study-interrupted", done=found.robots, asked=seeds))
 
 
 @command.command(

@@ -26,7 +26,7 @@ class BoundedProgram:
 
     def __init__(self, rows: np.ndarray, least: np.ndarray, most: np.ndarray) -> None:
         self._rows, self._least, self._most = rows, least, most
-        self._program: Any = None
+        self._program: Any = None  # of OSQP, from the first call on
 
     def solve(self, given: Tree, start: np.ndarray) -> np.ndarray | None:
         """Return z in the shape of `start` for P, q, A, low and high; None where no solution was found in time."""
@@ -39,8 +39,9 @@ class BoundedProgram:
             self._program.update(q=q, l=low, u=high, Px=P.take(self._of_P), Ax=whole.T.take(self._of_A))
         else:
             self._program.update(q=q, Px=P.take(self._of_P))
-        self._program.warm_start(x=start.ravel())
-        answer = self._program.solve(raise_error=False)
+        program: Any = self._program
+        program.warm_start(x=start.ravel())
+        answer = program.solve(raise_error=False)
         solved = answer.info.status_val in SOLVED and np.isfinite(answer.x).all()
         return np.reshape(answer.x, start.shape) if solved else None
 

@@ -14,7 +14,7 @@ from baqueano.guides.shapes import rectangle, sinuous_circle
 from baqueano.identify import identify
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.driving import FREE, experiments, guess
-from baqueano.study.truth import drawn
+from baqueano.study.truth import draw_robots
 from baqueano.sweep.figures import figures_of
 from baqueano.sweep.result import SweepCell, SweepDrive
 from baqueano.tune import tune
@@ -65,7 +65,7 @@ def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
 
 def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
     """Return the drives of one robot."""
-    robot, seeds = drawn(1, seed), range(seed, seed + 1)
+    robot, seeds = draw_robots(1, seed), range(seed, seed + 1)
     fit = identify(experiments(robot, seeds)[0], guess(), FREE)
     if fit.verdict == Verdict.REFUSED:
         return DrivenRobot(seed, {})
