@@ -215,7 +215,7 @@ def route_path(name: str) -> Path:
 
 
 def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | None:
-    """`kind` of --estimator, --guide or --controller, which can be loaded; `file` None where there is none."""
+    """`kind` of --estimator, --guide or --controller, which can be loaded; `file` is None without one."""
     from baqueano.blocks import resolve
     from baqueano.errors import FileError
 

@@ -3,8 +3,8 @@
     lap   from one passage of the reference through the end of its route to the next                      (1)
     gap   |p(end) − p(begin)|,  ψ(end) − ψ(begin)      of the vehicle                                      (2)
 
-The reference passes where it is as near as its steps allow, with the heading of the end, so the crossing of an eight is
-none. A lap that begins with a way onto the route counts from the begin of the drive.
+The reference passes where it is as near as its steps allow, with the heading of the end. So the crossing of an eight
+does not count. A lap that begins with a way onto the route counts from the begin of the drive.
 """
 
 from typing import TYPE_CHECKING, NamedTuple

@@ -93,7 +93,7 @@ def _table(rows: "Sequence[TableRow]") -> str:
 
 @singledispatch
 def card_of(result: Tabular) -> Card:
-    """Return what stands on the card of a result; of one that has none of its own, its rows."""
+    """Return what stands on the card of a result; of one without such a card, its rows."""
     rows = result.rows()
     table_rows = rows if rows and len(rows[0]) <= COLUMNS else []
     return Card(type(result).__name__, str(getattr(result, "verdict", "")), table_rows)

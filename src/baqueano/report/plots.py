@@ -127,10 +127,10 @@ def _of_route(result: Route) -> dict[str, Draw]:
 
 @drawings_of.register(Calibration)
 def _of_calibration(result: Calibration) -> dict[str, Draw]:
-    known = [one for one in result.numbers if np.isfinite(one.half) and one.value != 0.0]
-    values, half = (np.array([getattr(one, name) for one in known]) for name in ("value", "half"))
-    names = [one.name for one in known]
-    return {"estimates": lambda: figures.estimates(names, values, half / 1.96)} if known else {}
+    finite = [one for one in result.numbers if np.isfinite(one.half) and one.value != 0.0]
+    values, half = (np.array([getattr(one, name) for one in finite]) for name in ("value", "half"))
+    names = [one.name for one in finite]
+    return {"estimates": lambda: figures.estimates(names, values, half / 1.96)} if finite else {}
 
 
 @drawings_of.register(Closure)

@@ -2,8 +2,8 @@
 
     x_{k+1}, truth, slots = world_step(x_k, u_k, δ, noise_k)        worlds/simulated.py                  (1)
 
-Tick k ends at (k + 1) δ and is driven by u_k. With the same seed the noise of tick k is the noise of tick k
-of the simulated world, and adding a sensor changes no other's: each name has its stream (worlds/noise.py).
+Tick k ends at (k + 1) δ and is driven by u_k. With the same seed tick k has the noise of tick k of the
+simulated world. Adding a sensor changes no other's: each name has its stream (worlds/noise.py).
 A kernel is made once for a vehicle and a rate, and kept. A tick that is too long for the integrator (vehicles/rk4.py)
 is cut into rows, as in a fit, each with noise of its own; of what a sensor measures in it the last counts.
 """

@@ -164,8 +164,9 @@ class Scan(ABC):
     def batch_sums(
         self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """L runs side by side, as in `batch`: the numbers of the output summed over the ticks, (L, m), and the
-        derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes)."""
+        """L runs side by side, as in `batch`: the numbers of the output summed over the ticks, (L, m).
+
+        Also the derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes)."""
 
     def _theta(self, theta: Tree, many: bool = False) -> np.ndarray:
         wanted = "(L, p)" if many else "(p,)"

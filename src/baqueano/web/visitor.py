@@ -211,8 +211,8 @@ class Visitor:
         await self._drained()
 
     async def _write_parts(self, parts: deque[bytes]) -> None:
-        """Send one message in fragments, the next when the kernel has the one before: one who does not read has no
-        long message of its own in memory."""
+        """Send one message in fragments, the next when the kernel has the one before: the memory
+        holds a long message once, however many do not read it."""
         send = self._protocol.send_binary
         while parts and self.open:
             data = bytearray()

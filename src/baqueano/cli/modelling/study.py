@@ -178,10 +178,10 @@ def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_js
     from baqueano.sweep.workers import processors
 
     with progress(note("cli.study-controllers", seeds=seeds), seeds) as each:
-        found = controllers(seeds, seed, processors(), backend, own, each=each)
-    answer(found, as_json)
-    if found.robots < seeds:
-        raise Interruption(fault("cli.study-interrupted", done=found.robots, asked=seeds))
+        result = controllers(seeds, seed, processors(), backend, own, each=each)
+    answer(result, as_json)
+    if result.robots < seeds:
+        raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seeds))
 
 
 @command.command(

@@ -5,7 +5,7 @@
     stop  when the reference has stood for STAND_S under doubt                                            (3)
 
 A sensor is DEGRADED by the monitor (monitor/). Where it cannot tell whether sensor or model is off, the doubt is not
-grave: the vehicle only goes slower. A model that is off for certain, worn or loaded, is no doubt of the estimate.
+grave: the vehicle only goes slower. A model that is off for certain does not make the estimate doubtful.
 """
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, joined, note, stop
@@ -71,5 +71,5 @@ class Caution(Observer):
         std_m = float(position_std(record.estimate.cov))
         if std_m > SHARE * self._most_m:
             return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._most_m), True
-        found = [one for one in record.degraded if one.off != MODEL]
-        return joined(one.diagnostic for one in found), any(one.off == SENSOR for one in found)
+        doubted = [one for one in record.degraded if one.off != MODEL]
+        return joined(one.diagnostic for one in doubted), any(one.off == SENSOR for one in doubted)

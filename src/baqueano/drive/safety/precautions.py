@@ -75,10 +75,10 @@ class Precautions:
         return row
 
     @classmethod
-    def of_json(cls, said: JsonObject) -> "Precautions":
-        """Return the inverse of `to_json`; UsageError where it is none."""
+    def of_json(cls, document: JsonObject) -> "Precautions":
+        """Return the inverse of `to_json`; UsageError for another text."""
         try:
-            usual, row = asdict(cls()), dict(said)
+            usual, row = asdict(cls()), dict(document)
             room = row.pop("room", None)
             if room is not None:
                 free, start = (tuple(map(float, room[name])) for name in ("free", "start"))

@@ -28,7 +28,7 @@ def warnings_of(
     """Return what is to be said of a route that may be driven; AnswerNo with the first reason why it may not.
 
     A model that nobody `measured` cannot tell that a route is too fast: it only warns. `anyway` drives a route that is
-    too fast or has gaps. A jump, a wall, and what is no number are always refused.
+    too fast or has gaps. A jump, a wall, and a value that is not a number are always refused.
     """
     try:
         report = examine(route, vehicle_file, room, backend=backend)

@@ -72,7 +72,7 @@ class Free(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Its short name for people; "" where its field has none, and off the diagonal of a matrix."""
+        """Its short name for people; "" where its field lacks one, and off the diagonal of a matrix."""
         diagonal = len(set(self.entry)) <= 1
         return words_of(self.of.label, self.entry) if diagonal else ""
 

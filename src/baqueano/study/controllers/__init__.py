@@ -32,15 +32,17 @@ def controllers(
 ) -> Controllers:  # fmt: skip
     """Return the drives of robots `first` … `first + seeds − 1`; `own` are controllers beside ours: "file.py:Class" or
     a class. `starts` descents tune the gains of each. `each` hears of the robots that are done."""
-    known: list[Contestant] = []
+    contestants: list[Contestant] = []
     for kind in (*kinds, *own):
-        known.append(contestant(kind, starts, backend))
-    work = partial(batch, contestants=tuple(known), backend=backend)
-    found = spread_over(work, range(first, first + seeds), processes, each)
-    done = sorted(found, key=lambda one: one.seed)
+        contestants.append(contestant(kind, starts, backend))
+    work = partial(batch, contestants=tuple(contestants), backend=backend)
+    drives_of_robots = spread_over(work, range(first, first + seeds), processes, each)
+    done = sorted(drives_of_robots, key=lambda one: one.seed)
     drives = [one for one in done if one.drives]
     results = {
-        judged: SweepResult(tuple(d for one in drives for d in one.drives[judged]), 0, known[0].label)
+        judged: SweepResult(tuple(d for one in drives for d in one.drives[judged]), 0, contestants[0].label)
         for judged in JUDGED
     }
-    return Controllers(results, tuple(known), len(done), tuple(one.seed for one in done if not one.drives))
+    return Controllers(
+        results, tuple(contestants), len(done), tuple(one.seed for one in done if not one.drives)
+    )

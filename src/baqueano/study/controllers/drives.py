@@ -57,10 +57,10 @@ def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
     if kind != "pd" and of(file.controller(), "as_written"):
         return Contestant(label, kind, {}, ())
     route = SHAPES["sinuous"]()
-    found = tune(
+    tuned = tune(
         file, route, starts=starts, polish=False, duration_s=float(route.t_s[-1]) / 2.0, backend=backend
     )
-    return Contestant(label, kind, found.values, tuple(gain.name for gain in found.gains if gain.limit))
+    return Contestant(label, kind, tuned.values, tuple(gain.name for gain in tuned.gains if gain.limit))
 
 
 def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
@@ -75,10 +75,10 @@ def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> Drive
         cell = SweepCell(one.label, "", one.label, "repeat")
         for name, make in SHAPES.items():
             route, where = from_origin(make()), f"robot {seed}, {name}"
-            for known in (True, False):
+            for pose_known in (True, False):
                 world = LoopWorld(robot, seed + 1, file.rate_hz)
-                run = _driven(file, route, block, world, known, backend)
-                views = {"pose": run} if known else {"estimate": replace(run, truth=None), "truth": run}
+                run = _driven(file, route, block, world, pose_known, backend)
+                views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
                 for judged, view in views.items():
                     drives.drives[judged].append(_judged(view, cell, where))
     return drives
@@ -92,9 +92,9 @@ def from_origin(route: "Route") -> "Route":
 
 
 def _driven(
-    file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, known: bool, backend: str
+    file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
 ) -> "Run":  # fmt: skip
-    estimator = StateOfWorld(lambda: world.motion) if known else None
+    estimator = StateOfWorld(lambda: world.motion) if pose_known else None
     return repeat(file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 

@@ -49,11 +49,11 @@ class Controllers(Result):
                 "tuned": ", ".join(one.gains),
                 "at_bound": ", ".join(one.at_bound),
             }
-            for judged, found in self.drives.items():
-                mine = [d for d in found.drives if d.cell.label == one.label]
+            for judged, drives in self.drives.items():
+                mine = [d for d in drives.drives if d.cell.label == one.label]
                 x = np.array([d.figures.get(FIGURE, np.nan) for d in mine])
                 x = x[np.isfinite(x)]
-                ratio = found.difference(one.label, FIGURE)
+                ratio = drives.difference(one.label, FIGURE)
                 row |= {
                     f"{judged}_median_m": float(np.median(x)) if x.size else float("nan"),
                     f"{judged}_p95_m": float(np.quantile(x, 0.95)) if x.size else float("nan"),

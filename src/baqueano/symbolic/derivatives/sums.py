@@ -41,11 +41,11 @@ def summed(program: Program, slopes: int) -> Program:
     return whole._replace(hasty=slopes > 0)
 
 
-def _derived(graph: Graph, roots: Iterable[Node], known: dict[Node, Node]) -> dict[Node, Node]:
-    """Return the derivatives of all below the roots that are not 0, from those that are `known`."""
-    rows, zero = dict(known), graph.const(0.0)
+def _derived(graph: Graph, roots: Iterable[Node], seeds: dict[Node, Node]) -> dict[Node, Node]:
+    """Return the derivatives of all below the roots that are not 0, from those that are `seeds`."""
+    rows, zero = dict(seeds), graph.const(0.0)
     for node in below(roots):
-        if node in known or not any(a in rows for a in node.args):
+        if node in seeds or not any(a in rows for a in node.args):
             continue
         if node.op == "where":
             condition, a, b = node.args

@@ -82,14 +82,14 @@ def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
 def active(program: Program, seeds: Iterable[Node]) -> set[Node]:
     """Return the nodes that depend on the seeds, also by way of the carry."""
     order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
-    found = set(seeds)
+    nodes = set(seeds)
     size = -1
-    while size != len(found):
-        size = len(found)
-        found.update(node for node in order if any(a in found for a in node.args))
+    while size != len(nodes):
+        size = len(nodes)
+        nodes.update(node for node in order if any(a in nodes for a in node.args))
         ends = zip(program.carry, program.initial, program.next_carry, strict=True)
-        found.update(x for x, begin, end in ends if begin in found or end in found)
-    return found
+        nodes.update(x for x, begin, end in ends if begin in nodes or end in nodes)
+    return nodes
 
 
 class _Rows:

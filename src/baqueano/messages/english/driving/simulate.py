@@ -2,8 +2,8 @@
 
 TEMPLATES: dict[str, str] = {
     "simulate.as-written": (
-        "the {room} {block} asks a solver, a person or a clock, so its step cannot be compiled. It is neither tuned "
-        "nor simulated in one kernel. Drive it tick by tick: {fix}"
+        "the {room} {block} asks a solver, a person or a clock, so its step cannot be compiled. Nothing tunes it, "
+        "or simulates it in one kernel. Drive it tick by tick: {fix}"
     ),
     "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",
     "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
