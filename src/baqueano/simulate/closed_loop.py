@@ -22,6 +22,7 @@ from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.messages import in_english
+from baqueano.printable import typed
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
@@ -192,7 +193,7 @@ def compilable(**blocks: Tree) -> None:
     """Raise UsageError, with what to type, for a block of a room whose step is never compiled."""
     for room, block in blocks.items():
         if optional.of(block, "as_written"):
-            how = f"baqueano repeat ROUTE --{room} KIND"
+            how = typed("repeat", "ROUTE", f"--{room}", "KIND")
             raise UsageError(fault("simulate.as-written", how, room=room, block=type(block).__name__))
 
 
