@@ -191,7 +191,7 @@ def test_the_names_of_values_are_spanish(capsys):
 def test_a_draft_of_a_map_and_a_new_project_are_explained_in_spanish(in_lab, capsys):
     Path("odd.csv").write_text("a,b\n1,2\n3,4\n5,6\n", encoding="utf-8")
     try:
-        said_by("runs import odd.csv --draft -o odd.toml", capsys)
+        said_by("runs import odd.csv --draft odd.toml", capsys)
         said_by("new car --vehicle car", capsys)
         said_by("new small --vehicle small", capsys)
     finally:
