@@ -44,7 +44,7 @@ def test_beyond_half_a_radian_the_vehicle_is_lost_and_the_corridor_ends(sd):
     P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, sd, 0.1)]
     found = straight(P)
     assert (found.lost_s, len(found.t_s)) == (2.0, 2)
-    assert found.sentence.startswith("lost since 2 s")
+    assert found.sentence.startswith("lost after 2 s")
     assert np.isnan(corridor_row(found)["corridor_across_m"])
 
 
@@ -90,7 +90,7 @@ def test_a_forecast_says_when_the_vehicle_is_lost():
     file = load("small").with_values({"sensors.imu.gyro_scale_std": 0.05})
     ahead = corridor_ahead(file, circle(0.6, 0.2), 3)
     assert ahead.verdict == "LOST"
-    assert "lost since" in ahead.table()
+    assert "lost after" in ahead.table()
     assert np.isnan([row["across_m"] for row in ahead.rows()]).tolist() == [False, True, True]
 
 

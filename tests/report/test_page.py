@@ -275,5 +275,10 @@ def test_the_page_says_whether_the_filter_knows_its_errors():
     ]
     log = run.estimate._replace(cov=0.25 * run.estimate.cov)
     doubtful = {section.title: section for section in page_of_run(replace(run, estimate=log)).sections}
-    assert doubtful[title].text.startswith("Too sure")
+    (table,) = doubtful[title].parts
+    assert {row["figure"]: row["is"] for row in table.rows}.items() >= {
+        "nees_pose": "too sure",
+        "nees_velocity": "too sure",
+    }.items()
+    assert doubtful[title].text.startswith("The NEES of the pose is 3.9")
     assert title not in [section.title for section in page_of_run(replace(run, estimate=None)).sections]
