@@ -11,11 +11,13 @@ line.
 
 import inspect
 import traceback
-from dataclasses import dataclass
+from collections.abc import Container
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.blocks import Block
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import Diagnostic, StopReason, stop
@@ -150,6 +152,8 @@ class GuardedBlock:
         """The block's own start."""
         try:
             return self.block.init(*start)
+        except BlockFault:
+            raise
         except BaseException as error:
             raise self._fault(error, StopReason.BLOCK_RAISED_IN_INIT) from error
 
@@ -157,13 +161,25 @@ class GuardedBlock:
         """The block's own step, checked."""
         try:
             result = self.block.step(state, *inputs)
+        except BlockFault:  # of a part, which is named
+            raise
         except BaseException as error:
             raise self._fault(error) from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
             raise self._returned(_text_of(result), "(state, output)")
         if wrong := _wrong(result[1], self.kind, self.zeros):
+            self._ask_parts(state, inputs)
             raise self._returned(*wrong)
         return result
+
+    def __getattr__(self, name: str) -> Tree:
+        return getattr(object.__getattribute__(self, "block"), name)
+
+    def _ask_parts(self, state: Tree, inputs: tuple[Tree, ...]) -> None:
+        """Raise the fault of the part that is to blame, if one is: the parts of a compiled block are not guarded."""
+        if optional.of(text := _as_written(self.block), "goes_around") and text is not self.block:
+            commands = len(self.zeros.get("u", ()))
+            replace(self, block=_with_guarded_parts(self.room, text, commands)).step(state, *inputs)
 
     def _returned(self, returned: str, expected: str) -> BlockFault:
         why = stop(StopReason.BLOCK_RETURNED, block=_where(self), found=returned, expected=expected)
@@ -176,8 +192,8 @@ class GuardedBlock:
         return BlockFault(self.room, stop(reason, block=_where(self, error), error=named(error)))
 
 
-def guarded(room: str, block: Block, commands: int) -> GuardedBlock:
-    """`block` of a room of the loop, for a vehicle with `commands` channels."""
+def guarded(room: str, block: Block, commands: int = 0) -> GuardedBlock:
+    """`block` of a room of the loop, and each of its parts, for a vehicle with `commands` channels."""
     pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
     command = {"u": np.zeros(commands)}
     promised: dict[str, tuple[type, dict[str, np.ndarray]]] = {
@@ -186,7 +202,14 @@ def guarded(room: str, block: Block, commands: int) -> GuardedBlock:
         "controller": (Command, command),
         "supervisor": (Command, command),
     }
-    return GuardedBlock(room, block, *promised[room])
+    return GuardedBlock(room, _with_guarded_parts(room, block, commands), *promised[room])
+
+
+def _with_guarded_parts(room: str, block: Tree, commands: int) -> Tree:
+    """Return the block around guarded parts; one that is compiled, or no dataclass, as it is."""
+    names = [name for name in optional.of(block, "goes_around") if optional.has_field(block, name)]
+    inside = {name: guarded(room, getattr(block, name), commands) for name in names}
+    return replace(block, **inside) if inside else block
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,17 +264,35 @@ def _text_of(value: object) -> str:
 
 def _where(guard: GuardedBlock, error: BaseException | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
-    block: Tree = guard.block
-    while (
-        inner := getattr(block, "block", None)
-    ) is not None:  # timed, limited, compiled: each holds the one inside
-        block = inner
-    kind: Tree = type(block)
-    who = f"{guard.room} {kind.__name__}"
-    try:
-        file, line = inspect.getfile(kind.step), kind.step.__code__.co_firstlineno
-    except (AttributeError, TypeError):
-        return who
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
+    block = _to_blame(guard.block, {frame.filename for frame in frames})
+    kind: Tree = type(block)
+    who, file = f"{guard.room} {kind.__name__}", _file_of(block)
+    if file is None:
+        return who
+    line = kind.step.__code__.co_firstlineno
     own = [frame.lineno for frame in frames if frame.filename == file and frame.lineno is not None]
     return f"{who} ({file}:{own[-1] if own else line})"
+
+
+def _as_written(block: Tree) -> Tree:
+    """Return the block inside one that is timed, limited or compiled: each holds it as `block`."""
+    while (inner := getattr(block, "block", None)) is not None:
+        block = inner
+    return block
+
+
+def _to_blame(block: Tree, files: Container[str | None]) -> Tree:
+    """Return the innermost part of a block whose file an error came through; the block itself if it has none."""
+    block = _as_written(block)
+    inside = [_to_blame(getattr(block, name), files) for name in optional.of(block, "goes_around")]
+    return next((part for part in inside if _file_of(part) in files), block)
+
+
+def _file_of(block: Tree) -> str | None:
+    """Return the file in which the step of a block stands; None of one that is not Python text."""
+    try:
+        step: Tree = type(block).step
+        return inspect.getfile(step) if step.__code__ else None
+    except (AttributeError, TypeError):
+        return None

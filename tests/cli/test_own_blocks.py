@@ -89,6 +89,7 @@ def test_a_guide_in_a_plain_class_is_repeated_for_its_laps(project, tmp_path):
     (tmp_path / "mine.py").write_text(PLAIN_GUIDE)
     end = project("repeat", "lab", *SMALL, "--guide", "mine.py:Mine", "--laps", "2", "--json")
     assert end.code == 0, end.err
+    assert [lap["lap"] for lap in end.reply["laps"]] == [1, 2]
     once = project("repeat", "lab", *SMALL, "--json").reply["rows"][0]["duration_s"]
     assert end.reply["rows"][0]["duration_s"] == pytest.approx(2 * once, rel=1e-2)
 

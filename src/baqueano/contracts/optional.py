@@ -4,6 +4,7 @@ A class of yours needs the methods of its room's protocol (blocks.py, vehicles/v
 """
 
 import dataclasses
+from collections.abc import Iterator
 
 from baqueano.contracts.values import Tree
 
@@ -32,6 +33,7 @@ NEUTRAL: dict[str, object] = {
     "want": None,  # takes the pace that somebody wants, while it is driven
     # of any block
     "as_written": False,  # it asks a person, a clock or a library, so its step is never compiled
+    "goes_around": (),  # the names of its fields with blocks of its room that it goes around; an error names the part
     "says": None,  # state → the Diagnostic that the run is to hold of this tick, or None; it never has one
 }
 
@@ -39,6 +41,13 @@ NEUTRAL: dict[str, object] = {
 def of(block: object, name: str) -> Tree:
     """Return what the block has of this name, else what stands for it; KeyError for a name that is not above."""
     return getattr(block, name, NEUTRAL[name])
+
+
+def nested(block: object) -> Iterator[Tree]:
+    """Yield the block and those that it goes around, from outside to inside."""
+    yield block
+    for name in of(block, "goes_around"):
+        yield from nested(getattr(block, name))
 
 
 def is_dynamic(vehicle: object) -> bool:

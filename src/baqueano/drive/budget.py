@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from baqueano.contracts.values import Tree
 from baqueano.errors import FromOutside
@@ -29,6 +29,8 @@ class TooLong(FromOutside):
 @dataclass(frozen=True, slots=True, eq=False)
 class BudgetedBlock:
     """A block whose step ends within `budget_s`, by TimeoutError if need be."""
+
+    goes_around: ClassVar[tuple[str, ...]] = ("block",)
 
     block: Any
     budget_s: float = BUDGET_S

@@ -88,7 +88,7 @@ def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, s
     """Return what a run says of the blocks that are not ours, "controller" and its text as "controller.text"; and a
     message for each whose text Python does not know."""
     rooms = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
-    own = {room: block for room, block in rooms.items() if not is_ours(type(block))}
+    own = {room: part for room in rooms for part in optional.nested(rooms[room]) if not is_ours(type(part))}
     texts = {room: source_text(type(block)) for room, block in own.items()}
     unknown = [
         note("drive.text-unknown", room=room, block=type(own[room]).__name__)

@@ -7,7 +7,7 @@
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class InTurn:
     >>> print(guide.step(guide.init(), beside)[1].eta)  # it begins where the vehicle stands
     [0.  0.2 0. ]
     """
+
+    goes_around: ClassVar[tuple[str, ...]] = ("first", "second")
 
     first: Tree
     second: Tree

@@ -54,6 +54,7 @@ class Pace:
     """
 
     as_written: ClassVar[bool] = True  # its pace is changed between two ticks; the guide inside is compiled
+    goes_around: ClassVar[tuple[str, ...]] = ("guide",)
 
     guide: Tree
     wanted: float = parameter("1", "pace", low=0.0, high=1.0, default=1.0)

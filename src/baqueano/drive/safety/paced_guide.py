@@ -5,6 +5,7 @@ from dataclasses import replace
 from baqueano.contracts.values import Tree
 from baqueano.guides import Pace
 from baqueano.signals import Estimate, Reference
+from baqueano.supervisor import guarded
 
 
 class PacedGuide:
@@ -19,7 +20,7 @@ class PacedGuide:
     """
 
     def __init__(self, guide: Tree) -> None:
-        self.block = Pace(guide)
+        self.block = Pace(guarded("guide", guide))
         self._wants: dict[str, float] = {}
 
     @property
