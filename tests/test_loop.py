@@ -105,7 +105,7 @@ def test_the_pure_step_is_the_clocked_loop():
     states = loop.init(BLOCKS)
     for record in records:
         states, pure = loop.step(BLOCKS, states, record.tick)
-        assert identical(record, pure)
+        assert identical(record, pure._replace(states=states))
 
 
 class Deaf:

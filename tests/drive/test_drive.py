@@ -229,7 +229,8 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
         | {"sensors": sensors, "estimator": lambda kind=None: Ekf(VEHICLE, sensors, R, use=("imu", "mark"))}
     )
     again = replay(run, with_mark)
-    assert again.events[0].text == "the run holds nothing of the sensor mark: it is silent"
+    first = again.events[0].diagnostic
+    assert (first.code, first.figures) == ("replay.without-sensor", {"sensor": "mark"})
     assert len(again.sensors["mark"].t_ns) == 0
     assert stop_of(again) is None
     np.testing.assert_allclose(again.estimate.eta, run.estimate.eta, atol=1e-9)
