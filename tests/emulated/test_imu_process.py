@@ -203,7 +203,7 @@ def test_a_process_on_a_held_bus_waits_as_long_as_it_told_the_kernel_and_comes_b
     client.wait_for("samples", 100)
     assert m.order("timeout") == 40_000_000
     m.order("hold", True)
-    assert "nine times as GPIO" in client.wait_for("imu.held")["text"]
+    assert "nine clocks as GPIO" in client.wait_for("imu.held")["text"]
     client.wait_for("imu.data-missing")
     m.order("hold", False)
     client.wait_for("imu.back")

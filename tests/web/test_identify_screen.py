@@ -35,7 +35,7 @@ def test_bars_are_hollow_until_a_fit_and_shrink_while_it_drives(tab, live):
     )
     assert tab.js("document.querySelector('.known-card .chip').textContent") == "USABLE"
     unseen = "document.querySelector('[data-kind~=hollow]')"
-    assert "not identifiable" in tab.js(f"{unseen}.textContent")
+    assert "not seen" in tab.js(f"{unseen}.textContent")
     assert "missing: sliding sideways" in tab.js(f"{unseen}.textContent")
     live.put(word | {"fit": word["fit"] | {"verdict_is": "REFUSED", "verdict": "REFUSED"}})
     until(lambda: kinds(tab) == {"hollow"})  # a fit that is refused fills nothing

@@ -68,7 +68,7 @@ def test_a_held_scl_is_reported_and_not_clocked(lines):
     held = lines([0, 0], scl_held=True)
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "SCL (GPIO 3) is low" in outcome.text
+    assert outcome.message.code == "bus.scl-held"
     assert {call[0] for call in held.read()["calls"]} == {"get"}
 
 
@@ -76,7 +76,7 @@ def test_a_bus_that_nobody_holds_is_not_touched(lines):
     held = lines([])
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "nothing was clocked" in outcome.text
+    assert outcome.message.code == "bus.free"
     assert {call[0] for call in held.read()["calls"]} == {"get"}
 
 
@@ -140,7 +140,8 @@ def test_calls_that_take_long_are_not_gone_on_with_and_the_pins_are_given_back(l
     monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # a second each
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "came too late: 8 s were over" in outcome.text
+    assert outcome.message.code == "bus.too-late"
+    assert "was not finished within 8 s" in outcome.text
     assert 0 < held.read()["clocks"] < 9
     assert as_it_was(held)
 

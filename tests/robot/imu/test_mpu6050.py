@@ -161,8 +161,8 @@ def test_close_puts_the_chip_to_sleep(bench):
         ({"accel_range_g": 3}, "accel_range_g = 3: expected one of 2, 4, 8, 16"),
         ({"gyro_range_dps": 300}, "gyro_range_dps = 300: expected one of 250, 500, 1000, 2000"),
         ({"mode": "dmp"}, "mode = 'dmp': expected one of fifo, burst"),
-        ({"axes": ("x", "y", "-z")}, "without a mirror image"),
-        ({"axes": ("x", "x", "z")}, "Each letter stands once"),
+        ({"axes": ("x", "y", "-z")}, "a mirror image is not possible"),
+        ({"axes": ("x", "x", "z")}, "Each letter appears once"),
         ({"axes": ("x", "y")}, "ahead, left and up"),
     ],
 )

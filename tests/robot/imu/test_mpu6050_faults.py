@@ -222,7 +222,7 @@ def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
     assert silent_after == pytest.approx(0.5e9, abs=0.06e9)
     said = device.events()
     assert [e.message.code for e in said].count("imu.held") == 1
-    assert "nine times as GPIO" in next(e.text for e in said if e.message.code == "imu.held")
+    assert "nine clocks as GPIO" in next(e.text for e in said if e.message.code == "imu.held")
     assert [e.message.code for e in said].count("imu.data-missing") == 1
     b.bus.held = False
     samples = loop(b, device, 1.0)
