@@ -124,7 +124,7 @@ def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, 
 def test_an_imu_whose_axes_are_not_known_yet_is_sent_to_its_own_calibration(robot, bench):
     robot.chip.motion = lambda t_ns: ((9.80665, 0.0, 0.0), (0.0, 0.0, 0.0))
     robot.wait(0.1)
-    with pytest.raises(AnswerNo, match=r"feels \(9\.\d, 0\.\d, .*calibrate imu"):
+    with pytest.raises(AnswerNo, match=r"measures \(9\.\d, 0\.\d, .*calibrate imu"):
         calibrate(bench)
 
 
@@ -143,7 +143,7 @@ def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench
         robot.chip.frozen = True
     else:
         robot.board.reset()
-    with pytest.raises(SafetyStop, match="the IMU is silent" if what == "imu" else "the Uno was reset"):
+    with pytest.raises(SafetyStop, match="the IMU does not answer" if what == "imu" else "the Uno was reset"):
         bench.hold(0.6, -0.6, 5.0)
     robot.wait(0.05)
     assert not robot.board.moving
@@ -215,7 +215,7 @@ def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
 
 
 def test_a_sweep_that_moved_nothing_is_reported():
-    with pytest.raises(AnswerNo, match="left forwards: of 8 duties from 30% to 70% only 1 moved the wheel"):
+    with pytest.raises(AnswerNo, match="left forwards: of 8 duties from 30% to 70% only 1 turned the wheel"):
         fitted(0.4, np.linspace(0.7, 0.3, 8), np.array([3.0, 0, 0, 0, 0, 0, 0, 0]), "left forwards")
 
 
