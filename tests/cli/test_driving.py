@@ -264,10 +264,7 @@ def test_a_program_that_answers_in_place_of_the_terminal_is_named(monkeypatch, b
 def test_straight_on_is_held_unless_it_is_switched_off(terminal, tmp_path):
     text = vehicle_file.override(vehicle_file.load("small"), ("model.drivetrain.gain=[1.1,0.9]",)).text
     (tmp_path / "unequal.toml").write_text(text, encoding="utf-8")
-    for words, shown in (
-        ((), rb"heading corrected by [+-]0\.0[1-9]"),
-        (("--no-hold",), rb"heading not corrected"),
-    ):
+    for words, shown in (((), rb"heading hold [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not corrected")):
         out = f"run{len(words)}.mcap"
         screen = terminal(*DRIVE[:3], "--robot", "simulated:unequal.toml", "-o", out, *words)
         screen.until(rb"terminal \d+ ms")

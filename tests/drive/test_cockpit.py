@@ -215,14 +215,14 @@ def test_what_holds_the_heading_is_shown():
         wait(hand, terminal, 0.2)
         hand.show({"u": [0.5, 0.0, 0.03], "requested": [0.5, 0.0, 0.04]})
         wait(hand, terminal, 0.2)
-        assert b"heading corrected by +0.04" in terminal.sent
+        assert b"heading hold +0.04" in terminal.sent
         terminal.type("a")
         wait(hand, terminal, 0.1)
         hand.show({"u": [0.5, 0.0, 0.4], "requested": [0.5, 0.0, 0.4]})
         terminal.sent = b""
         wait(hand, terminal, 0.2)
         assert b"heading free" in terminal.sent
-        assert b"heading held" not in terminal.sent
+        assert b"heading hold" not in terminal.sent
 
 
 def test_that_nothing_holds_the_heading_is_shown():

@@ -95,7 +95,7 @@ def figure(value: float, digits: int) -> str:
 def _hold(u: float | None) -> str:
     if u is None:
         return _("heading not corrected")
-    return _("heading corrected by {u:+.2f}", u=u) if isfinite(u) else _("heading free")
+    return _("heading hold {u:+.2f}", u=u) if isfinite(u) else _("heading free")
 
 
 def _bar(duty: float) -> str:
