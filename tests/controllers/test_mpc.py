@@ -136,18 +136,21 @@ def test_a_tick_in_which_the_solver_fails_stands_in_the_run(monkeypatch):
     assert stop_of(run) is None
 
 
+AS_WRITTEN = ("simulate.as-written", {"room": "controller", "block": "Mpc"})
+
+
 @pytest.mark.parametrize(
-    "use",
+    ("use", "code", "figures"),
     [
-        lambda file, route: simulate_loop(file, route),
-        lambda file, route: tune(file, route),
-        lambda file, route: bq.forecast(file, route),
-        lambda file, route: driving(1, controller="mpc"),
+        (lambda file, route: simulate_loop(file, route), *AS_WRITTEN),
+        (lambda file, route: tune(file, route), "tune.as-written", {"controller": "Mpc"}),
+        (lambda file, route: bq.forecast(file, route), *AS_WRITTEN),
+        (lambda file, route: driving(1, controller="mpc"), *AS_WRITTEN),
     ],
     ids=["simulate_loop", "tune", "forecast", "study driving"],
 )
-def test_what_needs_a_compiled_step_refuses_it_and_says_what_to_type(use):
-    with refused("simulate.as-written", UsageError, room="controller", block="Mpc"):
+def test_what_needs_a_compiled_step_refuses_it_and_says_what_to_type(use, code, figures):
+    with refused(code, UsageError, **figures):
         use(SMALL.with_values({"controller.kind": "mpc"}), circle(0.3, 0.2))
 
 
