@@ -9,11 +9,13 @@ import pytest
 
 from baqueano.blocks import resolve
 from baqueano.controllers import PdFeedforward
-from baqueano.diagnostics import StopReason
+from baqueano.diagnostics import StopReason, note
 from baqueano.drive import experiment, repeat, replay, teach
 from baqueano.drive.session import stop_of
 from baqueano.errors import UsageError
 from baqueano.estimators import DeadReckoning
+from baqueano.guides import Repeat
+from baqueano.guides.repeat import RepeatState
 from baqueano.guides.shapes import circle
 from baqueano.runs import read_run
 from baqueano.signals import Command, Reference
@@ -146,6 +148,20 @@ def test_a_guide_inside_of_another_is_named_and_its_text_is_kept(
     assert why.figures["block"] == f"guide Mine ({mine}:{line})"
     assert run.metadata["guide"] == "Mine()"
     assert "class Mine" in run.metadata["guide.text"]
+
+
+class Telling(Repeat):
+    """Tells that it has its own state."""
+
+    def says(self, state):
+        return note("drive.on-mark") if isinstance(state, RepeatState) else None
+
+
+def test_a_guide_inside_of_another_tells_what_it_has_to_tell():
+    guide = Telling.along(ROUTE)
+    run = repeat(SMALL, ROUTE, guide=guide, eta=ROUTE.eta[0] + (0.1, 0.3, 0.0), way_back=True, duration_s=0.1)
+    told = [event.diagnostic.code for event in run.events if event.source == "guide"]
+    assert told == ["drive.on-mark"] * len(run.t_ns)
 
 
 def test_a_run_says_where_the_text_of_a_block_is_not_known():

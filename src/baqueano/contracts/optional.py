@@ -33,7 +33,7 @@ NEUTRAL: dict[str, object] = {
     "want": None,  # takes the pace that somebody wants, while it is driven
     # of any block
     "as_written": False,  # it asks a person, a clock or a library, so its step is never compiled
-    "goes_around": (),  # the names of its fields with blocks of its room that it goes around; an error names the part
+    "goes_around": (),  # names of its fields with the blocks that it goes around, and of their states in its own
     "says": None,  # state → the Diagnostic that the run is to hold of this tick, or None; it never has one
 }
 

@@ -1,7 +1,8 @@
 """The recorder of a drive: each tick, the messages of the world and the monitor, and the end."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
@@ -107,6 +108,28 @@ class Recording:
 
 
 def spoken(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
-    """Return `says` of the blocks that have it, by room."""
-    both = {room: optional.of(block, "says") for room, block in blocks._asdict().items()}
-    return {room: says for room, says in both.items() if says is not None}
+    """Return by room what tells of a state what its blocks say, those inside of others too."""
+    sayings = {room: tuple(_sayings(block)) for room, block in blocks._asdict().items()}
+    return {room: partial(_first, says) for room, says in sayings.items() if says}
+
+
+def _sayings(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
+    """Yield `says` of a block and of those inside, for the state of the outermost."""
+    if (
+        inner := getattr(block, "block", None)
+    ) is not None:  # timed, compiled: with the state of the one inside
+        yield from _sayings(inner)
+        return
+    if (own := optional.of(block, "says")) is not None:
+        yield own
+    for name in optional.of(block, "goes_around"):
+        for says in _sayings(getattr(block, name)):
+            yield partial(_of_part, says, name)
+
+
+def _of_part(says: Callable[[Tree], Diagnostic | None], name: str, state: Tree) -> Diagnostic | None:
+    return says(getattr(state, name))
+
+
+def _first(sayings: Sequence[Callable[[Tree], Diagnostic | None]], state: Tree) -> Diagnostic | None:
+    return next((one for says in sayings if (one := says(state)) is not None), None)

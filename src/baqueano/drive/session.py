@@ -163,7 +163,6 @@ def drive(
     given = Conditions(**conditions)
     world = given.world_of(vehicle_file)
     own, unknown = texts_of_own(blocks, vehicle_file)
-    says = spoken(blocks)
     blocks, sensors, notes = _prepared(blocks, vehicle_file, given, live)
     for one in observers:
         blocks = one.begin(blocks)
@@ -173,7 +172,7 @@ def drive(
     ticking = given.clock_of(vehicle_file)
 
     def driven(sink: RunSink) -> None:
-        recording = Recording(sink, world, health, observers, _first_ns(ticking), says)
+        recording = Recording(sink, world, health, observers, _first_ns(ticking), spoken(blocks))
         start, elsewhere = initial_pose_for(blocks.estimator, given.start)
         recording.begin([*world.notes, *unknown, *notes, *([] if elsewhere is None else [elsewhere])])
         _run(blocks, ticking, start, recording)
