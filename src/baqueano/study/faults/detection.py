@@ -47,8 +47,10 @@ TOGETHER = 16  # faults of a vehicle and seed that share their simulations
 SOUND = (
     N_("sound"), N_("sound, 10 % outliers"), N_("sound, multisine"), N_("sound, 60 s"), N_("sound, other start"),
 )  # fmt: skip
-MENDED = ("repeated time", "time jumps a day", "time jumps seconds", "held samples", "stuck", "frames as zero",
-          "not numbers", "clipped", "bursts", "clock goes back")  # fmt: skip
+MENDED = (
+    N_("repeated time"), N_("time jumps a day"), N_("time jumps seconds"), N_("held samples"), N_("stuck"),
+    N_("frames as zero"), N_("not numbers"), N_("clipped"), N_("bursts"), N_("clock goes back"),
+)  # fmt: skip
 HARM = {**DAMAGES, **LOGGING}
 FAULTS = (*SOUND, *HARM, *STRUCTURES)
 
