@@ -104,7 +104,7 @@ def test_one_step_scores_stand_beside_as_no_evidence(found):
     row = next(row for row in found.rows() if row.get("term") == "dry friction")
     assert row["error_with"] < 0.8 * row["error_without"]
     assert row["one_step_with"] > 0.9 * row["one_step_without"]
-    assert "no evidence" in found.table()
+    assert "Such scores prove nothing, and were not used." in found.table()
 
 
 def test_the_same_runs_give_the_same_choice(dry, believed, found):
@@ -240,7 +240,7 @@ def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, believed):
         for other in (dry, bare)
     ]
     assert [found.taken for found in told] == [("dry friction",), ()]
-    assert "judged by its simulation of the 1 held-out ones (10 blocks of about 2.0 s)" in told[0].rule
+    assert "tested by its simulation of the 1 held-out runs (10 blocks of about 2.0 s)" in told[0].rule
     assert told[0].fit.runs == ("run 0",)
 
 
@@ -288,5 +288,5 @@ def test_the_command_line_chooses_and_judges_by_the_held_out_run(in_a_folder, dr
         main(["identify", *SAID, "--held-out", "other.mcap"])
     assert ended.value.code == 0
     said = capsys.readouterr().out
-    assert "judged by its simulation of the 1 held-out ones" in said
+    assert "tested by its simulation of the 1 held-out runs" in said
     assert "the model carries over 20 s open loop" in said
