@@ -34,7 +34,7 @@ def test_who_wants_no_more_is_not_reported_what_is_not_in_the_model(lab, monkeyp
 
     def say(text: str) -> bool:
         asked.append(text)
-        return text.startswith("asking")
+        return text.startswith("testing for effects")
 
     assemble = import_module("baqueano.identify.result.assemble")
     monkeypatch.setattr(assemble, "diagnose", lambda *of: pytest.fail("it was asked"))
