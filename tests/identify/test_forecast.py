@@ -123,12 +123,12 @@ def test_terminal_json_and_report_say_it(small, tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main(words)
     said = capsys.readouterr().out
-    assert "s of open loop, driven as these runs (" in said
+    assert "s of open loop, driven like these runs (" in said
     assert "s of open loop, one lap of circle (" in said
     with pytest.raises(SystemExit):
         main([*words, "--json"])
     rows = json.loads(capsys.readouterr().out)["forecast"]
-    assert [row["drive"] for row in rows] == ["driven as these runs", "one lap of circle"]
+    assert [row["drive"] for row in rows] == ["driven like these runs", "one lap of circle"]
     assert 0.0 < rows[0]["position_m"] < 0.5
     page = page_of_fit(fit, ahead=forecast(fit, run))
     assert [section for section in page.sections if section.title == "What it means for a drive"]

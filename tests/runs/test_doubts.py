@@ -32,7 +32,7 @@ def swapped(where, a, b):
     ("damage", "said"),
     [
         (scaled("wz", DEG), r"imu.z\[2\] .*write unit = \"deg/s\""),
-        (scaled("wz", 1 / DEG), r"is 0.0174 times what \[truth\] says .*\"rad/s\" is too small by 57.3"),
+        (scaled("wz", 1 / DEG), r"is 0.0174 times what \[truth\] says .*\"rad/s\" is too small by a factor of 57.3"),
         (scaled("wz", -1.0), r"imu.z\[2\] is -.* times what \[truth\] says .*write scale = -1 for it"),
         (scaled("wz", 1.7), r"imu.z\[2\] is 1.7 times .*check its unit and scale"),
         (scaled("speed", 3.6), r"odometer.z\[0\] is 3.6 times .*write unit = \"km/h\""),
@@ -42,7 +42,7 @@ def swapped(where, a, b):
         (scaled("ay", 0.03), r"check its unit and scale, and those of the speed, \[sensors.odometer\]"),
         (scaled("ay", -1.0), r"imu.z\[1\] is -.*write scale = -1"),
         (scaled("ax", 1000.0), r"imu.z\[0\] with unit = .* reaches"),
-        (swapped("board", "ax", "ay"), r"imu.z\[0\] follows v·ω .*swap the columns of a_x and a_y"),
+        (swapped("board", "ax", "ay"), r"imu.z\[0\] agrees with v·ω .*swap the columns of a_x and a_y"),
         (swapped("board", "throttle", "steer"), r"command throttle turns .*swap the columns of \[command\]"),
         (scaled("throttle", 100.0), r"\(throttle\) reaches 6\d.*a full command is 1; write unit = \"%\""),
         (scaled("throttle", 2000.0), r"\(throttle\) reaches .* write scale = 0.000"),
@@ -63,7 +63,9 @@ def test_positions_in_millimetres_are_refused(lab):
 
 def test_a_camera_that_is_turned_against_the_heading_is_refused(lab):
     lab.camera["yaw"] = lab.camera["yaw"] - np.pi / 2
-    lab.refused(r"moves -?90° \(or \d+°\) beside its heading; write offset = -?1.57\d for the yaw, or -?1.57")
+    lab.refused(
+        r"differs from the heading by -?90° \(or \d+°\); write offset = -?1.57\d for the yaw, or -?1.57"
+    )
     assert lab.edit('"yaw", unit = "rad"', '"yaw", unit = "rad", offset = 1.571').codes() == [
         "no command yet"
     ]
@@ -71,7 +73,7 @@ def test_a_camera_that_is_turned_against_the_heading_is_refused(lab):
 
 def test_what_the_author_has_looked_into_is_accepted_and_reported(lab):
     lab.board["wz"] = -lab.board["wz"]
-    message = lab.refused("write at the top of the map: accept = ")
+    message = lab.refused("If the map is right, write at its top: accept = ")
     lab.map = 'accept = ["inverted"]\n' + lab.map
     assert message.endswith('accept = ["inverted"]')
     assert lab.run().verdict == "WARN"
@@ -150,7 +152,7 @@ def test_times_before_the_zero_of_the_clock_are_refused(lab):
 def test_two_clocks_that_never_meet_are_refused(lab):
     lab.camera["t"] = lab.camera["t"] + 1000.0
     lab.refused(
-        r"\[truth\] in camera.csv is at 1001.005 s to .*do not share a clock. .* \[files.camera\]: shift_s"
+        r"\[truth\] in camera.csv is at 1001.005 s to .*their clocks differ. Write in \[files.camera\]: shift_s"
     )
 
 
@@ -304,7 +306,7 @@ def test_wheels_that_turn_as_the_gyro_does_raise_no_doubt(lab, track_m, truth):
 def test_a_gyro_that_wheels_and_accelerometer_contradict_is_inverted_and_not_the_accelerometer(lab):
     lab.board["wz"] = -lab.board["wz"]
     said = by_wheels(lab).refused(
-        r"imu.z\[2\] turns against \[sensors.wheels\] .*and sensors.imu.z\[1\] against it"
+        r"\[sensors.wheels\] and sensors.imu.z\[2\] have opposite signs .*and sensors.imu.z\[1\] contradicts it"
     )
     assert "write scale = -1 for sensors.imu.z[2]" in said
     assert "sensors.imu.z[1] is" not in said
@@ -319,9 +321,7 @@ def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab
         lab.board["wz"], lab.board["ay"] = -lab.board["wz"], -lab.board["ay"]
     else:
         lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    said = lab.refused(
-        r"turns against \[sensors.wheels\] \(correlation -\d.\d\d\).*if the IMU is upside down"
-    )
+    said = lab.refused(r"opposite signs of the turning \(correlation -\d.\d\d\).*if the IMU is upside down")
     assert "swap left and right of [sensors.wheels]" in said
     assert "times what speed and turning give" not in said
 
@@ -329,7 +329,9 @@ def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab
 def test_wheels_that_the_camera_contradicts_are_swapped(lab):
     by_wheels(lab, truth=True)
     lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    lab.refused(r"\[truth\] turns against \[sensors.wheels\] .*; swap left and right of \[sensors.wheels\]")
+    lab.refused(
+        r"\[sensors.wheels\] and \[truth\] have opposite signs .*; swap left and right of \[sensors.wheels\]"
+    )
 
 
 @pytest.mark.parametrize(("factor", "apart"), [(1 / 40, "0.0075"), (40.0, "12")])
@@ -338,7 +340,7 @@ def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, apa
     for side in "lr":
         lab.board[side] = factor * lab.board[side]
     said = lab.refused(
-        rf"as wheels that are {apart}\d* m apart do .*check the scale of both: counts_per_turn, radius_m"
+        rf"with wheels that are {apart}\d* m apart .*check the scale of both: counts_per_turn, radius_m"
     )
     assert "accept = [" in said
 
@@ -348,4 +350,4 @@ def test_wheels_that_have_nothing_to_do_with_the_gyro_are_reported(lab):
     noise = np.random.default_rng(2).normal(size=1500)
     lab.board["r"] = lab.board["l"] + noise
     (doubt,) = (d for d in lab.run().doubts if d.code == "unrelated")
-    assert "[sensors.wheels] does not turn as sensors.imu.z[2] says (correlation" in doubt.text
+    assert "[sensors.wheels] and sensors.imu.z[2] disagree on the turning (correlation" in doubt.text

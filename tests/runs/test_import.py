@@ -201,7 +201,11 @@ PATH, RATE, YAW = 'path = "board.csv"', '"wz", unit = "rad/s"', '{ column = "yaw
         (RATE, '"wz"', r"imu.z\[2\] unit is missing; write unit = \"…\" \(rad/s, deg/s"),
         (RATE, '"wz", unit = "rad"', r"unit = 'rad'; write a unit of angular rate: rad/s, deg/s"),
         (RATE, '"wz", unit = "radps"', r"unit = 'radps'; write a known unit, perhaps rad"),
-        (RATE, '"wz", unit = "raw"', r"scale is missing; write scale = …: unit = \"raw\" needs"),
+        (
+            RATE,
+            '"wz", unit = "raw"',
+            r"scale is missing; write scale = …, the value of one count in SI units, because unit = \"raw\"",
+        ),
         ('{ column = "wz", unit = "rad/s" }', '"wz"', r"imu.z\[2\] = 'wz'; write an entry like"),
         ('column = "wz"', 'quaternion = ["x"], column = "wz"', r"either column = \"NAME\", or quaternion"),
         (YAW, '{ quaternion = ["q"], unit = "deg" }', "the heading of a quaternion is in rad"),
