@@ -252,7 +252,7 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
                         await ready_again(one)
                 await one.say("stop")
                 await one.next("state", where=lambda word: word["state"] == "STOPPED")
-                runs = await one.next("runs", where=lambda word: word["runs"][-1]["kind"] == "repeat")
+                runs = await one.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
                 assert {run["kind"] for run in runs["runs"]} == {"teach", "repeat"}
                 await ready_again(one)
                 beating.cancel()
