@@ -57,15 +57,11 @@ def which_estimator(file: "VehicleFile") -> Diagnostic:
 
 
 @command.command(
-    "check", help="Check BLOCK (file.py:Class, or the name of a block), and explain what is wrong."
+    "check", help="Say what is wrong with BLOCK (file.py:Class, or a kind of ours), for its author."
 )
 @click.argument("block")
 @click.option(
-    "--room",
-    help=(
-        "Room of the block: vehicle, sensor, estimator, guide, controller or "
-        "supervisor; default: recognised by its methods."
-    ),
+    "--room", help="vehicle, sensor, estimator, guide, controller, supervisor; found by itself if left out."
 )
 @options.vehicle
 @options.as_json
@@ -75,10 +71,10 @@ def check(
     from baqueano.errors import AnswerNo
     from baqueano.vehicle_file.checked import check
 
-    report = check(block, options.load_vehicle(vehicle or "small", settings), room)
-    answer(report, as_json)
-    if report.findings:
-        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
+    found = check(block, options.load_vehicle(vehicle or "small", settings), room)
+    answer(found, as_json)
+    if found.findings:
+        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(found.findings)))
     talk(note("cli.block-sound", block=block))
 
 
@@ -91,18 +87,18 @@ WORDS = {  # columns that are words; the others are typed
 class Listed:
     """Rows as they are."""
 
-    findings: list["TableRow"]
+    found: list["TableRow"]
     verdict: Verdict = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """The error as it was found."""
-        return self.findings
+        return self.found
 
     def table(self) -> str:
         """The same in columns; the verdict where nothing was found."""
-        if not self.findings:
+        if not self.found:
             return _(self.verdict)
-        cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.findings]
+        cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.found]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         return "\n".join(
             "  ".join(v.ljust(w) for v, w in zip(row, widths, strict=True)).rstrip() for row in cells

@@ -19,7 +19,7 @@ ROUNDING = 1e-9  # of the largest eigenvalue
 
 
 class NoCovariance(NamedTuple):
-    """Return the ticks of a run with an invalid covariance."""
+    """The ticks of a run whose covariance is none."""
 
     ticks: int
     of: int

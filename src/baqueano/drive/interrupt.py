@@ -10,17 +10,17 @@ from types import FrameType
 @contextmanager
 def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
     """The same ticks, until Ctrl-C: then KeyboardInterrupt, before the next one."""
-    interrupted = False
+    asked = False
 
     def ask(number: int, frame: FrameType | None) -> None:
-        nonlocal interrupted
-        interrupted = True
+        nonlocal asked
+        asked = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def ticks() -> Iterator[int]:
         for t_ns in ticking:
             yield t_ns
-            if interrupted:
+            if asked:
                 raise KeyboardInterrupt
 
     if not ours():

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,8 +78,6 @@ class WatchdogState(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Watchdog:
     """Stops for the reasons of `supervisor` and for those of the observers. Latched like those."""
-
-    goes_around: ClassVar[tuple[str, ...]] = ("supervisor",)
 
     supervisor: Supervision
     observers: Sequence[Observer]

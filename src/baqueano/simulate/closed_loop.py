@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller, Guide, Supervision
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
@@ -22,7 +21,6 @@ from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.messages import in_english
-from baqueano.printable import typed
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
@@ -30,7 +28,6 @@ from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, quiet, varied
 from baqueano.supervisor import REASONS, numbered
 from baqueano.symbolic import scan
-from baqueano.symbolic.backends import chosen
 from baqueano.symbolic.scan import Scan
 
 if TYPE_CHECKING:
@@ -167,18 +164,16 @@ def closed_loop(
     output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
 ) -> Scan:
-    """Return the compiled closed loop (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
+    """The kernel of (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
 
-    With `paths` into the system it takes the numbers there as θ. UsageError for a block that nothing compiles.
+    With `paths` into the system it takes the numbers there as θ.
     """
-    if chosen(backend) != "numpy":
-        compilable(**system.blocks._asdict())
     dt_s = 1.0 / rate_hz
     example = Input(1, quiet(system.sensors) if noise else None)
 
     def step_of(system: System, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
-        state, record = advance(system, dt_s, state, x)
-        return state, record if output is None else output(record)
+        state, heard = advance(system, dt_s, state, x)
+        return state, heard if output is None else output(heard)
 
     if not paths:
         return scan(lambda state, x: step_of(system, state, x), begin(system), example, backend=backend)
@@ -189,17 +184,9 @@ def closed_loop(
     return scan(step, begin(system), example, flat(system, paths), backend=backend)
 
 
-def compilable(**blocks: Tree) -> None:
-    """Raise UsageError, with what to type, for a block of a room whose step is never compiled."""
-    for room, block in blocks.items():
-        if optional.of(block, "as_written"):
-            how = typed("repeat", "ROUTE", f"--{room}", "KIND")
-            raise UsageError(fault("simulate.as-written", how, room=room, block=type(block).__name__))
-
-
-def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> Run:
+def as_run(name: str, t_ns: np.ndarray, heard: Tree, about: dict[str, str]) -> Run:
     """The run that N ticks of LoopOutput amount to."""
-    record, truth = output.record, output.truth
+    record, truth = heard.record, heard.truth
     est, ref = record.estimate, record.reference
     return Run(
         name,
@@ -218,7 +205,7 @@ def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> 
 
 def start_of(system: System) -> np.ndarray:
     """The pose (3,) that the guide asks for first."""
-    return np.array(references_of(system, [0])[0].eta, dtype=float)
+    return np.array(_reference_of(system, [0])[0].eta, dtype=float)
 
 
 def lasting(system: System) -> float:
@@ -238,10 +225,10 @@ def ticks_of(system: System, rate_hz: float) -> int:
 
 
 def _done(system: System, t_ns: int) -> bool:
-    return bool(references_of(system, [0, t_ns])[-1].done > 0.0)
+    return bool(_reference_of(system, [0, t_ns])[-1].done > 0.0)
 
 
-def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
+def _reference_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
     """The references of a fresh guide for a vehicle at rest at the origin."""
     state, out = system.guide.init(), []
     for t_ns in times_ns:

@@ -11,9 +11,8 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.messages import text, verdict_line
-from baqueano.sweep.figures import SINGLE, SUMMED
+from baqueano.sweep.figures import SINGLE, SUMMED, Pieces
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired
-from baqueano.sweep.pieces import Pieces
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -233,8 +232,9 @@ class SweepResult(Result):
         if row["cell"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
             return "  1" if row["cell"] == self.reference else "  -"
         shown = [f"{number(row[f'{main}_{end}']):.2f}" for end in ("ratio", "low", "high")]
-        interval = f"[{shown[1]}, {shown[2]}]" if np.isfinite(row[f"{main}_low"]) else _("cannot tell")
-        return f"  {shown[0]} {interval}"
+        return (
+            f"  {shown[0]} [{shown[1]}, {shown[2]}]" if np.isfinite(row[f"{main}_low"]) else f"  {shown[0]}"
+        )
 
 
 def _cell(value: float) -> str:

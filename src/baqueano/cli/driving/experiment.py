@@ -28,31 +28,25 @@ if TYPE_CHECKING:
     "--signal",
     default="random-steps",
     show_default=True,
-    help=(
-        "Signal of the command: random-steps, multisine, prbs, ramps; or designed, for this "
-        "vehicle and this room."
-    ),
+    help="random-steps, multisine, prbs, ramps; or designed, for this vehicle in this room.",
 )
 @click.option(
     "--room",
     metavar="WxH",
-    help=(
-        "Room [m]. The vehicle begins in the middle, heading along W, and stays inside. Default "
-        "of designed: 2x2."
-    ),
+    help="Metres; the vehicle begins in the middle, heading along W, and stays inside. Of designed: 2x2.",
 )
 @click.option(
     "--known",
     is_flag=True,
-    help="Trust the numbers of the file. Without this option, a vehicle that was never fitted "
-    "first drives carefully and is fitted.",
+    help="Design for the numbers of the file as they are; else a vehicle that was never fitted is driven "
+    "carefully first, and fitted to that.",
 )
 @click.option(
     "--rounds",
     type=click.IntRange(1),
-    help="With designed: number of rounds of drive, fit and new design.",
+    help="With designed: drive, fit, and design again for what was learnt, so many times.",
 )
-@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Duration [s].")
+@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
 @options.seed
 @options.shake
 @options.backend

@@ -74,13 +74,13 @@ class Shaking:
             raise UsageError(fault("shake.no-inertia", kind=one.kind))
         if one.kind == "push" and not self._mass_kg:
             raise UsageError(fault("shake.no-mass", found=f"{hypot(one.x, one.y):g} N s"))
-        places: list[str] = []
+        known: list[str] = []
         if one.kind in OF_SENSOR:
-            places = list(self.names)
+            known = list(self.names)
         if one.kind in OF_CHANNEL:
-            places = [f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)]
-        if (one.kind in OF_SENSOR or one.kind in OF_CHANNEL) and one.of not in places:
-            raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known=places))
+            known = [f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)]
+        if (one.kind in OF_SENSOR or one.kind in OF_CHANNEL) and one.of not in known:
+            raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known=known))
         if one.kind == "slip" and self._motors < 2 and one.of != "all":
             raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known="all"))
         return one

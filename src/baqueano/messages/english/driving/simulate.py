@@ -1,22 +1,18 @@
 """English sentences of simulations."""
 
 TEMPLATES: dict[str, str] = {
-    "simulate.as-written": (
-        "the {room} {block} asks a solver, a person or a clock, so its step cannot be compiled. Nothing tunes it, "
-        "or simulates it in one kernel. Drive it tick by tick: {fix}"
-    ),
-    "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",
+    "simulate.never-done": "this guide never says that it is done: say how long, with duration_s.",
     "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
     "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, another value for {expected}.',
     "simulate.vary-not-finite": 'vary["{path}"] holds a number that is not finite.',
     "simulate.no-vehicles": (
-        "The number of vehicles is 0: give vary = {{path: values}} with a row per vehicle, or vehicles."
+        "no vehicles: give vary = {{path: values}}, a row per vehicle, or vehicles = how many."
     ),
     "simulate.no-covariance": (
         "{name}: no parameter has a covariance yet, so nothing can be drawn. Fit it: baqueano identify RUNS "
         "--update, or say what varies: vary = {{path: values}}."
     ),
-    "simulate.vehicles": "vehicles = {vehicles}: expected 1 or more.",
+    "simulate.vehicles": "vehicles = {vehicles}: say how many to draw, 1 or more.",
     "simulate.signal-shape": (
         "the command signal has shape {found}: expected (N, {commands}), one row a tick with {names}."
     ),
@@ -27,7 +23,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "simulate.pose": "{name} = {found}: expected three finite numbers.",
     "simulate.no-number": (
-        '"{path}" is not a number of this vehicle: {cause}. Name it as in the vehicle file, for '
-        'example "model.friction.linear".'
+        'this vehicle lacks a number at "{path}": {cause}. Name it as in the vehicle file, for example '
+        '"model.friction.linear".'
     ),
 }
