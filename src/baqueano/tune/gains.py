@@ -116,6 +116,7 @@ def searched(
         if np.array_equal(wider.low, asked.low) and np.array_equal(wider.high, asked.high):
             break
         rehearsal, own, starts = replace(rehearsal, asked=wider), [best], 0
+    best = found[0].gains
     if rehearsal.remembers(best):
         asked, rehearsal = rehearsal.asked, rehearsal.begun_with(best)
         again = descend(rehearsal.cost_and_gradient, best, asked.low, asked.high)

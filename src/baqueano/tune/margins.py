@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Controller
-from baqueano.contracts.values import Tree
+from baqueano.contracts.values import Tree, Value
 from baqueano.estimators import KnownState
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
@@ -65,7 +65,7 @@ class Linear(NamedTuple):
     D: np.ndarray  # (k, m)
     dt_s: float
 
-    def at(self, omega: np.ndarray) -> np.ndarray:
+    def at(self, omega: Value) -> Value:
         """Return the first entry of the transfer function at ω (f,) [rad/s]."""
         z = np.exp(1j * np.atleast_1d(omega) * self.dt_s)
         resolved = np.linalg.solve(
@@ -89,7 +89,7 @@ def loop_margins(
     whole = np.block([[plant.A, plant.B], [plant.C, plant.D]])
     stable = steady and bool(np.max(np.abs(np.linalg.eigvals(whole))) < GROWS)
     return tuple(
-        LoopMargins(names[k], *margins(opened(plant, k)), speed_m_s, stable)
+        LoopMargins(names[k], *margins(opened(plant, int(k))), speed_m_s, stable)
         for k in np.flatnonzero(limit > 0.0)
     )
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from functools import partial
 from math import ceil
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -236,7 +236,9 @@ def rehearse(
     if not np.isfinite(aside_m):
         raise UsageError(fault("tune.aside", aside_m=aside_m))
     asked = sought(vehicle_file, gains, bounds, controller)
-    each = list(routes) if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]
+    each: Any = (
+        list(routes) if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]
+    )
     if not each or seeds < 1:
         raise UsageError(fault("tune.nothing-to-drive", routes=len(each), seeds=seeds))
     systems = [unquantised(closed(vehicle_file, route, laps, not estimator, asked.block)) for route in each]
