@@ -3,8 +3,9 @@
 What drives, fits, draws, installs or emulates has the mark `slow`; `make test-fast` leaves it out.
 
 Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in the background ignore it; here it counts.
-Hypothesis judges no example by the clock on the wall: a busy machine is slow. A machine that stalls for a second lets
-sockets, firmware and browsers miss their time: such a test runs up to twice again, and the summary lists it (RERUN).
+Hypothesis judges no example by the clock on the wall: a busy machine is slow. A machine that stalls lets sockets,
+firmware and browsers miss their time. So a test of REAL_TIME that fails runs up to twice again, whatever the cause. The
+summary lists each (RERUN): one that is listed often has a fault.
 """
 
 import builtins
