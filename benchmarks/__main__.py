@@ -6,8 +6,8 @@ import json
 import sys
 
 BENCHES = (
-    "kernels", "simulation", "many", "filter", "recommended", "fit", "live_information", "tuning", "start", "onboard",
-    "page",
+    "kernels", "simulation", "many", "filter", "recommended", "fit", "live_information", "tuning", "laps",
+    "controllers", "start", "onboard", "door", "page",
 )  # fmt: skip
 
 

@@ -165,7 +165,7 @@ def late(theta, state, row):
         turning = np.array([nu[1] * nu[2], -nu[0] * nu[2], 0.0])
         return (T @ effort - (theta[:3] + theta[3:6] * np.abs(nu)) * nu) * inverse_mass + turning
 
-    effort = with_lag(delay.felt(u, past, steps_s, theta[13], dt_s), lagged, theta[12], dt_s)
+    effort = with_lag(delay.pieces_in_force(u, past, steps_s, theta[13], dt_s), lagged, theta[12], dt_s)
     nu = rk4(nu_dot, nu, effort, dt_s)
     a = nu_dot(nu, effort.last)
     h = np.array([a[0] - nu[2] * nu[1], a[1] + nu[2] * nu[0], nu[2] + theta[14]])
@@ -184,8 +184,8 @@ def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
     expected = np.empty((32, 6))
     by_hand = called(libraries, "fleet", 32, len(u), theta, u, expected)
     ours = scan(lambda p, x, u: (runge_kutta(p, x, u), x), np.zeros(6), u[0], ALL, backend="c")
-    np.testing.assert_allclose(ours.lanes(u, theta)[0], expected, rtol=1e-10, atol=1e-10)
-    cases = [Case("scan.lanes", lambda: ours.lanes(u, theta)), *by_hand]
+    np.testing.assert_allclose(ours.batch(u, theta)[0], expected, rtol=1e-10, atol=1e-10)
+    cases = [Case("scan.batch", lambda: ours.batch(u, theta)), *by_hand]
     return measured(
         f"kernel e: 32 vehicles side by side, {len(u):,} ticks, one processor",
         cases,

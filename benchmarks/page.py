@@ -7,7 +7,6 @@ time to wait is the machine's, too. Two ways are measured in turn, so that a bus
 
 import asyncio
 import json
-import os
 import re
 import signal
 import socket
@@ -22,10 +21,12 @@ from statistics import median
 from typing import Any
 
 from benchmarks.harness import Bench, LeftOut, Row
+from benchmarks.processes import before_others, first_of_all, p99, quantile, resident_mb, spread
 
 VIEWERS = 5
 MOST_PERCENT, MOST_MB = 2.0, 35.0
-MOST_LATER_MS = 0.2  # of the p99 of a tick, by a visitor who takes history
+MOST_LATER_MS = 0.2  # of the p99 of a tick, by a visitor who takes history, or tabs that read nothing
+TABS, MOST_GROWN_MB = 50, 5.0  # of the page process, by so many tabs that read nothing
 MOST_PICTURE_MS, MOST_KEY_MS, MOST_FRAME_MS = 500.0, 60.0, 8.0
 STARTS_S = 120.0
 
@@ -35,6 +36,7 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the page", "it speaks to a service through a socket of Unix")]
     with ExitStack() as open_things:
+        open_things.enter_context(before_others())
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
         service, door = open_things.enter_context(_service(folder))
         page, port = open_things.enter_context(_page(folder, door))
@@ -43,9 +45,10 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
         found: list[Bench | LeftOut] = [
             asyncio.run(_viewers(page, port, rounds, seconds)),
             asyncio.run(_history(service, guest, port, rounds, seconds)),
+            asyncio.run(_stalled(service, page, guest, port, rounds, seconds)),
         ]
         guest.say("end")
-    return [*found, *_browser(smallest)]
+        return [*found, *_browser(smallest)]
 
 
 async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
@@ -55,13 +58,13 @@ async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
         alone.append(await _share(page, seconds))
         async with _looking(port, VIEWERS):
             watched.append(await _share(page, seconds))
-    resident = _resident_mb(page)
+    resident = resident_mb(page)
     none, five = median(alone), median(watched)
     rows = (
         Row("nobody looks", none / 100.0, 1.0, note=f"{none:.2f} % of a core"),
         Row(
             f"{VIEWERS} browsers at 20 Hz", five / 100.0, five / max(none, 1e-9), missed=five > MOST_PERCENT,
-            note=f"{five:.2f} % of a core (at most {MOST_PERCENT:g}); {_spread(watched)}",
+            note=f"{five:.2f} % of a core (at most {MOST_PERCENT:g}); {spread(watched)}",
         ),
         Row(
             "memory", 0.0, 1.0, missed=resident > MOST_MB,
@@ -73,7 +76,7 @@ async def _viewers(page: int, port: int, rounds: int, seconds: float) -> Bench:
 
 async def _history(service: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
     """How late a tick begins in the service while a visitor of the page takes the last 60 s twice a second."""
-    first = "with SCHED_FIFO" if _first_of_all(service) else "without SCHED_FIFO"
+    first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
     plain, taken = [], []
     await asyncio.sleep(0.5 if rounds == 1 else 10.0)  # the ring of the page fills
     for _ in range(rounds):
@@ -82,8 +85,8 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
             asking = asyncio.create_task(_ask_again(lines[0]))
             taken.append(await asyncio.to_thread(guest.late_ms, seconds))
             asking.cancel()
-    without, beside = (_p99([x for one in several for x in one]) for several in (plain, taken))
-    later = median(_p99(b) - _p99(a) for a, b in zip(plain, taken, strict=True))
+    without, beside = (p99([x for one in several for x in one]) for several in (plain, taken))
+    later = median(p99(b) - p99(a) for a, b in zip(plain, taken, strict=True))
     rows = (
         Row("p99 without a visitor", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
         Row(
@@ -92,6 +95,31 @@ async def _history(service: int, guest: "_Guest", port: int, rounds: int, second
         ),
     )  # fmt: skip
     return Bench("how late a tick of the loop begins", rows)
+
+
+async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: int, seconds: float) -> Bench:
+    """Memory of the page process, and how late a tick begins, while tabs read nothing."""
+    first = "with SCHED_FIFO" if first_of_all(service) else "without SCHED_FIFO"
+    plain, stalled, grown, there = [], [], [], 0
+    for _ in range(rounds):
+        plain.append(await asyncio.to_thread(guest.late_ms, seconds))
+        before = resident_mb(page)
+        async with _come(port, TABS) as lines:
+            there = len(lines)
+            for line in lines:
+                line.transport.pause_reading()
+            stalled.append(await asyncio.to_thread(guest.late_ms, seconds))
+            grown.append(resident_mb(page) - before)
+    later = median(p99(b) - p99(a) for a, b in zip(plain, stalled, strict=True))
+    without, beside = (p99([x for one in several for x in one]) for several in (plain, stalled))
+    rows = (
+        Row("p99 without them", 1e-3 * without, 1.0, note=f"of {sum(map(len, plain))} ticks, {first}"),
+        Row(f"with the {there} that are let in", 1e-3 * beside, beside / max(without, 1e-9),
+            missed=later > MOST_LATER_MS or max(grown) > MOST_GROWN_MB,
+            note=f"{later:+.3f} ms, median of {rounds} pairs (at most {MOST_LATER_MS:g}); "
+                 f"{max(grown):+.1f} MB resident (at most {MOST_GROWN_MB:g})"),
+    )  # fmt: skip
+    return Bench(f"{TABS} tabs that read nothing", rows)
 
 
 def _browser(smallest: bool) -> list[Bench | LeftOut]:
@@ -111,10 +139,7 @@ def _browser(smallest: bool) -> list[Bench | LeftOut]:
         tab.do("Page.addScriptToEvaluateOnNewDocument", source=FIRST)
         tab.goto(f"http://127.0.0.1:{port}/")
         tab.wait("globalThis.baqueano?.page.hello", STARTS_S)
-        tab.js("baqueano.page.hand.take()")
-        tab.wait("baqueano.page.hand.mine", STARTS_S)
-        tab.js("baqueano.page.link.send({is: 'mission', kind: 'drive'})")
-        tab.wait("baqueano.page.state.state === 'MANUAL' && baqueano.page.record.length > 20", STARTS_S)
+        _drive(tab)
         with _Guest(door, begin=False) as guest:
             for _ in range(2 if smallest else 15):
                 keys.append(_key_to_command(tab, guest))
@@ -129,17 +154,30 @@ def _browser(smallest: bool) -> list[Bench | LeftOut]:
             pictures.append(other.js("first_ms"))
             other.close()
         tab.close()
-    picture, key, drawing = median(pictures), median(keys), _quantile(drawings, 0.95)
+    picture, key, drawing = median(pictures), median(keys), quantile(drawings, 0.95)
     rows = (
         Row("from open to the first picture", 1e-3 * picture, 1.0, missed=picture > MOST_PICTURE_MS,
-            note=f"median of {len(pictures)} (at most {MOST_PICTURE_MS:g} ms); {_spread(pictures)}"),
+            note=f"median of {len(pictures)} (at most {MOST_PICTURE_MS:g} ms); {spread(pictures)}"),
         Row("from a key to the command of a tick", 1e-3 * key, key / picture, missed=key > MOST_KEY_MS,
-            note=f"median of {len(keys)} (at most {MOST_KEY_MS:g} ms); {_spread(keys)}"),
+            note=f"median of {len(keys)} (at most {MOST_KEY_MS:g} ms); {spread(keys)}"),
         Row(f"a drawing of the map and {strips} strips", 1e-3 * drawing, drawing / picture,
             missed=drawing > MOST_FRAME_MS,
             note=f"p95 of {len(drawings)}, median {median(drawings):.1f} ms (at most {MOST_FRAME_MS:g})"),
     )  # fmt: skip
     return [Bench("the page in a browser on this machine", rows)]
+
+
+def _drive(tab: Any) -> None:
+    """Take the wheel and drive by hand, again where a busy machine has lost it."""
+    end = time.monotonic() + STARTS_S
+    while not tab.js("baqueano.page.state.state === 'MANUAL' && baqueano.page.record.length > 20"):
+        assert time.monotonic() < end, tab.js("baqueano.page.state.sentence")
+        if not tab.js("baqueano.page.hand.mine"):
+            tab.js("baqueano.page.hand.take()")
+        elif tab.js("baqueano.page.state.state") in ("READY", "STOPPED"):
+            tab.js("baqueano.page.link.send({is: 'clear'})")
+            tab.js("baqueano.page.link.send({is: 'mission', kind: 'drive'})")
+        time.sleep(0.2)
 
 
 FIRST = """
@@ -260,29 +298,39 @@ def _page(folder: Path, door: Path) -> Iterator[tuple[int, int]]:
 
 
 @asynccontextmanager
-async def _looking(port: int, number: int) -> Any:
-    """Browsers that read what comes."""
+async def _come(port: int, number: int) -> Any:
+    """Browsers that say hello, as many of them as are let in."""
     from websockets.asyncio.client import connect
+    from websockets.exceptions import InvalidStatus
 
-    host = f"127.0.0.1:{port}"
+    host, lines = f"127.0.0.1:{port}", []
     async with asyncio.timeout(STARTS_S):
-        lines = [
-            await connect(
-                f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None, max_size=None
-            )
-            for _ in range(number)
-        ]  # fmt: skip
-    reading = [asyncio.create_task(_read(line)) for line in lines]
-    for line in lines:
-        await line.send('{"is":"hello","lang":"en"}')
-    await asyncio.sleep(1.0)  # hello, history and list of runs are done with
+        for _ in range(number):
+            with suppress(InvalidStatus):
+                lines.append(await connect(
+                    f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None,
+                    max_size=None,
+                ))  # fmt: skip
+        for line in lines:
+            await line.send('{"is":"hello","lang":"en"}')
     try:
         yield lines
     finally:
-        for task in reading:
-            task.cancel()
         for line in lines:
             line.transport.abort()
+
+
+@asynccontextmanager
+async def _looking(port: int, number: int) -> Any:
+    """Browsers that read what comes."""
+    async with _come(port, number) as lines:
+        reading = [asyncio.create_task(_read(line)) for line in lines]
+        await asyncio.sleep(1.0)  # hello, history and list of runs are done with
+        try:
+            yield lines
+        finally:
+            for task in reading:
+                task.cancel()
 
 
 async def _read(line: Any) -> None:
@@ -307,30 +355,3 @@ def _used_s(process: int) -> float:
     """Return the processor time of all threads of a process until now."""
     tasks = Path(f"/proc/{process}/task").glob("*/schedstat")
     return 1e-9 * sum(float(task.read_text().split()[0]) for task in tasks)
-
-
-def _resident_mb(process: int) -> float:
-    text = Path(f"/proc/{process}/status").read_text()
-    return 1024e-6 * float(re.search(r"VmRSS:\s+(\d+)", text)[1])  # pyright: ignore[reportOptionalSubscript]
-
-
-def _first_of_all(process: int) -> bool:
-    """Let the loop of a process run before all others, where that is allowed."""
-    try:
-        os.sched_setscheduler(process, os.SCHED_FIFO, os.sched_param(50))
-    except (OSError, AttributeError):
-        return False
-    return True
-
-
-def _p99(values: list[float]) -> float:
-    return _quantile(values, 0.99)
-
-
-def _quantile(values: list[float], q: float) -> float:
-    ordered = sorted(values)
-    return ordered[min(len(ordered) - 1, int(q * len(ordered)))]
-
-
-def _spread(values: list[float]) -> str:
-    return f"{min(values):.3g} to {max(values):.3g}"

@@ -133,3 +133,36 @@ def driven(gains, route_t, route_eta, limit, theta, m, I, ticks, weight, huber):
         last = d[2]
         u = np.clip([gains[0] * e_x, 0.0, gains[1] * d[2] + gains[2] * change], -limit, limit)
     return cost
+
+
+def driven_many(gains, start, route_t, route_eta, limit, theta, m, I, ticks, weight, huber):
+    """The same (L,) for L sets of gains (L, 3) from the pose `start`, vectorised over the drives."""
+    T, mass, (k_x, k_psi, k_rate) = theta[6:].reshape(3, 3), np.array([m, m, I])[:, None], gains.T
+
+    def f(x, u):
+        c, s, nu = np.cos(x[2]), np.sin(x[2]), x[3:]
+        drag = (theta[:3, None] + theta[3:6, None] * np.abs(nu)) * nu
+        nu_dot = (T @ u - drag) / mass
+        turned = nu_dot[0] + nu[2] * nu[1], nu_dot[1] - nu[2] * nu[0]
+        return np.stack([c * nu[0] - s * nu[1], s * nu[0] + c * nu[1], nu[2], *turned, nu_dot[2]])
+
+    x = np.zeros((6, len(gains)))
+    x[:3] = np.asarray(start)[:, None]
+    u, cost, last = np.zeros((3, len(gains))), np.zeros(len(gains)), None
+    reference = [np.interp(np.arange(ticks) * DT % route_t[-1], route_t, column) for column in route_eta.T]
+    for k in range(ticks):
+        k1 = f(x, u)
+        k2 = f(x + 0.5 * DT * k1, u)
+        k3 = f(x + 0.5 * DT * k2, u)
+        k4 = f(x + DT * k3, u)
+        x = x + DT / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        d = np.stack([column[k] - x[i] for i, column in enumerate(reference)])
+        d[2] = (d[2] + np.pi) % (2.0 * np.pi) - np.pi
+        r = np.sqrt(d[0] ** 2 + d[1] ** 2 + (weight * d[2]) ** 2)
+        cost += np.where(r <= huber, 0.5 * r * r, huber * r - 0.5 * huber**2)
+        e_x = np.cos(x[2]) * d[0] + np.sin(x[2]) * d[1]
+        change = 0.0 if last is None else ((d[2] - last + np.pi) % (2.0 * np.pi) - np.pi) / DT
+        last = d[2]
+        wanted = np.stack([k_x * e_x, np.zeros_like(e_x), k_psi * d[2] + k_rate * change])
+        u = np.clip(wanted, -limit[:, None], limit[:, None])
+    return cost

@@ -7,6 +7,7 @@ compiles it. An entry is fuzzy where its English changed: translate it again and
 
 import ast
 import io
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +26,11 @@ from baqueano.messages import templates
 
 SOURCE = CATALOGUES.parent
 OF_CLICK = {"_": None, "ngettext": (1, 2)}
-OF_PARAMETERS = {"shown_by", "measured_by"}
+OF_PARAMETERS = {"shown_by", "measured_by", "label"}
+COMMENT = re.compile(r'# (.*)|^about = "(.*)"', re.MULTILINE)
+CODE = re.compile(
+    rf"`[^`\n]+`|--[a-z][a-z-]+|baqueano (?:{'|'.join(VERBS)})\b|\[[a-z_]{{3,}}(?:\.[a-z_]+)*\](?!\()"
+)
 MARKED = {"_": 0, "N_": 0, "parameter": 1}  # function → which argument is words
 
 
@@ -51,6 +56,9 @@ def wanted() -> Catalog:
             catalogue.add(words)
     for path in sorted((SOURCE / "project").glob("my_*.py")):
         catalogue.add(path.read_text(encoding="utf-8").split('"""')[1])  # as `baqueano new` writes it
+    for path in sorted((SOURCE / "project" / "guesses").glob("*.toml")):
+        for words in COMMENT.findall(path.read_text(encoding="utf-8")):
+            catalogue.add("".join(words))
     for path in Path(click.__file__).parent.glob("*.py"):
         for _, words, _, _ in extract_from_file("python", path, keywords=OF_CLICK):
             catalogue.add(words)
@@ -143,12 +151,24 @@ def faults(catalogue: Catalog) -> list[str]:
 
 
 def differs(english: str | tuple[str, ...], other: str | tuple[str, ...]) -> str | None:
-    """Return the placeholders that one has and the other has not; None where they are the same."""
+    """Return the placeholders, or the code, of both where they are not the same; None where they are."""
     if isinstance(english, tuple):
         pairs = zip(english, other, strict=True)
         return next((broken for pair in pairs if (broken := differs(*pair)) is not None), None)
-    ours, theirs = fields(english), fields(other)
-    return None if ours == theirs else f"{sorted(ours)} and {sorted(theirs)}"
+    for held in (fields, code):
+        ours, theirs = held(english), held(other)
+        if ours != theirs:
+            return f"{sorted(ours)} and {sorted(theirs)}"
+    return None
+
+
+def code(words: str) -> set[str]:
+    """Return what is typed as it stands: spans in backticks, options, verbs, tables of a file.
+
+    >>> sorted(code("Fit it: baqueano identify RUNS --update, and write [simulation] and `truth`."))
+    ['--update', '[simulation]', '`truth`', 'baqueano identify']
+    """
+    return set(CODE.findall(words))
 
 
 def fields(template: str) -> set[str]:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from baqueano.diagnostics import Diagnostic
-from baqueano.errors import Coded
+from baqueano.errors import DiagnosticError
 
 
 def of_code(code: str, **figures: Any) -> Callable[[Any], bool]:
@@ -25,12 +25,12 @@ def within(why: Diagnostic) -> Iterator[Diagnostic]:
 
 @contextmanager
 def refused(
-    code: str, kind: type[Exception] = Coded, /, **figures: object
+    code: str, kind: type[Exception] = DiagnosticError, /, **figures: object
 ) -> Iterator[pytest.ExceptionInfo[Exception]]:
     """What is done raises an error of this kind, code and figures, or one that has it for a cause."""
     with pytest.raises(kind) as caught:
         yield caught
-    assert isinstance(caught.value, Coded), str(caught.value)
+    assert isinstance(caught.value, DiagnosticError), str(caught.value)
     causes = {cause.code: cause for cause in within(caught.value.diagnostic)}
     assert code in causes, str(caught.value)
     assert {name: causes[code].figures[name] for name in figures} == figures

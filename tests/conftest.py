@@ -6,6 +6,7 @@ Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in t
 Hypothesis judges no example by the clock on the wall: a busy machine is slow. A machine that stalls lets sockets,
 firmware and browsers miss their time. So a test of REAL_TIME that fails runs up to twice again, whatever the cause. The
 summary lists each (RERUN): one that is listed often has a fault.
+A bar of milliseconds has the mark `alone`: the other processes of the run wait meanwhile (tests/turns.py).
 """
 
 import builtins
@@ -13,12 +14,14 @@ import gc
 import os
 import signal
 import threading
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from baqueano.symbolic.c_code import compile
+from tests.turns import turn
 
 HERE = Path(__file__).parent
 SLOW = {  # folders and files
@@ -87,6 +90,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("slow")
         if is_in(item.path, REAL_TIME):
             item.add_marker(pytest.mark.flaky(reruns=2))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Run a test beside those of the other processes, or alone."""
+    with turn(item.get_closest_marker("alone") is not None):
+        return (yield)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -90,7 +90,7 @@ WORDS = {
     "NE-1": "no port is opened to the network",
     "NE-2": "a page checks Host, Origin and token",
     "NE-3": "seeing, stopping and driving are separate rights",
-    "NE-4": "a driver's signs of life are signed, and guesses are slowed down",
+    "NE-4": "a driver's beats count by a growing number before a fresh picture; guesses are slowed down",
     "NE-5": "a client that does not read is let go and holds nobody up",
     "NE-6": "names from the other side reach no file but runs",
     "NE-7": "a connection is encrypted: it is ssh",

@@ -8,6 +8,8 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -47,6 +49,15 @@ def laptop(tmp_path: Path):
         "MPLCONFIGDIR": str(home / "mpl"),
     }
 
+    @contextmanager
+    def running(*args: str) -> Iterator[subprocess.Popen[bytes]]:
+        command = [sys.executable, "-m", "baqueano", *args]
+        with subprocess.Popen(command, cwd=home, env=environment, stderr=subprocess.PIPE) as program:
+            try:
+                yield program
+            finally:
+                program.terminate()
+
     def run(*args: str, code: int = 0) -> subprocess.CompletedProcess[bytes]:
         done = subprocess.run(
             [sys.executable, "-m", "baqueano", *args],
@@ -60,7 +71,7 @@ def laptop(tmp_path: Path):
         assert "Traceback" not in said
         return done
 
-    run.home = home  # type: ignore[attr-defined]
+    run.home, run.running = home, running  # type: ignore[attr-defined]
     return run
 
 
@@ -105,6 +116,35 @@ def test_the_demo_runs_whole_on_such_a_laptop(laptop):
     reply = json.loads(laptop("demo", "--json").stdout.decode("cp1252"))
     assert reply["verdict"] == "USABLE"
     assert "https://" not in (laptop.home / "demo" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_page_of_a_simulated_vehicle_drives_on_such_a_laptop(laptop):
+    """The service is a child of the page, over pipes; the browser is played here."""
+    from websockets.sync.client import connect
+
+    def first(line, kind, true=lambda word: True):
+        while True:
+            data = line.recv(timeout=60.0)
+            if isinstance(data, str) and (word := json.loads(data))["is"] == kind and true(word):
+                return word
+
+    with laptop.running("serve", "--vehicle", "small", "--no-browser", "--runs", "corridas") as page:
+        port = next(int(m[1]) for line in page.stderr if (m := re.search(rb"127\.0\.0\.1:(\d+)/", line)))
+        host = f"127.0.0.1:{port}"
+        with connect(
+            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
+        ) as line:
+            line.send(json.dumps({"is": "hello", "lang": "es"}))
+            assert first(line, "hello")["vehicle"]["world"] == "simulated"
+            line.send(json.dumps({"is": "take"}))
+            first(line, "lease")
+            line.send(json.dumps({"is": "mission", "kind": "experiment", "seconds": 60}))
+            first(line, "state", lambda word: word["state"] == "MISSION")
+            while not isinstance(line.recv(timeout=60.0), bytes):
+                pass
+            line.send(json.dumps({"is": "stop"}))
+            first(line, "state", lambda word: word["state"] == "STOPPED")
+    assert list((laptop.home / "corridas").glob("*.mcap"))
 
 
 def test_lg11_runs_are_written_listed_and_exported_on_such_a_laptop(laptop):

@@ -115,8 +115,9 @@ def test_a_page_names_only_verbs_and_options_that_exist(page):
         )
 
 
-def test_each_row_of_the_security_of_the_page_names_tests_that_exist():
-    text = (ROOT / "docs/page.md").read_text(encoding="utf-8").partition("## Security")[2]
+@pytest.mark.parametrize(("page", "heading"), [("page.md", "## Security"), ("es/page.md", "## Seguridad")])
+def test_each_row_of_the_security_of_the_page_names_tests_that_exist(page, heading):
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8").partition(heading)[2]
     rows = [line for line in text.splitlines() if line.startswith("| ")][1:]
     assert len(rows) >= 16
     tests = "\n".join(
@@ -128,7 +129,7 @@ def test_each_row_of_the_security_of_the_page_names_tests_that_exist():
         assert {name for name in named if f"def {name}(" not in tests} == set()
 
 
-def test_every_erratum_that_the_code_names_is_told():
+def test_every_erratum_that_the_code_names_is_reported():
     told = set(
         re.findall(r"^\| (\d+) \|", (ROOT / "docs/errata.md").read_text(encoding="utf-8"), re.MULTILINE)
     )

@@ -43,7 +43,7 @@ HAVE_ONE = """
     door.remote: reached
     robot.uno.serial_port: connected
     project.folder: new
-    report.of_fit: report
+    report.fit_report: report
     vehicle_file.checked: check
     runs.importing.recordings: import_run
     runs.container.reader: read_run

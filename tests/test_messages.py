@@ -108,14 +108,14 @@ def test_no_code_reads_a_sentence(room):
         'text(why).partition(":")', 'LOW = "the battery is low"\nwhy == LOW',
     ],
 )  # fmt: skip
-def test_whoever_reads_a_sentence_is_found(line):
+def test_anyone_who_reads_a_sentence_is_found(line):
     assert list(readers(ast.parse(line)))
 
 
 @pytest.mark.parametrize(
     "line", ['name.startswith("-")', "why.code == StopReason.TILT", "host.partition(':')", "x in why.figures"]
 )
-def test_whoever_reads_codes_and_names_is_not(line):
+def test_anyone_who_reads_codes_and_names_is_not(line):
     assert not list(readers(ast.parse(line)))
 
 
@@ -217,9 +217,25 @@ def test_a_diagnostic_is_the_same_behind_the_door_and_in_a_run(said):
         {"code": "x", "severity": "error", "subject": "", "figures": {"a": {"code": 3}}, "fix": ""},
     ],
 )  # fmt: skip
-def test_what_is_no_diagnostic_is_refused(said):
+def test_what_is_not_a_diagnostic_is_refused(said):
     with pytest.raises(ValueError, match=r"diagnostic|figure|Severity"):
         Diagnostic.of_json(said)
+
+
+@pytest.mark.parametrize(
+    ("then", "now"),
+    [
+        ("doubt.clock-later", "recording.clock-later"), ("seen.not", "identifiability.not"),
+        ("led.others", "imu-only.others"), ("unseen-runs.off", "validation.off"),
+        ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
+    ],
+)  # fmt: skip
+def test_a_message_of_an_older_run_has_its_code_and_sentence_of_today(then, now):
+    outer = {"code": "run.event", "severity": "warning", "subject": "", "fix": "", "figures": {}}
+    words = outer | {"figures": {"cause": outer | {"code": then}}}
+    assert Diagnostic.of_json(words).figures["cause"].code == now
+    assert now in templates()
+    assert then not in templates()
 
 
 def test_a_code_of_another_version_is_shown_with_its_figures_and_never_raises():

@@ -53,7 +53,7 @@ def test_no_name_on_demand_is_hidden_by_a_submodule(path):
     assert not {one.stem for one in path.parent.iterdir()} & read_by_a_type_checker(path).keys()
 
 
-def test_a_name_that_no_module_holds_is_no_attribute():
+def test_a_name_that_no_module_holds_is_not_an_attribute():
     get = on_demand("baqueano.runs", {"folder": ("find",)})
     with pytest.raises(AttributeError, match=r"module 'baqueano\.runs' does not have attribute 'fnid'"):
         get("fnid")

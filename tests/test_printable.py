@@ -11,7 +11,7 @@ from baqueano.printable import in_lines, one_line, printable, words
 DANGEROUS = "\x1b\x07\r\b\x7f\x9b\x85\u200e\u202e\u2066\u2028\u2029\ufeff\ud800\x00"
 
 
-def test_what_is_no_letter_is_shown_by_its_code():
+def test_what_is_not_a_letter_is_shown_by_its_code():
     assert printable("a\x1b[2Jb") == r"a\x1b[2Jb"
     for c in DANGEROUS:
         assert c not in printable(f"a{c}b")

@@ -234,7 +234,7 @@ def _find(file: str, folder: Path | str | None) -> Path:
 
 
 def _there(file: str, folder: Path | str | None) -> Path | None:
-    """The file, where it is looked for; None if there is none."""
+    """The file, where it is looked for; None if it does not exist."""
     places = _places(Path(file).expanduser(), folder)
     return next((place.resolve() for place in places if place.is_file()), None)
 
@@ -253,7 +253,7 @@ def read(file: str, folder: Path | str | None = None) -> ModuleType:
 
 
 def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
-    """Return what to write in the place of a "file.py" that was named without its class; FileError where it is none."""
+    """Return what to write in place of a "file.py" without its class; FileError for anything else."""
     own = [f"{file}:{name}" for name in _own(read(file, folder))]
     return note("block.classes", file=file, classes=own) if own else note("block.no-classes", file=file)
 

@@ -85,6 +85,9 @@ class StopReason(StrEnum):
     TEMPERATURE = "computer.temperature"
     DISK_FULL = "computer.disk-full"
     TILT = "vehicle.tilt"
+    STUCK = "vehicle.stuck"
+    ROOM = "vehicle.may-leave-room"
+    ESTIMATE_DOUBTFUL = "estimate.doubtful"
     BATTERY = "vehicle.battery-low"
     IMU_ABSENT = "imu.absent"
     IMU_SILENT = "imu.silent"
@@ -96,6 +99,21 @@ class StopReason(StrEnum):
     NOT_CHECKED = "service.not-checked"
     CHECKED_AGAIN = "service.checked-again"
     RECORDED = "recorded.stop"  # of a run that holds no code: its words
+
+
+FORMER = (  # beginning of a code in older runs → that of today
+    ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
+    ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
+)  # fmt: skip
+
+
+def code_of_today(code: str) -> str:
+    """Return the code that a message of an older run has today.
+
+    >>> code_of_today("seen.tied"), code_of_today("sensor.agrees-again")
+    ('identifiability.tied', 'sensor.agrees-again')
+    """
+    return next((now + code.removeprefix(then) for then, now in FORMER if code.startswith(then)), code)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,15 +139,16 @@ class Diagnostic:
         }  # fmt: skip
 
     @classmethod
-    def of_json(cls, said: Any) -> "Diagnostic":
-        """Return the inverse of `to_json`. ValueError where it is none."""
+    def of_json(cls, words: Any) -> "Diagnostic":
+        """Return the inverse of `to_json`. ValueError for anything else."""
         try:
-            texts = said["code"], said["subject"], said["fix"]
-            figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in said["figures"].items()}
+            texts = words["code"], words["subject"], words["fix"]
+            figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in words["figures"].items()}
             plain = all(isinstance(v, str | int | float | Diagnostic | None) for v in figures.values())
             if not (plain and all(isinstance(text, str) for text in (*texts, *figures))):
                 raise ValueError("a figure or text of another type")
-            return cls(texts[0], Severity(said["severity"]), texts[1], figures, texts[2])
+            code, subject, fix = texts
+            return cls(code_of_today(code), Severity(words["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
 
@@ -163,9 +182,9 @@ def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Dia
     return note(code, Severity.ERROR, fix, subject, **figures)
 
 
-def joined(found: Iterable[Diagnostic]) -> Diagnostic | None:
+def joined(messages: Iterable[Diagnostic]) -> Diagnostic | None:
     """Return several messages as one, None of none."""
-    first, *others = (*found, None)
+    first, *others = (*messages, None)
     for then in others[:-1]:
         first = fault("messages.then", first=first, then=then)
     return first
@@ -174,13 +193,13 @@ def joined(found: Iterable[Diagnostic]) -> Diagnostic | None:
 WEIGHTS = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN, Severity.INFO, Severity.OK)
 
 
-def by_weight(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+def by_weight(messages: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Return the gravest first, those of one severity in their order.
 
     >>> [one.code for one in by_weight([note("a"), note("b", Severity.WARNING)])]
     ['b', 'a']
     """
-    return tuple(sorted(found, key=lambda one: WEIGHTS.index(one.severity)))
+    return tuple(sorted(messages, key=lambda one: WEIGHTS.index(one.severity)))
 
 
 LISTED = 20  # names of those that are known
@@ -196,11 +215,13 @@ def _figure(value: object) -> "str | float | Diagnostic | None":
     return ", ".join(map(str, value)) or "–" if isinstance(value, Iterable) else str(value)
 
 
-def nearest(found: str, known: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
+def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
     """Return what a name that is unknown was meant to be, where one is near, and the names that are known."""
     import difflib
 
-    names = list(known)
-    near = difflib.get_close_matches(found, names, n=1, cutoff=cutoff)
+    names = list(allowed)
+    if not names:
+        return note("name.none")
+    near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
     listed = _figure(names if len(names) <= LISTED else [*names[:LISTED], "…"])
     return note("name.near", meant=near[0], known=listed) if near else note("name.unknown", known=listed)

@@ -15,7 +15,7 @@ INTERRUPTED = 130  # Ctrl-C, as shells have it
 USERS = "baqueano_user_"  # begins the name of a module that is a file of the user's blocks
 
 
-class Coded(Exception):
+class DiagnosticError(Exception):
     """An exception that is a diagnostic. Its text is for the reader.
 
     `message`: a diagnostic, or a text of somebody else's. `about`: the diagnostic that it passes on.
@@ -34,15 +34,15 @@ class Coded(Exception):
         return Diagnostic(f"error.{type(self).__name__}", Severity.ERROR, "error", {"words": str(self)})
 
 
-class Invalid(Coded, ValueError):
+class Invalid(DiagnosticError, ValueError):
     """A number, name or shape that a block or a function of ours does not take."""
 
 
-class Misuse(Coded, TypeError):
+class Misuse(DiagnosticError, TypeError):
     """A call, or a type of argument, that a function of ours does not take."""
 
 
-class BaqueanoError(Coded):
+class BaqueanoError(DiagnosticError):
     """An end that was foreseen; the command line shows no traceback."""
 
     exit_code = 1
@@ -99,7 +99,7 @@ def from_outside(error: BaseException) -> bool:
 
 def cause_of(error: BaseException) -> Diagnostic | str:
     """Return an error as the figure of another: its diagnostic, or its text."""
-    return error.diagnostic if isinstance(error, Coded) and error._about is not None else str(error)
+    return error.diagnostic if isinstance(error, DiagnosticError) and error._about is not None else str(error)
 
 
 def named(error: BaseException) -> str:

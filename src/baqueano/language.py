@@ -59,7 +59,7 @@ def current() -> str:
 
 
 def translated(words: str, context: str = "", /, **figures: object) -> str:
-    """Return words of the code in the current language, with `figures` in their fields; words that have no translation
+    """Return words of the code in the current language, with `figures` in their fields; words without a translation
     stay English.
 
     >>> translated("{laps} laps in {t_s:.1f} s", laps=3, t_s=12.0)

@@ -1,7 +1,7 @@
 """The loop: measure → estimate → guide → control → supervise → act.
 
 `step` is pure: blocks, their states and a tick go in, new states and a record come out. The clocked loop
-below, a simulation in one kernel and the tuning of gains all call it; there is no second text of it.
+below, a simulation in one kernel and the tuning of gains all call it; no second text of it exists.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -44,6 +44,7 @@ class Record(NamedTuple):
     estimate: Estimate
     reference: Reference
     degraded: tuple[Finding, ...] = ()  # the sensors that have been off for long: monitor.Finding
+    states: States | None = None  # of the blocks after it, in the clocked loop; a run does not hold them
 
 
 def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:
@@ -143,4 +144,4 @@ def careful_step(
         blocks = Blocks(*(Off(r, len(tick.u)) if r in rooms else b for r, b in blocks._asdict().items()))
         states = States(*(None if r in rooms else s for r, s in states._asdict().items()))
         return *careful_step(blocks, states, tick)[:3], fault.why
-    return blocks, states, record, stop_reason(states.supervisor)
+    return blocks, states, record._replace(states=states), stop_reason(states.supervisor)

@@ -18,7 +18,7 @@ def on_demand(
 ) -> "Callable[[str], object]":
     """The `__getattr__` of a package whose modules hold these names, "name as other" under another name, and of its
     subpackages `rooms`. It raises AttributeError for any other."""
-    module_of = {name: f"{package}.{module}" for module, held in names.items() for name in held}
+    module_of = {name: f"{package}.{module}" for module, exports in names.items() for name in exports}
     places = {name.partition(" as ")[2] or name: (module, name) for name, module in module_of.items()}
 
     def get(name: str) -> object:
@@ -28,8 +28,8 @@ def on_demand(
             return import_module(f"{package}.{name}")
         if name not in places:
             raise AttributeError(f"module {package!r} does not have attribute {name!r}")
-        module, held = places[name]
-        return getattr(import_module(module), held.partition(" as ")[0])
+        module, export = places[name]
+        return getattr(import_module(module), export.partition(" as ")[0])
 
     return get
 
@@ -39,7 +39,7 @@ def front_door(
 ) -> "Callable[[str], object]":
     """`on_demand`, for a package some of whose submodules are called as one of the names: the name is never the
     submodule, also after that was imported."""
-    verbs = {name.partition(" as ")[2] or name for held in names.values() for name in held}
+    verbs = {name.partition(" as ")[2] or name for exports in names.values() for name in exports}
     module = type(sys)
 
     class FrontDoor(module):

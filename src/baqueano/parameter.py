@@ -1,7 +1,7 @@
 """A field of a block that is a parameter: its unit, its bounds, one line of meaning and its physics stand beside it.
 
-The vehicle file, the bounds of a fit, what a fit frees, its advice and the labels of a report are all read from here,
-so that a vehicle of your own is served as ours are. `role` says what a default fit does with a parameter:
+The vehicle file, the bounds of a fit, its free parameters, its advice and the labels of a report are all read from
+here. So your own vehicle is served as ours are. `role` says what a default fit does with a parameter:
 
     fitted   frees it                                   term    frees it where it is not neutral
     gain     frees it; what commands do                 known   leaves it: somebody measured it
@@ -60,6 +60,8 @@ class Parameter(NamedTuple):
         The way in which a person measures it.
     symbol : str or tuple of str
         Its letter, in LaTeX.
+    label : str or tuple of str
+        Its short name for people; of a matrix that of the entries on the diagonal; "": the line of meaning.
     std : str
         Field with its standard deviation; a filter may take it into its state.
     walk : str
@@ -87,6 +89,7 @@ class Parameter(NamedTuple):
     shown_by: Words = ""
     measured_by: str = ""
     symbol: Words = ""
+    label: Words = ""
     std: str = ""
     walk: str = ""
     slip: str = ""

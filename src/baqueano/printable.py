@@ -18,7 +18,16 @@ def typed(*words: object) -> str:
     >>> typed("runs", "show", "my runs/0001.mcap")
     "baqueano runs show 'my runs/0001.mcap'"
     """
-    line = ["baqueano", *map(str, words)]
+    return quoted("baqueano", *words)
+
+
+def quoted(*words: object) -> str:
+    """Return words as the shell of this machine takes them.
+
+    >>> quoted("cd", "my lab")
+    "cd 'my lab'"
+    """
+    line = list(map(str, words))
     return " ".join(map(_for_powershell, line)) if os.name == "nt" else shlex.join(line)
 
 
@@ -56,13 +65,13 @@ def in_lines(rows: Iterable[str]) -> str:
     return "\n".join(map(one_line, rows))
 
 
-def words(said: object) -> Any:
+def words(decoded: object) -> Any:
     """Return what was decoded from JSON with every text in it, and every key, as `one_line` has it."""
-    if isinstance(said, str):
-        return one_line(said)
-    if isinstance(said, dict):
-        return {one_line(key): words(value) for key, value in said.items()}
-    return [words(value) for value in said] if isinstance(said, list) else said
+    if isinstance(decoded, str):
+        return one_line(decoded)
+    if isinstance(decoded, dict):
+        return {one_line(key): words(value) for key, value in decoded.items()}
+    return [words(value) for value in decoded] if isinstance(decoded, list) else decoded
 
 
 def _letter(c: str) -> bool:

@@ -11,15 +11,18 @@ line.
 
 import inspect
 import traceback
-from dataclasses import dataclass
+from collections.abc import Container
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.blocks import Block
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import from_outside, named
+from baqueano.language import translated as _
 from baqueano.parameter import INF, documented, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
@@ -50,12 +53,18 @@ class Supervisor:
     """Clips the command to `limit` and stops for the reasons above. A limit that is not given is infinite."""
 
     limit: np.ndarray = parameter("unit of u", "largest command, one per channel, (n,)", low=0.0, shape=None)
-    max_speed_m_s: float = parameter("m/s", "estimated speed that stops the vehicle", low=0.0, default=INF)
-    max_yaw_rate_rad_s: float = parameter("rad/s", "estimated yaw rate that stops it", low=0.0, default=INF)
-    max_position_std_m: float = parameter(
-        "m", "uncertainty of the position that stops it", low=0.0, default=INF
+    max_speed_m_s: float = parameter(
+        "m/s", "estimated speed above which the vehicle is stopped", low=0.0, default=INF
     )
-    imu_timeout_s: float = parameter("s", "silence of the IMU that stops it", low=0.0, default=0.5)
+    max_yaw_rate_rad_s: float = parameter(
+        "rad/s", "estimated yaw rate above which it is stopped", low=0.0, default=INF
+    )
+    max_position_std_m: float = parameter(
+        "m", "standard deviation of the position above which it is stopped", low=0.0, default=INF
+    )
+    imu_timeout_s: float = parameter(
+        "s", "time without data from the IMU after which it is stopped", low=0.0, default=0.5
+    )
     watch: str = "imu"  # the sensor that must not be silent; a vehicle without it is not watched
 
     def __post_init__(self) -> None:
@@ -71,16 +80,13 @@ class Supervisor:
         """The command (n,) that may reach the motors."""
         heard_ns: Value = np.where((self._has(tick) > 0.0) | (state.heard_ns < 0), tick.t_ns, state.heard_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
-        p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
-        spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
-        position_std = np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + spread, 0.0))  # along the longest axis
         numbers = np.concatenate([eta, nu, cov.reshape(-1)])
         faults = (  # in the order of REASONS
             np.sum(np.isfinite(command.u)) < len(self.limit),
             np.sum(np.isfinite(numbers)) < len(numbers),
             np.hypot(*np.minimum(np.abs(nu[:2]), SQUARABLE)) > self.max_speed_m_s,
             np.abs(nu[2]) > self.max_yaw_rate_rad_s,
-            position_std > self.max_position_std_m,
+            position_std(cov) > self.max_position_std_m,
             seconds(tick.t_ns, heard_ns) > self.imu_timeout_s,
         )
         reason: Value = 0.0
@@ -93,6 +99,13 @@ class Supervisor:
 
     def _has(self, tick: Tick) -> Value:
         return getattr(tick.sensors, self.watch).has if self.watch in tick.sensors._fields else 1.0
+
+
+def position_std(cov: Value) -> Value:
+    """Return the standard deviation [m] of the position along its longest axis, of a covariance (6, 6)."""
+    p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
+    spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
+    return np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + spread, 0.0))
 
 
 def stop_reason(state: Tree) -> Diagnostic | None:
@@ -111,7 +124,10 @@ def numbered(reason: int) -> Diagnostic:
     """Return the diagnostic of an index into REASONS; a supervisor of the user's may have others."""
     ours = REASONS[reason] if 0 < reason < len(REASONS) else None
     if ours is None:
-        return stop(StopReason.OWN_REASON, words=f"the supervisor stopped, reason {reason}")
+        return stop(
+            StopReason.OWN_REASON,
+            words=_("the supervisor stopped the vehicle, reason {reason}", reason=reason),
+        )
     return stop(ours)
 
 
@@ -136,6 +152,8 @@ class GuardedBlock:
         """The block's own start."""
         try:
             return self.block.init(*start)
+        except BlockFault:
+            raise
         except BaseException as error:
             raise self._fault(error, StopReason.BLOCK_RAISED_IN_INIT) from error
 
@@ -143,16 +161,28 @@ class GuardedBlock:
         """The block's own step, checked."""
         try:
             result = self.block.step(state, *inputs)
+        except BlockFault:  # of a part, which is named
+            raise
         except BaseException as error:
             raise self._fault(error) from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
             raise self._returned(_text_of(result), "(state, output)")
         if wrong := _wrong(result[1], self.kind, self.zeros):
+            self._ask_parts(state, inputs)
             raise self._returned(*wrong)
         return result
 
-    def _returned(self, found: str, expected: str) -> BlockFault:
-        why = stop(StopReason.BLOCK_RETURNED, block=_where(self), found=found, expected=expected)
+    def __getattr__(self, name: str) -> Tree:
+        return getattr(object.__getattribute__(self, "block"), name)
+
+    def _ask_parts(self, state: Tree, inputs: tuple[Tree, ...]) -> None:
+        """Raise the fault of the part that is to blame, if one is: the parts of a compiled block are not guarded."""
+        if optional.of(text := _as_written(self.block), "goes_around") and text is not self.block:
+            commands = len(self.zeros.get("u", ()))
+            replace(self, block=_with_guarded_parts(self.room, text, commands)).step(state, *inputs)
+
+    def _returned(self, returned: str, expected: str) -> BlockFault:
+        why = stop(StopReason.BLOCK_RETURNED, block=_where(self), found=returned, expected=expected)
         return BlockFault(self.room, why)
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
@@ -162,8 +192,8 @@ class GuardedBlock:
         return BlockFault(self.room, stop(reason, block=_where(self, error), error=named(error)))
 
 
-def guarded(room: str, block: Block, commands: int) -> GuardedBlock:
-    """`block` of a room of the loop, for a vehicle with `commands` channels."""
+def guarded(room: str, block: Block, commands: int = 0) -> GuardedBlock:
+    """`block` of a room of the loop, and each of its parts, for a vehicle with `commands` channels."""
     pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
     command = {"u": np.zeros(commands)}
     promised: dict[str, tuple[type, dict[str, np.ndarray]]] = {
@@ -172,7 +202,14 @@ def guarded(room: str, block: Block, commands: int) -> GuardedBlock:
         "controller": (Command, command),
         "supervisor": (Command, command),
     }
-    return GuardedBlock(room, block, *promised[room])
+    return GuardedBlock(room, _with_guarded_parts(room, block, commands), *promised[room])
+
+
+def _with_guarded_parts(room: str, block: Tree, commands: int) -> Tree:
+    """Return the block around guarded parts; one that is compiled, or no dataclass, as it is."""
+    names = [name for name in optional.of(block, "goes_around") if optional.has_field(block, name)]
+    inside = {name: guarded(room, getattr(block, name), commands) for name in names}
+    return replace(block, **inside) if inside else block
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,17 +264,35 @@ def _text_of(value: object) -> str:
 
 def _where(guard: GuardedBlock, error: BaseException | None = None) -> str:
     """The block and the line of its own file: where it raised, or where its step begins."""
-    block: Tree = guard.block
-    while (
-        inner := getattr(block, "block", None)
-    ) is not None:  # timed, limited, compiled: each holds the one inside
-        block = inner
-    kind: Tree = type(block)
-    who = f"{guard.room} {kind.__name__}"
-    try:
-        file, line = inspect.getfile(kind.step), kind.step.__code__.co_firstlineno
-    except (AttributeError, TypeError):
-        return who
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
+    block = _to_blame(guard.block, {frame.filename for frame in frames})
+    kind: Tree = type(block)
+    who, file = f"{guard.room} {kind.__name__}", _file_of(block)
+    if file is None:
+        return who
+    line = kind.step.__code__.co_firstlineno
     own = [frame.lineno for frame in frames if frame.filename == file and frame.lineno is not None]
     return f"{who} ({file}:{own[-1] if own else line})"
+
+
+def _as_written(block: Tree) -> Tree:
+    """Return the block inside one that is timed, limited or compiled: each holds it as `block`."""
+    while (inner := getattr(block, "block", None)) is not None:
+        block = inner
+    return block
+
+
+def _to_blame(block: Tree, files: Container[str | None]) -> Tree:
+    """Return the innermost part of a block whose file an error came through; the block itself if it has none."""
+    block = _as_written(block)
+    inside = [_to_blame(getattr(block, name), files) for name in optional.of(block, "goes_around")]
+    return next((part for part in inside if _file_of(part) in files), block)
+
+
+def _file_of(block: Tree) -> str | None:
+    """Return the file in which the step of a block stands; None of one that is not Python text."""
+    try:
+        step: Tree = type(block).step
+        return inspect.getfile(step) if step.__code__ else None
+    except (AttributeError, TypeError):
+        return None

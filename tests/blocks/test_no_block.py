@@ -6,7 +6,7 @@ from baqueano.errors import FileError, UsageError
 from tests.codes import refused
 
 
-def test_a_class_that_fits_no_room_is_told_what_the_rooms_ask(tmp_path):
+def test_a_class_that_fits_no_room_is_reported_what_the_rooms_ask(tmp_path):
     (tmp_path / "mine.py").write_text(
         "class Block:\n    def step(self, state, world):\n        pass\n", encoding="utf-8"
     )
@@ -14,23 +14,23 @@ def test_a_class_that_fits_no_room_is_told_what_the_rooms_ask(tmp_path):
         room_of(resolve("guide", "mine.py:Block", tmp_path))
 
 
-def test_a_class_without_step_is_no_block(tmp_path):
+def test_a_class_without_step_is_not_a_block(tmp_path):
     (tmp_path / "mine.py").write_text("class Block:\n    pass\n", encoding="utf-8")
     with refused("block.no-step", FileError, block="Block"):
         room_of(resolve("guide", "mine.py:Block", tmp_path))
 
 
-def test_a_room_that_is_not_there_is_told():
+def test_a_room_that_is_not_there_is_reported():
     with refused("block.room-unknown", UsageError, found="guides"):
         resolve("guides", "repeat")
 
 
-def test_a_kind_that_looks_like_a_file_is_told_how_to_write_it():
+def test_a_kind_that_looks_like_a_file_is_reported_how_to_write_it():
     with refused("block.unknown", FileError):
         resolve("guide", "mine.py")
 
 
-def test_a_function_is_no_block():
+def test_a_function_is_not_a_block():
     def step(state, estimate):
         return state, None
 

@@ -2,6 +2,8 @@
 
 import ast
 import re
+import shlex
+import subprocess
 from pathlib import Path
 
 import click
@@ -9,7 +11,8 @@ import pytest
 
 import baqueano as package
 from baqueano.cli import VERBS, command_of
-from baqueano.messages import templates
+from baqueano.diagnostics import nearest
+from baqueano.messages import templates, text
 from baqueano.printable import typed
 
 SOURCE = Path(package.__file__).parent
@@ -95,3 +98,77 @@ def test_a_line_is_quoted_as_the_shell_wants_it(monkeypatch):
     assert typed("runs", "show", "my runs/1.mcap") == "baqueano runs show 'my runs/1.mcap'"
     monkeypatch.setattr("os.name", "nt")
     assert typed("runs", "show", "my runs/1.mcap") == 'baqueano runs show "my runs/1.mcap"'
+
+
+def test_the_next_lines_of_a_new_project_can_be_typed(baqueano, tmp_path):
+    end = baqueano("new", "my lab")
+    line, then = (one.partition(": ")[2].strip() for one in end.err.strip().splitlines()[-2:])
+    assert line == "cd 'my lab'"
+    assert then == "baqueano experiment"
+    assert (
+        subprocess.run(
+            ["sh", "-c", f"{line} && cat vehicle.toml"], capture_output=True, cwd=tmp_path
+        ).returncode
+        == 0
+    )
+
+
+def test_a_run_that_holds_its_vehicle_is_replayed_by_the_line_that_compare_prints(baqueano):
+    assert baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap").code == 0
+    line = baqueano("compare", "tiny.mcap").err.strip().splitlines()[-1].partition("to make one: ")[2]
+    assert line == "baqueano replay tiny.mcap"
+    assert baqueano(*shlex.split(line)[1:]).code == 0
+
+
+def test_a_key_of_another_quantity_is_not_offered(baqueano):
+    end = baqueano("simulate", "--vehicle", "car", "--set", "model.mass_kg=-3")
+    assert (end.code, end.why.code) == (2, "vehicle.unknown-key")
+    assert end.why.figures["near"].code == "name.unknown"
+    assert "model.throttle_gain" in end.paragraph
+    assert end.fix == "baqueano simulate --help"
+
+
+def test_a_block_of_the_command_line_is_not_blamed_on_the_file(baqueano):
+    end = baqueano("sweep", "--vehicle", "small", "--controller", "lqrr")
+    assert (end.code, end.why.code) == (3, "cli.own-block")
+    assert end.fix == "baqueano sweep --vehicle small --controller lqr"
+    assert "line" not in end.paragraph
+
+
+def test_a_block_that_does_not_exist_leads_to_the_list_of_all(baqueano, lab):
+    run = next((lab / "runs").glob("0001*"))
+    end = baqueano("replay", str(run), "--vehicle", "small", "--estimator", "kalmann")
+    assert end.why.code == "cli.own-block"
+    assert end.fix == "baqueano blocks ls"
+    assert baqueano(*shlex.split(end.fix)[1:]).code == 0
+
+
+def test_an_empty_list_of_names_says_so():
+    near = nearest("lap", [])
+    assert near.code == "name.none"
+    assert "–" not in text(near)
+
+
+def test_a_width_without_figures_is_refused(baqueano, lab):
+    run = str(next((lab / "runs").glob("0001*")))
+    assert baqueano("report", run, "--width", "nine").why.code == "front.width-unknown"
+    end = baqueano("report", run, "--width", "column")
+    assert (end.code, end.why.code) == (2, "cli.width-unused")
+    assert parsed(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
+
+
+def test_update_on_a_file_without_an_estimator_writes_the_noise(baqueano, lab, tmp_path):
+    run = str(next((lab / "runs").glob("0001*")))
+    small = (SOURCE / "garage" / "small.toml").read_text(encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(re.sub(r"\[estimator\](.|\n)*?(?=\n\[)", "", small), encoding="utf-8")
+    assert "[estimator]" not in (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    assert (
+        baqueano(
+            "identify", run, "--vehicle", "mine.toml", "--free", "model.friction.linear[0]", "--update"
+        ).code
+        == 0
+    )
+    written = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    assert "measurement_noise_cov" in written
+    assert "[estimator]" in written
+    assert baqueano("replay", run, "--vehicle", "mine.toml").code == 0

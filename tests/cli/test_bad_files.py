@@ -23,7 +23,7 @@ from baqueano.vehicle_file import load
         (r'kind = "pd_feedforward"', 'kind = "pid"', "[controller]", "block.unknown"),
     ],
 )
-def test_a_wrong_vehicle_file_is_told_by_file_line_and_key(baqueano, tmp_path, pattern, put, place, code):
+def test_a_wrong_vehicle_file_is_reported_by_file_line_and_key(baqueano, tmp_path, pattern, put, place, code):
     text, changed = re.subn(pattern, put, load("small").text, count=1)
     assert changed
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
@@ -40,7 +40,7 @@ def test_a_wrong_vehicle_file_is_told_by_file_line_and_key(baqueano, tmp_path, p
     ("name", "code"),
     [("no.toml", "vehicle.absent"), ("smal", "vehicle.unknown"), ("e.toml", "toml.empty")],
 )
-def test_a_vehicle_file_that_is_not_there_is_told(baqueano, tmp_path, name, code):
+def test_a_vehicle_file_that_is_not_there_is_reported(baqueano, tmp_path, name, code):
     (tmp_path / "e.toml").touch()
     end = baqueano("simulate", "--vehicle", name, "--seconds", "1")
     assert end.code == 3
@@ -57,7 +57,7 @@ FOREIGN = {
 
 @pytest.mark.parametrize("name", FOREIGN)
 @pytest.mark.parametrize("verb", ["runs show", "runs recover", "identify", "replay", "compare", "report"])
-def test_a_foreign_file_is_no_run_for_any_verb(baqueano, tmp_path, name, verb):
+def test_a_foreign_file_is_not_a_run_for_any_verb(baqueano, tmp_path, name, verb):
     content, code = FOREIGN[name]
     (tmp_path / name).write_bytes(content)
     end = baqueano(*verb.split(), name)
@@ -68,7 +68,7 @@ def test_a_foreign_file_is_no_run_for_any_verb(baqueano, tmp_path, name, verb):
 
 
 @pytest.mark.parametrize("verb", ["runs show", "runs recover", "identify", "replay", "compare", "report"])
-def test_a_missing_run_is_told_with_what_there_is(baqueano, verb):
+def test_a_missing_run_is_reported_with_what_there_is(baqueano, verb):
     end = baqueano(*verb.split(), "last")
     assert end.code == 3
     assert (end.why.code, end.why.figures["found"]) == ("runs.unknown", "last")
@@ -89,7 +89,7 @@ def test_a_cut_run_is_read_as_far_as_it_goes_and_says_so(baqueano, lab, tmp_path
     assert len((tmp_path / "cut.mcap").read_bytes()) == 2 * len(whole) // 3, "the original stays as it is"
 
 
-def test_a_run_of_which_nothing_is_left_is_told(baqueano, lab, tmp_path):
+def test_a_run_of_which_nothing_is_left_is_reported(baqueano, lab, tmp_path):
     (tmp_path / "cut.mcap").write_bytes((lab / "runs" / "0001-experiment.mcap").read_bytes()[:300])
     end = baqueano("report", "cut.mcap")
     assert end.code == 3
@@ -127,7 +127,7 @@ HEAD = b"# closed = false\nt_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s\n"
         (HEAD[17:] + b"0,0,0,0,0,0,0\n1,1,0,0,0,0,0\n", "route.closed-unsaid"),
     ],
 )
-def test_a_wrong_route_is_told_before_anything_moves(baqueano, lab, tmp_path, content, code):
+def test_a_wrong_route_is_reported_before_anything_moves(baqueano, lab, tmp_path, content, code):
     shutil.copytree(lab / "routes", tmp_path / "routes")
     shutil.copy(tmp_path / "routes" / "lab.csv", tmp_path / "routes" / "mine2.csv")
     if content is not None:
@@ -144,7 +144,7 @@ def test_a_wrong_route_is_told_before_anything_moves(baqueano, lab, tmp_path, co
     ("map_text", "code"),
     [(None, "map.absent"), ("speed = 3\n", "map.unknown-key"), ("format = = 1\n", "map.not-toml")],
 )
-def test_a_wrong_map_is_told(baqueano, tmp_path, map_text, code):
+def test_a_wrong_map_is_reported(baqueano, tmp_path, map_text, code):
     if map_text is not None:
         (tmp_path / "map.toml").write_text(map_text, encoding="utf-8")
     end = baqueano("runs", "import", "map.toml")

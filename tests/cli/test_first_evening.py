@@ -34,10 +34,10 @@ def test_a_second_demo_keeps_the_first(tmp_path, monkeypatch):
 
 
 def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
-    from baqueano.tune.gains import rehearse
+    from baqueano.tune.rehearsal import rehearse
 
     typed = {param.name: param.default for param in tune.params}
-    for name in ("effort_m2", "aside_m"):
+    for name in ("jerk_m2", "aside_m"):
         assert typed[name] == signature(rehearse).parameters[name].default == 0.1
 
 
@@ -76,7 +76,7 @@ def test_a_new_project_drives_another_vehicle_than_its_file_describes(baqueano, 
     assert experiment(guess, u) == experiment(guess, u, truth=load("small"))
     assert experiment(guess, u) != experiment(guess, u, truth=guess)
     monkeypatch.chdir(tmp_path / "small")
-    assert "simulated: small, which vehicle.toml names" in baqueano("experiment", "--seconds", "1").err
+    assert "simulated: small (named in vehicle.toml" in baqueano("experiment", "--seconds", "1").err
 
 
 def test_a_truth_that_is_not_there_is_named(baqueano, tmp_path, monkeypatch):
@@ -191,7 +191,7 @@ def test_simulate_drives_the_truth_of_a_project_and_its_model_on_demand(baqueano
     )
 
 
-def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_path):
+def test_a_shape_that_is_too_fast_to_follow_is_reported_with_a_speed(baqueano, tmp_path):
     end = baqueano("teach", "r", "--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "3")
     assert end.code == 1
     assert (end.why.code, end.why.figures["speed_m_s"]) == ("cli.not-followed", 3.0)
@@ -199,11 +199,11 @@ def test_a_shape_that_is_too_fast_to_follow_is_told_with_a_speed(baqueano, tmp_p
     assert not (tmp_path / "routes").exists()
 
 
-def test_who_compares_a_run_without_an_estimate_is_told_how_to_make_one(baqueano):
+def test_who_compares_a_run_without_an_estimate_is_reported_how_to_make_one(baqueano):
     baqueano("simulate", "--vehicle", "small", "--seconds", "1")
     end = baqueano("compare", "1")
     assert end.code == 0
-    line = "baqueano replay runs/0001-simulation.mcap --vehicle "
-    assert line in end.err.replace("\\", "/")
-    again = baqueano(*line.split()[1:], "small")
+    line = "baqueano replay runs/0001-simulation.mcap"  # the run holds its vehicle file
+    assert end.err.replace("\\", "/").endswith(f": {line}\n")
+    again = baqueano(*line.split()[1:])
     assert again.code == 0, again.err

@@ -28,12 +28,14 @@ def test_a_model_that_is_worse_than_none_leaves_the_file_as_it_is(told, tmp_path
     end = told("turned.mcap")
     assert end.code == 1
     assert end.why.code == "cli.fit-refused-held-out"
-    assert str(end.why.figures["reasons"]).startswith("for imu[")
-    assert "REFUSED: for imu[" in end.out
+    reason, _, _ = str(end.why.figures["reasons"]).partition("; ")
+    assert reason.startswith("in turned the model explains -")
+    assert "% of imu[" in reason
+    assert f"REFUSED: {reason}" in end.out
     assert (tmp_path / "my.toml").read_text() == before
 
 
-def test_too_little_motion_is_no_proof(told, tmp_path):
+def test_too_little_motion_is_not_proof(told, tmp_path):
     end = told("short.mcap", "--json")
     assert end.code == 0
     verdict = end.reply["rows"][-1]

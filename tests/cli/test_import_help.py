@@ -28,7 +28,7 @@ def test_the_help_shows_the_map_as_it_is(baqueano):
 
 
 @pytest.mark.parametrize("given", ["log.csv", "drive.mcap"])
-def test_a_recording_in_the_place_of_the_map_is_told(baqueano, tmp_path, given):
+def test_a_recording_in_the_place_of_the_map_is_reported(baqueano, tmp_path, given):
     (tmp_path / given).write_bytes(b"t;\xb0/s\n")
     end = baqueano("runs", "import", given)
     assert end.code == 3
@@ -63,7 +63,7 @@ def test_no_more_of_a_long_recording_is_read_than_a_map_has(tmp_path, monkeypatc
         load_map(tmp_path / "log.csv")
 
 
-def test_one_run_goes_into_the_folder_that_is_told_as_several_do(baqueano, tmp_path):
+def test_one_run_goes_into_the_folder_that_is_reported_as_several_do(baqueano, tmp_path):
     (tmp_path / "rover.toml").write_text(
         A_MAP.partition("\b\n")[2].split("[sensors.imu]")[0], encoding="utf-8"
     )
@@ -71,7 +71,7 @@ def test_one_run_goes_into_the_folder_that_is_told_as_several_do(baqueano, tmp_p
         rows = "".join(f"{20 * k},{k},{2 * k}\n" for k in range(20))
         (tmp_path / f"{name}.csv").write_text("time_ms,pwm_left,pwm_right\n" + rows, encoding="utf-8")
     several = baqueano("runs", "import", "rover.toml", "first.csv", "second.csv", "-o", "my runs")
-    assert several.out == "nothing was doubted\n"
+    assert several.out == "nothing was doubtful\n"
     (line,) = re.findall(r"^next: (.*)   \(", several.err, re.MULTILINE)
     ends = [str(Path("my runs") / f"{name}.mcap") for name in ("first", "second")]
     assert shlex.split(line) == [

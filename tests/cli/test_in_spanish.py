@@ -7,10 +7,12 @@ import re
 from copy import copy
 from pathlib import Path
 
+import click
 import pytest
 
 from baqueano import language
-from baqueano.cli import main
+from baqueano.cli import VERBS as ALL
+from baqueano.cli import baqueano, command_of, in_language, main
 from baqueano.messages import in_english
 from baqueano.runs import read_run
 
@@ -21,12 +23,16 @@ ENGLISH = (
 )
 WORD = re.compile(rf"(?<![\w./\\\-'\"=\[:<])({ENGLISH})(?![\w./\\\-'\"=\]:(])", re.IGNORECASE)
 TYPED = re.compile(
-    r"baqueano \d[^\n]*|baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]"
+    r"COMMAND \[ARGS\]|baqueano \d[^\n]*|baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]"
 )
+INFINITIVE = re.compile(r"\w+(ar|er|ir)(lo|la|los|las)?\b")
+OTHER_DEFAULT = re.compile(r"\b(si falta|por defecto|de manera predeterminada)\b", re.IGNORECASE)
+TUTEO = re.compile(r"\b(tú|dale|tienes|puedes|quieres|tu|tus|tenés|podés)\b", re.IGNORECASE)
 FIELD = re.compile(r"(\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[sd])")
 POINT = re.compile(r"(?<![\w./=-])\d+\.\d+(?![\w.]*[./]\w)(?!\w)")
 STRANGE = str.maketrans("abcdefghijklmnopqrstuvwxyz", "αвɔđєƒɢнιʝκʟмиσρφяѕτυνωχуζ")
 VERBS = [
+    "--help",
     "runs ls",
     "runs show 1",
     "compare 1",
@@ -93,6 +99,11 @@ def in_strange_letters(monkeypatch):
     language.choose("")
 
 
+def words_of(command: click.Command) -> list[str]:
+    """Return the help of a command and of its options."""
+    return [command.help or "", *(one.help or "" for one in command.params if isinstance(one, click.Option))]
+
+
 def said_by(line: str, capsys) -> str:
     """Return both streams of a command."""
     capsys.readouterr()
@@ -130,6 +141,66 @@ def test_help_that_was_in_english_first_is_translated_when_it_is_asked_for_again
     with pytest.raises(SystemExit):
         main(["tune", "--help"])
     assert not english_in(said_by("tune --help", capsys))
+
+
+def helps():
+    """Yield each command that has help, and its words."""
+    below = [("baqueano", baqueano), *((name, command_of(name)) for name in ALL)]
+    for name, command in below:
+        yield name, command
+        for each, verb in getattr(command, "commands", {}).items():
+            yield f"{name} {each}", verb
+
+
+def test_each_option_says_what_it_does():
+    silent = [
+        f"{name} {one.opts[0]}"
+        for name, command in helps()
+        for one in command.params
+        if isinstance(one, click.Option) and len((one.help or "").split()) < 2
+    ]
+    assert silent == []
+
+
+def test_help_in_spanish_is_in_the_third_person_and_has_one_wording_for_a_default():
+    language.choose("es")
+    try:
+        said = [(name, one) for name, command in helps() for one in words_of(in_language(command))]
+    finally:
+        language.choose("")
+    assert len(said) > 250
+    assert [one for one in said if INFINITIVE.match(one[1])] == [], "Guarda, not Guardar"
+    assert [one for one in said if OTHER_DEFAULT.search(one[1])] == [], "por omisión"
+    assert [one for one in said if TUTEO.search(one[1])] == [], "usted"
+
+
+def test_the_names_of_values_are_spanish(capsys):
+    try:
+        said = (
+            said_by("report --help", capsys)
+            + said_by("runs --help", capsys)
+            + said_by("repeat --help", capsys)
+        )
+    finally:
+        language.choose("")
+    assert "-o, --out ARCHIVO" in said
+    assert "ORDEN [ARGUMENTOS]..." in said
+    assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|RUTA|COMMAND|OPTIONS)\b", said)
+
+
+def test_a_draft_of_a_map_and_a_new_project_are_explained_in_spanish(in_lab, capsys):
+    Path("odd.csv").write_text("a,b\n1,2\n3,4\n5,6\n", encoding="utf-8")
+    try:
+        said_by("runs import odd.csv --draft odd.toml", capsys)
+        said_by("new car --vehicle car", capsys)
+        said_by("new small --vehicle small", capsys)
+    finally:
+        language.choose("")
+    assert "ninguna columna parece un comando" in Path("odd.toml").read_text(encoding="utf-8")
+    for name in ("car", "small"):
+        comments = re.findall(r"#.*", Path(name, "vehicle.toml").read_text(encoding="utf-8"))
+        assert len(comments) > 10
+        assert [one for one in comments if WORD.search(one.partition(":")[0])] == []
 
 
 def test_a_page_holds_no_english_and_names_its_language(in_lab, in_strange_letters, capsys):
@@ -181,7 +252,7 @@ def test_what_an_import_finds_is_kept_as_data_and_in_english(in_lab, capsys):
         found = [one for one in run.events if one.source == "import" and one.level == "warning"]
         assert found
         for one in found:
-            assert one.diagnostic.figures["cause"].code.startswith("doubt.")
+            assert one.diagnostic.figures["cause"].code.startswith("recording.")
             assert one.text == in_english(one.diagnostic)
             with language.within("es"):
                 assert one.sentence != one.text

@@ -90,7 +90,7 @@ def test_a_decimal_comma_is_named_and_put_right(baqueano, line, right):
     assert end.fix.startswith(f"baqueano {right}")
 
 
-def test_the_two_numbers_of_a_bound_are_no_decimal_comma():
+def test_the_two_numbers_of_a_bound_are_not_a_decimal_comma():
     args = ["identify", "1", "--bound", "model.mass_kg=0,10"]
     assert next_line(fault("cli.usage"), 2, args).code == "next.options"
 

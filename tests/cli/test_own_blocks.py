@@ -89,6 +89,7 @@ def test_a_guide_in_a_plain_class_is_repeated_for_its_laps(project, tmp_path):
     (tmp_path / "mine.py").write_text(PLAIN_GUIDE)
     end = project("repeat", "lab", *SMALL, "--guide", "mine.py:Mine", "--laps", "2", "--json")
     assert end.code == 0, end.err
+    assert [lap["lap"] for lap in end.reply["laps"]] == [1, 2]
     once = project("repeat", "lab", *SMALL, "--json").reply["rows"][0]["duration_s"]
     assert end.reply["rows"][0]["duration_s"] == pytest.approx(2 * once, rel=1e-2)
 
@@ -122,11 +123,11 @@ def test_a_file_with_such_a_provenance_is_read_where_the_code_is_not(project, tm
     assert parse(tuned.text, "the vehicle file of a run").provenance["controller.k"].run == "tune"
 
 
-def test_a_controller_without_named_gains_is_told_how_to_name_them_before_the_search(project, tmp_path):
+def test_a_controller_without_named_gains_is_reported_how_to_name_them_before_the_search(project, tmp_path):
     mine = own_controller(tmp_path, "0.5")
     end = project("tune", "--vehicle", str(mine), "--route", "lab")
     assert end.code == 2
-    assert "Mine names no gain to look for" in end.paragraph
+    assert "Mine does not declare a gain to tune" in end.paragraph
     assert "k: float = parameter(" in end.paragraph
 
 
@@ -194,7 +195,7 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
     end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
     assert end.code == 5
     assert "mine.py:6) raised OSError: no port" in end.paragraph
-    assert "nothing moved" in end.paragraph
+    assert "the vehicle did not move" in end.paragraph
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
@@ -209,7 +210,7 @@ def test_a_block_whose_init_raises_makes_no_run(project, tmp_path):
         (None, "Mine", ("block.file-absent", "found", "mine.py")),
     ],
 )  # fmt: skip
-def test_a_block_that_cannot_be_loaded_is_told_before_anything_moves(
+def test_a_block_that_cannot_be_loaded_is_reported_before_anything_moves(
     project, tmp_path, room, text, name, said
 ):
     if text is not None:

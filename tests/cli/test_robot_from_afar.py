@@ -33,7 +33,7 @@ def door(request, tmp_path):
 
 
 @pytest.mark.parametrize("door", [Stoppable], indirect=True)
-def test_a_vehicle_that_was_seen_stopped_is_told_so(baqueano, door):
+def test_a_vehicle_that_was_seen_stopped_is_reported_so(baqueano, door):
     door.tell({"is": "state", "state": "MISSION", "why": None})
     end = baqueano("robot", "stop", str(door.path))
     assert (end.code, end.out) == (0, f"{door.path}: STOPPED\n")
@@ -50,7 +50,7 @@ def test_a_vehicle_that_tells_nothing_just_now_hears_a_stop_and_is_not_called_st
     end = baqueano("robot", "stop", str(door.path))
     assert door.operator.why(attended=False).code == StopReason.STOPPED_BY_COMMAND
     assert end.code == 1
-    assert "heard the stop, and was not seen STOPPED" in end.paragraph
+    assert "confirmed the stop, but did not reach the state STOPPED" in end.paragraph
     assert f"baqueano robot status {door.path}" in end.paragraph
 
 

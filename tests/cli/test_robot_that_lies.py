@@ -75,7 +75,7 @@ def test_ne6_names_that_no_run_has_are_refused_and_the_others_fetched(baqueano, 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_such_a_name_is_no_name_of_a_run(name):
+def test_such_a_name_is_not_a_name_of_a_run(name):
     assert not is_name(name)
 
 

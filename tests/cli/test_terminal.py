@@ -31,7 +31,7 @@ def run(folder: Path, *args: str, **environment: str) -> subprocess.CompletedPro
     return subprocess.run([*COMMAND, *args], cwd=folder, env=told, capture_output=True, timeout=60)
 
 
-def test_nothing_is_drawn_when_stderr_is_no_terminal(project):
+def test_nothing_is_drawn_when_stderr_is_not_a_terminal(project):
     done = run(project, "repeat", "lab", "--vehicle", "small", "--json")
     assert done.returncode == 0
     assert done.stderr.decode().splitlines() == ["run: runs/0003-repeat.mcap"]
@@ -67,7 +67,7 @@ def test_a_terminal_that_hung_up_does_not_end_the_work(monkeypatch):
         assert os.path.samestat(os.fstat(stream.fileno()), os.stat(os.devnull))
 
 
-def test_a_disk_that_fails_is_no_reader_that_has_gone_away(monkeypatch, tmp_path):
+def test_a_disk_that_fails_is_not_a_reader_that_has_gone_away(monkeypatch, tmp_path):
     def fails(text, file):
         raise OSError(errno.EIO, "Input/output error")
 

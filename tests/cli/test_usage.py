@@ -78,7 +78,7 @@ def test_help_is_for_every_verb(baqueano):
         assert shown.out.startswith(f"Usage: baqueano {verb}")
 
 
-def test_version_is_told(baqueano):
+def test_version_is_reported(baqueano):
     assert baqueano("--version").out.strip() == f"baqueano, version {__version__}"
 
 
@@ -123,7 +123,7 @@ def test_an_error_that_nobody_foresaw_names_its_place(baqueano, monkeypatch):
     assert "--debug" in end.paragraph
 
 
-def test_a_full_disk_is_told_with_the_command_to_repeat(baqueano, monkeypatch):
+def test_a_full_disk_is_reported_with_the_command_to_repeat(baqueano, monkeypatch):
     def full(*args, **kwargs):
         raise OSError(28, "No space left on device", "runs")
 
@@ -134,7 +134,7 @@ def test_a_full_disk_is_told_with_the_command_to_repeat(baqueano, monkeypatch):
     assert dict(end.why.figures) == {"place": "runs", "error": "No space left on device"}
 
 
-def test_too_little_memory_is_told(baqueano, monkeypatch):
+def test_too_little_memory_is_reported(baqueano, monkeypatch):
     def big(*args, **kwargs):
         raise MemoryError("22 TiB")
 
@@ -153,7 +153,7 @@ def test_ctrl_c_ends_with_130(baqueano, monkeypatch):
     assert end.why.code == "cli.interrupted"
 
 
-def test_an_unknown_back_end_in_the_environment_is_told(baqueano, monkeypatch):
+def test_an_unknown_back_end_in_the_environment_is_reported(baqueano, monkeypatch):
     monkeypatch.setenv("BAQUEANO_BACKEND", "rust")
     end = baqueano("runs", "ls")
     assert end.code == 2
@@ -162,7 +162,7 @@ def test_an_unknown_back_end_in_the_environment_is_told(baqueano, monkeypatch):
     }  # fmt: skip
 
 
-def test_a_c_back_end_without_a_compiler_is_told_with_the_other_one(baqueano, monkeypatch):
+def test_a_c_back_end_without_a_compiler_is_reported_with_the_other_one(baqueano, monkeypatch):
     from baqueano.symbolic.c_code.compile import CompileError
 
     def refused(*args, **kwargs):
@@ -182,7 +182,7 @@ def test_a_vehicle_that_nobody_reaches_ends_in_one_paragraph_and_code_4(baqueano
     assert ". To see why: ssh nobody@127.0.0.1:1 baqueano robot status" in end.err
 
 
-def test_a_laptop_that_is_taken_for_the_vehicle_is_told_to_name_it(baqueano):
+def test_a_laptop_that_is_taken_for_the_vehicle_is_reported_to_name_it(baqueano):
     end = baqueano("robot", "status")
     assert end.code == 4
     assert "from a laptop name the vehicle, as pilot@rover.local" in end.err

@@ -125,7 +125,7 @@ def test_a_smoothed_replay_writes_a_run_that_errs_less(project, tmp_path):
     assert len(kept.estimate.t_ns) == len(kept.t_ns)
 
 
-def test_what_is_no_kalman_filter_cannot_be_smoothed(project, tmp_path):
+def test_what_is_not_a_kalman_filter_cannot_be_smoothed(project, tmp_path):
     end = project("replay", "1", "--smooth", "--estimator", "dead_reckoning")
     assert end.code == 2
     assert "DeadReckoning cannot be smoothed" in end.paragraph
@@ -154,7 +154,7 @@ def test_blocks_are_listed_by_room(baqueano):
     assert {"room": "controller", "kind": "pd"} in rows
 
 
-def test_an_unknown_run_is_told_with_the_newest(project):
+def test_an_unknown_run_is_reported_with_the_newest(project):
     end = project("compare", "77")
     assert end.code == 3
     assert end.why.code == "runs.unknown"
@@ -243,6 +243,6 @@ def test_with_a_camera_the_estimator_is_one_that_corrects_a_pose(baqueano, tmp_p
     from baqueano.vehicle_file import load
 
     text = load("small").text + '\n[sensors.camera]\nkind = "pose"\nnoise_std = [0.01, 0.01, 0.02]\n'
-    (tmp_path / "seen.toml").write_text(text, encoding="utf-8")
-    said = baqueano("blocks", "ls", "--vehicle", "seen.toml").err
+    (tmp_path / "identifiability.toml").write_text(text, encoding="utf-8")
+    said = baqueano("blocks", "ls", "--vehicle", "identifiability.toml").err
     assert 'augmented_ekf with use = ["imu", "camera"]: it corrects the pose by camera' in said

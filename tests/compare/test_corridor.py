@@ -26,7 +26,7 @@ def test_across_is_measured_across_the_heading_and_the_area_is_that_of_the_ellip
     assert along_y.across_m == pytest.approx([0.392, 0.392])
     assert along_x.area_m2[0] == pytest.approx(np.pi * 5.991 * 0.2 * 0.1)
     assert along_x.heading_rad[0] == pytest.approx(1.96 * 0.05)
-    assert along_x.sentence == "after 1 s the vehicle is known to ± 20 cm across, ± 5.6° (95 %)"
+    assert along_x.sentence == "after 1 s the position is known to ± 20 cm across, ± 5.6° (95 %)"
 
 
 def test_turning_the_map_changes_no_corridor():
@@ -44,7 +44,7 @@ def test_beyond_half_a_radian_the_vehicle_is_lost_and_the_corridor_ends(sd):
     P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, sd, 0.1)]
     found = straight(P)
     assert (found.lost_s, len(found.t_s)) == (2.0, 2)
-    assert found.sentence.startswith("lost since 2 s")
+    assert found.sentence.startswith("lost after 2 s")
     assert np.isnan(corridor_row(found)["corridor_across_m"])
 
 
@@ -64,7 +64,7 @@ def test_a_run_says_after_how_many_laps_and_compare_says_it_too():
     run = simulate_loop(load("small").with_values(SHARP), circle(0.3, 0.2), laps=2)
     found = corridor_of(run)
     assert found.lap_s == pytest.approx(2.0 * np.pi * 0.3 / 0.2, abs=0.1)
-    assert found.sentence.startswith("after 2 laps the vehicle is known to ± ")
+    assert found.sentence.startswith("after 2 laps the position is known to ± ")
     judged = compare(run)
     assert found.sentence in judged.table()
     assert judged.rows()[0]["corridor_across_m"] == found.across_m[-1]
@@ -90,7 +90,7 @@ def test_a_forecast_says_when_the_vehicle_is_lost():
     file = load("small").with_values({"sensors.imu.gyro_scale_std": 0.05})
     ahead = corridor_ahead(file, circle(0.6, 0.2), 3)
     assert ahead.verdict == "LOST"
-    assert "lost since" in ahead.table()
+    assert "lost after" in ahead.table()
     assert np.isnan([row["across_m"] for row in ahead.rows()]).tolist() == [False, True, True]
 
 

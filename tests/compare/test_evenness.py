@@ -82,7 +82,7 @@ def test_changes_of_sign_are_counted_per_second():
     assert evenness.sign_changes(T_NS, u) == pytest.approx(1.0)
 
 
-def test_noise_around_zero_and_a_pause_are_no_change_of_sign():
+def test_noise_around_zero_and_a_pause_are_not_a_change_of_sign():
     u = np.where(T_S < 15, 0.4, 0.0) + 1e-4 * np.random.default_rng(0).standard_normal(N)
     u[500:700] = 0.0
     assert evenness.sign_changes(T_NS, u) == 0.0
@@ -211,7 +211,7 @@ def test_where_nothing_was_sent_the_command_in_force_is_judged():
     assert compare(run).rows()[0]["at_limit"] == 0.0
 
 
-def test_a_drive_that_stutters_is_told_from_one_that_does_not():
+def test_a_drive_that_stutters_is_distinguished_from_one_that_does_not():
     small = load("small")
     script = [(0.2, [u, 0.0, 0.0]) for u in (1.0, -1.0)] * 10
     run = experiment(small, commands_of(script, 3, small.rate_hz))

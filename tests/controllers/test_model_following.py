@@ -163,6 +163,40 @@ def test_it_joins_its_route_from_all_sides_within_a_metre(law):
         assert off[travelled > 1.0].max() < 0.03, start
 
 
+@pytest.mark.parametrize("law", ["pd_feedforward", "lqr", "pure_pursuit"])
+@pytest.mark.parametrize("moving", [False, True], ids=["at rest", "moving"])
+def test_a_car_joins_its_route_within_a_metre(law, moving):
+    """20 cm beside, behind or in front and 30° off, on a circle of 3 m at 0.5 m/s: within 3 cm for good."""
+    car, speed, radius_m = load("car"), 0.5, 3.0
+    system = closed(car, circle(radius_m, speed), perfect=True, controller=car.controller(law))
+    kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), times(220, car.rate_hz)
+    nu = np.array([speed if moving else 0.0, 0.0, 0.0])
+    x, y, psi = circle(radius_m, speed).eta[0]
+    for ahead, left, turned in [
+        (0, 0.2, 30),
+        (0, 0.2, -30),
+        (0, -0.2, 30),
+        (0, -0.2, -30),
+        (-0.2, 0, 30),
+        (0.2, 0, 30),
+    ]:
+        state = begin(system, compose(np.array([x, y, psi]), np.array([ahead, left, np.radians(turned)])))
+        state = state._replace(world=state.world._replace(vehicle=state.world.vehicle._replace(nu=nu)))
+        run = as_run("joined", t_ns, kernel.run(Input(t_ns, None), carry=state)[1], {})
+        centre = x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)
+        off = np.abs(np.hypot(run.truth.eta[:, 0] - centre[0], run.truth.eta[:, 1] - centre[1]) - radius_m)
+        travelled = np.cumsum(np.abs(run.truth.nu[:, 0])) / car.rate_hz
+        assert travelled[-1] > 1.5
+        assert off[travelled > 1.0].max() < 0.03, (ahead, left, turned)
+
+
+def test_a_vehicle_that_moves_when_the_controller_begins_is_not_braked():
+    """The reference without jumps begins with the velocity that the vehicle has; it began at rest once."""
+    moving = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0], ticks=1)
+    steady = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0])
+    assert moving[0] == pytest.approx(steady[0], rel=0.2)
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_it_drives_evenly_along_the_corners_of_a_rectangle(law):
     run = simulate_loop(SMALL, SHAPES["rectangle"](0.2), perfect=True, controller=SMALL.controller(law))

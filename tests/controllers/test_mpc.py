@@ -6,11 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import baqueano as bq
 from baqueano.controllers import Mpc
-from baqueano.drive import repeat
+from baqueano.controllers.mpc.program import BoundedProgram
+from baqueano.drive import repeat, stop_of
 from baqueano.errors import Invalid, UsageError
-from baqueano.guides.shapes import line, sinuous_circle
+from baqueano.geometry import compose
+from baqueano.guides.shapes import circle, line, sinuous_circle
 from baqueano.signals import Estimate, Reference
+from baqueano.simulate import simulate_loop
+from baqueano.study.driving import driving
+from baqueano.symbolic import compiled
+from baqueano.tune import tune
 from baqueano.vehicle_file import load
 from tests.codes import refused
 
@@ -22,10 +29,10 @@ def law(file=SMALL, **changes):
     return Mpc(file.vehicle, limit=file.command.limit, rate_hz=HZ, **changes)
 
 
-def drive(controller, file, route, start, seconds):
+def drive(controller, file, route, start, seconds, speed=0.0):
     """Return poses (N, 3) and commands (N, n) of a vehicle whose pose is known, along an open route."""
-    vehicle, state = file.vehicle, controller.init()
-    motion = vehicle.init(eta=np.array(start))
+    vehicle, state = compiled(file.vehicle), controller.init()
+    motion = file.vehicle.init(eta=np.array(start), nu=np.array([speed, 0.0, 0.0]))
     poses, commands = [], []
     for k in range(round(seconds * HZ)):
         t_s, t_ns = k / HZ, round(k * 1e9 / HZ)
@@ -39,15 +46,34 @@ def drive(controller, file, route, start, seconds):
     return np.array(poses), np.array(commands)
 
 
-@pytest.mark.parametrize(("file", "speed"), [(SMALL, 0.2), (CAR, 0.6)], ids=["robot", "car"])
-@pytest.mark.parametrize("aside", [0.2, -0.2])
-def test_it_joins_its_path_from_beside(file, speed, aside):
-    """20 cm beside and 30° off: within 3 cm of the path after one metre of route."""
-    start = (0.0, aside, np.copysign(np.radians(30.0), aside))
-    poses, u = drive(law(file), file, line(2.0, speed), start, 1.9 / speed)
-    late = poses[round(1.2 / speed * HZ) :]
-    assert np.max(np.abs(late[:, 1])) < 0.03
+PLACES = [(0.0, 0.2, 30), (0.0, 0.2, -30), (0.0, -0.2, 30), (0.0, -0.2, -30), (-0.2, 0.0, 30), (0.2, 0.0, 30),
+          (-0.2, 0.2, 30), (0.2, -0.2, -30)]  # ahead, to the left [m], turned [deg]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("file", "speed", "radius_m"), [(SMALL, 0.2, 1.0), (CAR, 0.5, 3.0)], ids=["robot", "car"]
+)
+@pytest.mark.parametrize("moving", [False, True], ids=["at rest", "moving"])
+def test_it_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m, moving):
+    """20 cm beside, behind or in front, 30° off: within 3 cm of the path after one metre of route, for good."""
+    route, controller = circle(radius_m, speed), law(file)
+    x, y, psi = route.eta[0]
+    centre = np.array([x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)])
+    for ahead, left, turned in PLACES:
+        start = compose(route.eta[0], np.array([ahead, left, np.radians(turned)]))
+        poses, u = drive(controller, file, route, start, 2.0 / speed, speed if moving else 0.0)
+        off = np.abs(np.hypot(*(poses[:, :2] - centre).T) - radius_m)
+        assert np.max(off[round(1.0 / speed * HZ) :]) < 0.03, (ahead, left, turned)
+        assert np.all(np.abs(u) <= file.command.limit + 1e-9)
+
+
+def test_it_drives_a_vehicle_of_ones_own_which_it_never_met():
+    """The omni robot drives aside: it takes back 20 cm and 30° with its heading along the route."""
+    file = load("examples/omni_robot.toml")
+    poses, u = drive(law(file), file, line(2.0, 0.2), (0.0, 0.2, 0.5), 6.0)
+    assert np.max(np.abs(poses[100:, 1:])) < 0.02  # after 40 cm
     assert np.all(np.abs(u) <= file.command.limit + 1e-9)
+    assert np.ptp(u, axis=0).min() > 0.05  # all three wheels
 
 
 def test_no_motor_is_asked_for_more_than_it_has():
@@ -84,7 +110,7 @@ def test_where_the_solver_fails_the_old_plan_goes_on_and_then_the_drive_ends(mon
     controller, here = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
     ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
     state, first = controller.step(controller.init(), ahead, here)
-    monkeypatch.setattr("baqueano.controllers.mpc.BoundedProgram.solve", lambda *_: None)
+    monkeypatch.setattr(BoundedProgram, "solve", lambda *_: None)
     for k in range(1, 11):
         t_ns = k * 20_000_000
         state, command = controller.step(state, ahead._replace(t_ns=t_ns), here._replace(t_ns=t_ns))
@@ -93,6 +119,45 @@ def test_where_the_solver_fails_the_old_plan_goes_on_and_then_the_drive_ends(mon
     assert first.u[0] > 0.3
     with refused("mpc.unsolved", Invalid, ticks=11):
         controller.step(state, ahead._replace(t_ns=10**9), here._replace(t_ns=10**9))
+
+
+def test_a_tick_in_which_the_solver_fails_stands_in_the_run(monkeypatch):
+    solve, calls = BoundedProgram.solve, []
+
+    def fails_twice(self, *given):
+        calls.append(1)
+        return None if len(calls) in (20, 21, 40) else solve(self, *given)
+
+    monkeypatch.setattr(BoundedProgram, "solve", fails_twice)
+    run = repeat(SMALL, line(1.0, 0.2), controller=Mpc, duration_s=1.0)
+    found = [event for event in run.events if event.source == "controller"]
+    assert [(one.diagnostic.code, one.level) for one in found] == [("mpc.old-plan", "warning")] * 2
+    assert np.diff([one.t_ns for one in found]) == pytest.approx(20e9 / SMALL.rate_hz)
+    assert stop_of(run) is None
+
+
+AS_WRITTEN = ("simulate.as-written", {"room": "controller", "block": "Mpc"})
+
+
+@pytest.mark.parametrize(
+    ("use", "code", "figures"),
+    [
+        (lambda file, route: simulate_loop(file, route), *AS_WRITTEN),
+        (lambda file, route: tune(file, route), "tune.as-written", {"controller": "Mpc"}),
+        (lambda file, route: bq.forecast(file, route), *AS_WRITTEN),
+        (lambda file, route: driving(1, controller="mpc"), *AS_WRITTEN),
+    ],
+    ids=["simulate_loop", "tune", "forecast", "study driving"],
+)
+def test_what_needs_a_compiled_step_refuses_it_and_says_what_to_type(use, code, figures):
+    with refused(code, UsageError, **figures):
+        use(SMALL.with_values({"controller.kind": "mpc"}), circle(0.3, 0.2))
+
+
+def test_as_it_is_written_a_loop_is_simulated_with_it():
+    file = SMALL.with_values({"controller.kind": "mpc"})
+    run = simulate_loop(file, circle(0.3, 0.2), duration_s=0.2, perfect=True, backend="numpy")
+    assert run.truth.nu[-1, 0] > 0.02
 
 
 def test_without_its_solver_it_says_what_to_type(monkeypatch):

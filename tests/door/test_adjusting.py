@@ -30,7 +30,7 @@ def driven(*changes, at=100):
     file, operator, told = load("small"), Operator(), []
     operator.ask("me", "a mission")
     observers = (Adjusting(operator, told.append), Hand(operator, at, *changes))
-    return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers), told
+    return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers, duration_s=12.0), told
 
 
 def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
@@ -62,7 +62,7 @@ def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
         ("controller.k_x", 10**400, "door.not-a-number"),
     ],
 )
-def test_what_cannot_be_set_changes_nothing_and_is_said(path, value, code):
+def test_what_cannot_be_set_changes_nothing_and_is_reported(path, value, code):
     own = load("small").controller()
     one = Adjustable(own)
     with refused(code):
@@ -88,3 +88,19 @@ def test_only_the_holder_of_a_drive_sets_gains():
     operator.change("me", "controller.k_x", 1.0)
     assert operator.changes() == [("controller.k_x", 1.0)]
     assert operator.changes() == []
+
+
+def test_a_pace_pauses_the_guide_and_goes_on_and_stands_in_the_run():
+    _, run, told = driven(("guide.pace", 0.0), at=100)
+    v = run.reference.nu[:, 0]
+    assert v[100] == pytest.approx(0.3)
+    assert np.all(v[101 + 70 :] == 0.0)  # it brakes in 0.6 s, and waits until it is given up
+    assert np.max(np.abs(np.diff(v))) < 0.3 / 0.6 * 0.011
+    assert [message["said"].code for message in told] == ["door.set"]
+
+
+@pytest.mark.parametrize("value", [1.5, -0.1, float("nan"), "slow", None])
+def test_a_pace_that_is_none_is_refused_and_the_drive_goes_on(value):
+    _, run, told = driven(("guide.pace", value))
+    assert [message["said"].code for message in told] == ["door.guide-pace"]
+    assert run.reference.done[-1] == 1.0

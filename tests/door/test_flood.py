@@ -107,7 +107,7 @@ def test_what_only_looks_like_a_stop_waits_for_its_turn(door, come):
     assert door.operator.why(False) is None
 
 
-def test_a_guest_whose_lines_come_too_fast_is_told_how_many_were_dropped(door, come):
+def test_a_guest_whose_lines_come_too_fast_is_reported_how_many_were_dropped(door, come):
     ours, theirs = socket.socketpair()
     with ours, theirs:
         guest = Guest(ours)
@@ -152,7 +152,7 @@ def test_lines_are_answered_in_equal_shares(door, come, turns):
     flood.end()
 
 
-def test_at_most_so_many_guests_and_a_stop_is_heard_though_all_places_are_taken(door, come):
+def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_taken(door, come):
     door.tell({"is": "state", "state": "MISSION"})
     for _ in range(MOST_GUESTS):
         assert come().hear()["is"] == "state"

@@ -78,7 +78,7 @@ def test_a_row_holds_the_numbers_of_its_tick(driven):
     assert row["progress"] is None
 
 
-def test_ticks_come_once_and_in_order_whatever_the_turns_of_the_door(driven):
+def test_ticks_come_once_and_in_order_for_any_turns_of_the_door(driven):
     file, listening, _ = driven
     drive, frames, shown, seen = DriveRows(file), Frames(), 0, []
     frames._drive = drive
@@ -107,7 +107,7 @@ def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(driven):
     assert len(frame["x"]) <= RING
 
 
-def test_progress_grows_over_all_laps_and_an_eights_crossing_is_no_short_cut():
+def test_progress_grows_over_all_laps_and_an_eights_crossing_is_not_a_short_cut():
     for route, laps in ((shapes.circle(0.5, 0.3), 3), (shapes.eight(0.5, 0.3), 2)):
         along, found = AlongRoute(route), []
         for _ in range(laps):
@@ -206,7 +206,7 @@ def test_who_watches_hears_the_vehicle_the_columns_and_then_every_tick(door, dri
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_what_is_told_wakes_the_door_and_is_encoded_once(door, monkeypatch):
+def test_what_is_reported_wakes_the_door_and_is_encoded_once(door, monkeypatch):
     encodings, encoded = [], sockets.encoded
     monkeypatch.setattr(sockets, "encoded", lambda message: encodings.append(message) or encoded(message))
     monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives

@@ -56,7 +56,7 @@ def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
     assert operator.why(attended=False).code == StopReason.SERVICE_ENDED
 
 
-def test_a_vehicle_that_stands_between_two_drives_of_its_holder_is_not_said_to_drive():
+def test_a_vehicle_that_stands_between_two_drives_of_its_holder_is_not_reported_to_drive():
     operator = Operator()
     operator.ask("me", "a mission")
     with pytest.raises(SafetyStop) as refused:

@@ -83,7 +83,9 @@ def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, miss
 
 
 @pytest.mark.parametrize("theirs", [None, 1, 3])
-def test_a_vehicle_of_another_version_is_told_before_anything_is_driven(vehicle, mission, tmp_path, theirs):
+def test_a_vehicle_of_another_version_is_reported_before_anything_is_driven(
+    vehicle, mission, tmp_path, theirs
+):
     with reached(str(vehicle.door.path)) as remote:
         remote.state.pop("door")
         remote.state |= {} if theirs is None else {"door": theirs}

@@ -160,7 +160,7 @@ def test_time_stands_goes_tick_by_tick_and_a_stop_is_taken_while_it_stands(child
         ({}, "mission.damaged"),
     ],
 )
-def test_what_cannot_be_driven_is_told_and_ends_nothing(tmp_path, mission, code):
+def test_what_cannot_be_driven_is_reported_and_ends_nothing(tmp_path, mission, code):
     with refused(code), planned(json.dumps(mission), load("small"), StoredRoutes(tmp_path), 0):
         pass
 
@@ -312,7 +312,7 @@ def test_the_faults_of_a_mission_and_again_without_any_while_it_drives(child, fo
         ({"do": "mission", "door": VERSION, "kind": "drive", "shake": "dance"}, "shake.too-many"),
     ],
 )
-def test_what_is_no_fault_now_is_refused(child, word, code):
+def test_what_is_not_a_fault_now_is_refused(child, word, code):
     child.say(**word, id="bad")
     said = child.until(lambda m: m["is"] == "no" or (m["is"] == "done" and m["id"] == "bad"))[-1]
     assert (said.get("about") or said["why"])["code"] == code

@@ -129,7 +129,7 @@ def test_a_mission_that_is_refused_is_not_decoded(door, person, people, monkeypa
     assert len(decoded) == (len(theirs) < LONG)
 
 
-def test_several_words_in_one_piece_are_all_heard(door, person):
+def test_several_words_in_one_piece_are_all_received(door, person):
     person.line.sendall(b'{"do": "ping", "token": 1}\n{"do": "ping", "token": 2}\n{"do": "ping", ')
     assert [person.hear()["token"] for _ in range(2)] == [1, 2]
     person.line.sendall(b'"token": 3}\n')
@@ -181,7 +181,7 @@ def test_fi6_nonsense_is_answered_and_ends_nothing(door, person, line):
     assert person.hear() == {"is": "runs", "runs": []}
 
 
-def test_whoever_comes_is_told_the_last_state_at_once(door, people):
+def test_anyone_who_comes_is_reported_the_last_state_at_once(door, people):
     door.tell({"is": "state", "state": "READY"})
     door.tell({"is": "state", "state": "MISSION"})
     door.tell({"is": "event", "text": "nothing more is told while a mission is prepared"})

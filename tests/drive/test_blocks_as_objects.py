@@ -9,9 +9,13 @@ import pytest
 
 from baqueano.blocks import resolve
 from baqueano.controllers import PdFeedforward
+from baqueano.diagnostics import StopReason, note
 from baqueano.drive import experiment, repeat, replay, teach
+from baqueano.drive.session import stop_of
 from baqueano.errors import UsageError
 from baqueano.estimators import DeadReckoning
+from baqueano.guides import Repeat
+from baqueano.guides.repeat import RepeatState
 from baqueano.guides.shapes import circle
 from baqueano.runs import read_run
 from baqueano.signals import Command, Reference
@@ -30,6 +34,16 @@ class InACell:
     def step(self, state, reference, estimate):
         e = reference.eta - estimate.eta
         return state, Command(estimate.t_ns, np.clip(np.array([self.gain * e[0], 0.0, e[2]]), -1.0, 1.0))
+"""
+GUIDE_INSIDE = """import numpy as np
+from baqueano.signals import Reference
+
+class Mine:
+    def init(self):
+        return 0.0
+    def step(self, state, estimate):
+        made = {returned}
+        return None if made is None else (state, Reference(estimate.t_ns, made, np.zeros(3), 0.0))
 """
 
 
@@ -109,6 +123,45 @@ def test_a_run_keeps_the_text_of_a_file_and_of_a_cell():
     mine = resolve("controller", f"{__file__}:Push")()
     assert "class Push" in drive_with(controller=mine).metadata["controller.text"]
     assert drive_with(controller=in_a_cell()).metadata["controller.text"] == CELL
+
+
+@pytest.mark.parametrize(("backend", "eta"), [("auto", (0.0, 0.0, 0.0)), ("numpy", (0.1, 0.3, 0.0))])
+@pytest.mark.parametrize(
+    ("returned", "code", "figure"),
+    [
+        ("1 / 0", StopReason.BLOCK_RAISED, ("error", "ZeroDivisionError: division by zero")),
+        ("None", StopReason.BLOCK_RETURNED, ("found", "nothing")),
+        ("np.zeros(2)", StopReason.BLOCK_RETURNED, ("found", "Reference.eta with shape (2,)")),
+        ("np.full(3, np.nan)", StopReason.BLOCK_RETURNED, ("found", "Reference.eta = [nan, nan, nan]")),
+    ],
+)
+def test_a_guide_inside_of_another_is_named_and_its_text_is_kept(
+    tmp_path, returned, code, figure, backend, eta
+):
+    """Guides of ours go around the one that is wrong: a pace, a way back and, beside its route, a lead-in."""
+    mine, line = tmp_path / "mine.py", 8 if code == StopReason.BLOCK_RAISED else 7
+    mine.write_text(GUIDE_INSIDE.format(returned=returned), encoding="utf-8")
+    how = {"way_back": True, "backend": backend, "duration_s": 0.3, "check": False}
+    run = repeat(SMALL, ROUTE, guide=resolve("guide", f"{mine}:Mine")(), eta=ROUTE.eta[0] + eta, **how)
+    why = stop_of(run)
+    assert (why.code, why.figures[figure[0]]) == (code, figure[1])
+    assert why.figures["block"] == f"guide Mine ({mine}:{line})"
+    assert run.metadata["guide"] == "Mine()"
+    assert "class Mine" in run.metadata["guide.text"]
+
+
+class Telling(Repeat):
+    """Tells that it has its own state."""
+
+    def says(self, state):
+        return note("drive.on-mark") if isinstance(state, RepeatState) else None
+
+
+def test_a_guide_inside_of_another_tells_what_it_has_to_tell():
+    guide = Telling.along(ROUTE)
+    run = repeat(SMALL, ROUTE, guide=guide, eta=ROUTE.eta[0] + (0.1, 0.3, 0.0), way_back=True, duration_s=0.1)
+    told = [event.diagnostic.code for event in run.events if event.source == "guide"]
+    assert told == ["drive.on-mark"] * len(run.t_ns)
 
 
 def test_a_run_says_where_the_text_of_a_block_is_not_known():

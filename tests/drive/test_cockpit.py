@@ -119,11 +119,11 @@ def test_a_latched_set_point_ends_with_the_terminal_too():
         assert np.array_equal(wait(hand, terminal, 0.5), np.zeros(3))
 
 
-def test_a_terminal_that_never_answers_is_told_and_drives_for_the_time_of_a_key_alone():
+def test_a_terminal_that_never_answers_is_reported_and_drives_for_the_time_of_a_key_alone():
     terminal = Terminal()
     terminal.there = False
     with cockpit(terminal, latched=True) as hand:
-        assert "never says that it is there" in hand.status.line
+        assert "does not confirm that it is alive" in hand.status.line
         assert (RELEASES_ON, RELEASES_OFF) not in terminal.changes
         terminal.type("w")
         assert wait(hand, terminal, 0.2)[0] > 0.0
@@ -215,14 +215,14 @@ def test_what_holds_the_heading_is_shown():
         wait(hand, terminal, 0.2)
         hand.show({"u": [0.5, 0.0, 0.03], "requested": [0.5, 0.0, 0.04]})
         wait(hand, terminal, 0.2)
-        assert b"heading held by +0.04" in terminal.sent
+        assert b"heading hold +0.04" in terminal.sent
         terminal.type("a")
         wait(hand, terminal, 0.1)
         hand.show({"u": [0.5, 0.0, 0.4], "requested": [0.5, 0.0, 0.4]})
         terminal.sent = b""
         wait(hand, terminal, 0.2)
         assert b"heading free" in terminal.sent
-        assert b"heading held" not in terminal.sent
+        assert b"heading hold" not in terminal.sent
 
 
 def test_that_nothing_holds_the_heading_is_shown():
@@ -232,7 +232,7 @@ def test_that_nothing_holds_the_heading_is_shown():
         wait(hand, terminal, 0.2)
         hand.show({"u": [0.5, 0.0, 0.03]})
         wait(hand, terminal, 0.2)
-        assert b"heading not held" in terminal.sent
+        assert b"heading not corrected" in terminal.sent
 
 
 MOTORS = Drivetrain(
@@ -240,7 +240,7 @@ MOTORS = Drivetrain(
 )
 
 
-def test_a_set_point_below_the_dead_zone_is_told_until_something_moves():
+def test_a_set_point_below_the_dead_zone_is_reported_until_something_moves():
     terminal = Terminal()
     with cockpit(terminal, latched=True, share=0.4, drivetrain=MOTORS) as hand:
         hand()
@@ -262,7 +262,7 @@ def test_a_set_point_below_the_dead_zone_is_told_until_something_moves():
         assert b"dead zone" not in terminal.sent
 
 
-def test_a_turn_is_judged_at_the_wheels_and_a_key_that_is_held_is_told_of_the_speed():
+def test_a_turn_is_judged_at_the_wheels_and_a_key_that_is_held_is_reported_of_the_speed():
     terminal = Terminal(kitty=True)
     with cockpit(terminal, share=0.2, drivetrain=MOTORS) as hand:
         terminal.type("a")
@@ -274,7 +274,7 @@ def test_a_turn_is_judged_at_the_wheels_and_a_key_that_is_held_is_told_of_the_sp
         assert hand.status.still == "", "to the right the left wheel goes ahead"
 
 
-def test_a_tap_that_is_no_more_than_a_nudge_is_told_nothing_and_a_stop_is_told_first():
+def test_a_tap_that_is_no_more_than_a_nudge_is_reported_nothing_and_a_stop_is_reported_first():
     terminal = Terminal()
     with cockpit(terminal, share=0.4, drivetrain=MOTORS) as hand:
         terminal.type("w")
@@ -291,7 +291,7 @@ def test_a_tap_that_is_no_more_than_a_nudge_is_told_nothing_and_a_stop_is_told_f
 
 
 @pytest.mark.parametrize("drivetrain", [None, Drivetrain()])
-def test_of_a_vehicle_whose_file_knows_no_dead_zone_nothing_is_told(drivetrain):
+def test_of_a_vehicle_whose_file_knows_no_dead_zone_nothing_is_reported(drivetrain):
     terminal = Terminal()
     with cockpit(terminal, latched=True, drivetrain=drivetrain) as hand:
         terminal.type("w")

@@ -29,6 +29,8 @@ from tests.light_robot import LIMIT, SENSORS, VEHICLE, R
 FILE = SimpleNamespace(
     name="small",
     text="# small\n",
+    path=None,
+    guessed=False,
     rate_hz=100.0,
     command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=LIMIT),
     vehicle=VEHICLE,
@@ -110,7 +112,7 @@ def test_teaching_by_hand_until_the_hand_lets_go():
     assert route.eta[-1, 0] > 0.2
 
 
-def test_a_drive_that_does_not_come_back_is_no_closed_route():
+def test_a_drive_that_does_not_come_back_is_not_a_closed_route():
     with refused("route.open", AnswerNo):
         teach(FILE, [(2.0, (0.5, 0, 0))], closed=True)
 
@@ -227,7 +229,8 @@ def test_a_sensor_that_the_run_does_not_hold_is_silent_in_its_replay():
         | {"sensors": sensors, "estimator": lambda kind=None: Ekf(VEHICLE, sensors, R, use=("imu", "mark"))}
     )
     again = replay(run, with_mark)
-    assert again.events[0].text == "the run holds nothing of the sensor mark: it is silent"
+    first = again.events[0].diagnostic
+    assert (first.code, first.figures) == ("replay.without-sensor", {"sensor": "mark"})
     assert len(again.sensors["mark"].t_ns) == 0
     assert stop_of(again) is None
     np.testing.assert_allclose(again.estimate.eta, run.estimate.eta, atol=1e-9)
@@ -257,7 +260,7 @@ def test_worlds_and_files_of_different_kinds_do_not_meet():
         experiment(FILE, np.zeros((5, 3)), world=world)
 
 
-def test_progress_is_told():
+def test_progress_is_reported():
     seen = []
     experiment(FILE, np.zeros((200, 3)), observers=[Progress(seen.append)])
     assert seen[0] == pytest.approx(0.01)

@@ -87,7 +87,7 @@ def test_a_simulation_beyond_is_flagged_of_one_vehicle_and_of_many(small):
     assert (many.verdict, many.reasons) == (Verdict.WARN, many.outside)
 
 
-def test_a_run_of_another_kind_of_vehicle_is_no_member(small):
+def test_a_run_of_another_kind_of_vehicle_is_not_a_member(small):
     run = simulate(small, SLOW)
     with refused("vehicle.commands-differ", UsageError):
         small.envelope.flags(replace(run, applied=run.applied[:, :2]))

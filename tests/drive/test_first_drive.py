@@ -14,7 +14,7 @@ from baqueano.messages import text
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.first_drives import MiswiredLink, drive_one, gains, unknown
-from baqueano.study.truth import drawn
+from baqueano.study.truth import draw_robots
 from baqueano.vehicle_file import load
 from tests.codes import refused
 
@@ -74,7 +74,7 @@ def test_the_rough_gain_is_of_the_right_size(small, seed):
 
 
 def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
-    world = MiswiredLink(LoopWorld(drawn(1, 3), 3, small.rate_hz), "swapped")
+    world = MiswiredLink(LoopWorld(draw_robots(1, 3), 3, small.rate_hz), "swapped")
     found = first_drive(small, world=world)
     assert [one.code for one in found.wiring] == ["wiring.swapped"]
     assert text(found.wiring[0]) in found.table()
@@ -82,7 +82,7 @@ def test_a_wrongly_wired_vehicle_is_not_fitted_but_mended(small):
         rough(found, small)
 
 
-def test_a_vehicle_that_does_not_move_is_said_and_full_command_is_the_end(small, monkeypatch):
+def test_a_vehicle_that_does_not_move_is_reported_and_full_command_is_the_end(small, monkeypatch):
     monkeypatch.setattr(first_drive_pulses, "STEP", 0.4)
     stuck = small.with_values({"model.drivetrain.gain": [0.0, 0.0]})
     found = first_drive(small, truth=stuck, seed=2)
@@ -142,7 +142,7 @@ def test_a_vehicle_without_limit_is_refused(small):
         directions(endless)
 
 
-def test_a_run_without_estimates_is_no_first_drive(first):
+def test_a_run_without_estimates_is_not_a_first_drive(first):
     from dataclasses import replace
 
     with refused("first-drive.no-estimates", UsageError):

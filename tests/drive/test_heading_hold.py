@@ -229,13 +229,13 @@ def test_a_heading_may_pass_the_half_turn():
     assert drive.tick(psi=-np.pi + 0.01)[2] == pytest.approx(-0.02 * GAINS.psi, rel=0.05)
 
 
-def test_an_estimate_that_is_no_number_is_left_to_the_supervisor():
+def test_an_estimate_that_is_not_a_number_is_left_to_the_supervisor():
     drive = Drive()
     drive.tick()
     assert drive.tick(psi=np.nan).tolist() == [0.5, 0.0, 0.0]
 
 
-def test_a_gyro_that_the_estimator_leaves_out_is_heard():
+def test_a_gyro_that_the_estimator_leaves_out_is_received():
     drive = Drive(gyro=Gyro(slice(0, 3), 0.5, 20.0))
     drive.tick()
     for _ in range(5):

@@ -40,7 +40,7 @@ def test_a_wrong_model_is_warned_of_once():
     assert why.figures["times"] == pytest.approx(2.4, abs=0.05)
 
 
-def test_a_few_wild_measurements_are_no_wrong_model():
+def test_a_few_wild_measurements_are_not_a_wrong_model():
     health, rng = Health(), np.random.default_rng(0)
     for k in range(2000):
         y = rng.normal(size=3) + (1000.0 if k % 100 == 0 else 0.0)

@@ -47,7 +47,7 @@ def test_a_run_without_a_truth_or_with_a_late_one_begins_at_the_origin():
     assert initial_pose(circling(0.7)).tolist() == [0.0, 0.0, 0.0]
 
 
-def test_an_estimator_is_told_as_much_of_the_start_as_it_takes():
+def test_an_estimator_is_reported_as_much_of_the_start_as_it_takes():
     class Posed:
         def init(self, eta=None):
             return eta

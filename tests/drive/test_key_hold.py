@@ -67,7 +67,7 @@ def test_it_learns_the_delay_and_the_gap_of_this_keyboard():
     assert slow.gap_s == pytest.approx(0.35)
 
 
-def test_two_quick_taps_are_no_delay():
+def test_two_quick_taps_are_not_a_delay():
     held = KeyHold(REPEATS)
     for k in range(10):
         press(held, "w", 2.0 * k)

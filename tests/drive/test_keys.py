@@ -56,7 +56,7 @@ def test_what_each_sequence_means(data, event):
     "data",
     [b"\x1b[I", b"\x1b[3n", b"\x1b[?62;4c", b"\x1b[99999999999u", b"\x1b[;u", b"\x1b[5~", b"\x1b[119;1:9u", b"\0\x7f"],
 )  # fmt: skip
-def test_what_is_no_key_is_none(data):
+def test_what_is_not_a_key_is_none(data):
     assert events(data) == []
 
 
@@ -68,13 +68,13 @@ def test_a_sequence_may_be_cut_anywhere():
         assert decoder.feed(data[:cut]) + decoder.feed(data[cut:]) == whole
 
 
-def test_the_stop_is_heard_behind_a_lone_escape():
+def test_the_stop_is_received_behind_a_lone_escape():
     decoder = KeyDecoder()
     assert decoder.feed(b"\x1b") == []
     assert decoder.feed(b" ") == pressed(" ")
 
 
-def test_no_bytes_break_it_and_the_next_key_after_them_is_heard():
+def test_no_bytes_break_it_and_the_next_key_after_them_is_received():
     dice = random.Random(0)
     decoder = KeyDecoder()
     for _ in range(3000):

@@ -38,7 +38,7 @@ def test_an_experiment_sent_as_text_is_the_same_experiment(tmp_path):
 
 def test_a_repetition_sent_as_text_is_the_same_repetition(tmp_path):
     file = vehicle_file.load("small")
-    route = shapes.circle(0.3, 0.6)
+    route = shapes.circle(0.3, 0.4)
     there, other = sent(packed(Mission("repeat", route=route, laps=1), file), tmp_path)
     np.testing.assert_array_equal(
         perform(there, other).estimate.eta, repeat(file, route, laps=1).estimate.eta
@@ -77,7 +77,7 @@ def test_two_files_of_one_name_are_refused(tmp_path, monkeypatch):
         ("[1]", ("mission.damaged", {})),
     ],
 )
-def test_what_is_no_mission_is_told(text, said):
+def test_what_is_not_a_mission_is_reported(text, said):
     with refused(said[0], UsageError, **said[1]):
         Mission.of_json(text)
 

@@ -147,7 +147,7 @@ def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middl
     assert one.wanted() == (1.0, 0.0)
 
 
-def test_an_axis_that_has_not_moved_yet_is_no_wish(plugged):
+def test_an_axis_that_has_not_moved_yet_is_not_a_wish(plugged):
     kernel = bare_pad()
     one = opened(plugged(kernel))
     kernel.change((KEY, 0x124, 1))
@@ -170,7 +170,7 @@ def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plugged):
     assert find(folder / "event2").name == "Gamepad F310"
 
 
-def test_two_pads_are_told_apart_by_the_person(plugged):
+def test_two_pads_are_distinguished_by_the_person(plugged):
     folder = plugged(pad(name="One"), pad(name="Other"))
     with refused("pad.several", UsageError, count=2):
         find(folder=folder)
@@ -185,12 +185,12 @@ def test_no_pad_says_what_was_looked_at(plugged):
         find(folder=folder)
 
 
-def test_a_folder_without_devices_is_told(tmp_path):
+def test_a_folder_without_devices_is_reported(tmp_path):
     with refused("pad.none", UsageError):
         find(folder=tmp_path / "input")
 
 
-def test_devices_that_may_not_be_read_are_told_with_what_to_type(plugged, monkeypatch):
+def test_devices_that_may_not_be_read_are_reported_with_what_to_type(plugged, monkeypatch):
     folder = plugged(keyboard(), pad())
 
     def closed(path):
@@ -203,7 +203,7 @@ def test_devices_that_may_not_be_read_are_told_with_what_to_type(plugged, monkey
         find(folder / "event1")
 
 
-def test_a_path_that_is_no_device_is_told(tmp_path):
+def test_a_path_that_is_not_a_device_is_reported(tmp_path):
     with refused("pad.not-evdev", UsageError):
         find(tmp_path / "event7")
     (tmp_path / "js0").write_text("")
@@ -211,7 +211,7 @@ def test_a_path_that_is_no_device_is_told(tmp_path):
         find(tmp_path / "js0")
 
 
-def test_elsewhere_than_on_linux_it_is_said(monkeypatch):
+def test_elsewhere_than_on_linux_it_is_reported(monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     with refused("pad.not-linux", UsageError):
         find()

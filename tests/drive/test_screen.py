@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive.by_hand.screen import Screen, Status, lines
+from baqueano.language import within
 
 
 def shown(frames, rows=24):
@@ -28,6 +29,17 @@ def test_no_line_wraps_and_the_block_fits_a_small_terminal(columns):
     assert len(block) < 24
     assert max(map(len, block)) < columns
     assert all(line.isascii() for line in block)
+
+
+@pytest.mark.parametrize("language", ["en", "es"])
+@pytest.mark.parametrize("hold", [0.03, np.nan, None])
+def test_what_holds_the_heading_fits_into_eighty_columns(language, hold):
+    with within(language):
+        narrow, wide = (
+            [row for row in lines(Status("robot", hold=hold), columns) if "u_psi" in row]
+            for columns in (80, 160)
+        )
+    assert narrow == wide != []
 
 
 def test_the_second_block_is_drawn_over_the_first():

@@ -136,7 +136,7 @@ def test_an_estimator_that_takes_no_start_pose_drives_and_the_run_says_where_it_
     run = run_of(blocks, eta=np.array([1.0, 0.0, 0.0]))
     assert stop_of(run) is None
     (note,) = run.events
-    assert note.text.startswith("estimator Gyro starts at its own origin, the vehicle at [1.0, 0.0, 0.0]")
+    assert note.text.startswith("estimator Gyro starts at its own origin, but the vehicle at [1.0, 0.0, 0.0]")
     assert run.estimate.innovation is None
 
 

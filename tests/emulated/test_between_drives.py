@@ -263,7 +263,7 @@ def test_nothing_piles_up_while_it_stands(service, robot):
     assert grown / looks < 5.0, "bytes for each look, 1.7 million of which are a day"
 
 
-def test_what_happens_to_the_hardware_while_it_stands_is_told_once(service, robot):
+def test_what_happens_to_the_hardware_while_it_stands_is_reported_once(service, robot):
     robot.chip.brown_out()
     looked(service, robot, 60)
     told = [text(m["said"]) for m in service.told if m["is"] == "event"]

@@ -104,13 +104,15 @@ def test_a_bus_held_while_it_stands_is_freed_and_it_is_ready_again_by_itself(ser
     assert done["why"] is None
 
 
-def test_a_bus_that_cannot_be_freed_is_told_once_tried_again_and_ready_once_it_is_free(service, robot, lines):
+def test_a_bus_that_cannot_be_freed_is_reported_once_tried_again_and_ready_once_it_is_free(
+    service, robot, lines
+):
     held, log = lines([0] * 3, scl_held=True), []
     service.say = log.append
     hold(robot, held)
     looked_on(service, robot, 12.0)
     assert len([call for call in held.read()["calls"] if call[0] == "get"]) == 2 * 3, "two looks, each 5 s"
-    assert log == ["SCL (GPIO 3) is low, so the bus cannot be clocked."]
+    assert log == ["SCL (GPIO 3) is stuck low, so clocks cannot free the bus."]
     state = last_state(service)
     assert state["state"] == "DISARMED"
     assert state["why"].code == StopReason.IMU_BUS_STILL_HELD
@@ -120,7 +122,7 @@ def test_a_bus_that_cannot_be_freed_is_told_once_tried_again_and_ready_once_it_i
     assert service.machine.state is DoorState.READY
 
 
-def test_without_pinctrl_a_held_bus_is_told_and_waited_for(service, robot, monkeypatch, tmp_path):
+def test_without_pinctrl_a_held_bus_is_reported_and_waited_for(service, robot, monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     hold(robot, True)
     looked_on(service, robot, 2.0)
@@ -130,7 +132,7 @@ def test_without_pinctrl_a_held_bus_is_told_and_waited_for(service, robot, monke
     assert service.machine.state is DoorState.READY
 
 
-def test_what_was_said_of_one_hold_is_not_said_of_the_next(service, robot, lines):
+def test_what_was_said_of_one_hold_is_not_reported_of_the_next(service, robot, lines):
     held = lines([0] * 9)
     hold(robot, held)
     looked_on(service, robot, 2.0)
@@ -144,7 +146,7 @@ def test_what_was_said_of_one_hold_is_not_said_of_the_next(service, robot, lines
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=3)
 
 
-def test_what_a_recovery_did_is_told_until_the_next_drive(service, robot, lines):
+def test_what_a_recovery_did_is_reported_until_the_next_drive(service, robot, lines):
     hold(robot, lines([0] * 9))
     looked_on(service, robot, 10.0)
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=9)
@@ -154,7 +156,7 @@ def test_what_a_recovery_did_is_told_until_the_next_drive(service, robot, lines)
     assert last_state(service)["imu_bus"] is None
 
 
-def test_a_bus_that_lets_go_by_itself_is_not_said_to_be_held(service, robot, lines):
+def test_a_bus_that_lets_go_by_itself_is_not_reported_to_be_held(service, robot, lines):
     held = lines([0] * 3, scl_held=True)
     hold(robot, held)
     looked_on(service, robot, 2.0)

@@ -7,7 +7,7 @@ from baqueano import vehicle_file
 from baqueano.errors import AnswerNo
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.workshop import calibrate_imu
-from baqueano.robot.workshop.calibrate_imu import Watched, ahead, biases, upward
+from baqueano.robot.workshop.calibrate_imu import ImuReader, ahead, biases, upward
 from tests.emulated.hand import Hand, OnBus
 
 ON_EDGE = ImuSettings(axes=("-y", "z", "-x"))  # a chip on its edge, the far way round
@@ -32,7 +32,7 @@ def follows(hand, lift=0.3, turn=np.pi, roll=0.0):
 
 
 def found(robot, say):
-    return calibrate_imu.calibrate(Watched(robot.imu, robot.wait, lambda: robot.now_ns), say)
+    return calibrate_imu.calibrate(ImuReader(robot.imu, robot.wait, lambda: robot.now_ns), say)
 
 
 def test_axes_and_biases_are_found_on_a_floor_that_slopes(robot):
@@ -61,31 +61,31 @@ def test_what_was_found_makes_the_vehicle_files_imu_say_zero_at_rest(robot):
     assert imu.gyro_bias == pytest.approx(-0.02, abs=5e-4)
 
 
-def test_a_turn_to_the_right_is_told(robot):
+def test_a_turn_to_the_right_is_reported(robot):
     with pytest.raises(AnswerNo, match=r"turned by \d+° to the right"):
         found(robot, follows(Hand(robot), turn=-np.pi))
 
 
 def test_a_vehicle_that_nobody_lifts_is_waited_for_and_then_told(robot):
     Hand(robot)
-    with pytest.raises(AnswerNo, match=r"lift of the front: nothing of that was felt within 8 s"):
+    with pytest.raises(AnswerNo, match=r"lift of the front: the IMU measured nothing of this within 8 s"):
         found(robot, lambda text: None)
 
 
 def test_a_vehicle_that_is_carried_about_is_not_at_rest(robot):
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.8), (0.3 * np.sin(3e-9 * t_ns), 0.0, 0.0))
-    with pytest.raises(AnswerNo, match=r"at rest: the vehicle was not still within 8 s"):
+    with pytest.raises(AnswerNo, match=r"at rest: the vehicle moved during 8 s"):
         found(robot, lambda text: None)
 
 
-def test_an_imu_without_samples_is_told(robot):
-    watched = Watched(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
+def test_an_imu_without_samples_is_reported(robot):
+    watched = ImuReader(type("Silent", (), {"read": lambda self: []})(), robot.wait, lambda: robot.now_ns)
     with pytest.raises(AnswerNo, match=r"gave no sample in 1 s.*doctor"):
         watched.samples(1.0)
 
 
 def test_a_chip_that_lies_oblique_has_no_axis_that_points_up():
-    with pytest.raises(AnswerNo, match="none of its axes is within 25° of upright"):
+    with pytest.raises(AnswerNo, match="every axis is more than 25° from the vertical"):
         upward(np.array([5.0, 0.0, 8.4]))
 
 
@@ -95,7 +95,7 @@ def test_a_lift_over_a_corner_tells_nothing_of_ahead():
 
 
 @pytest.mark.parametrize("turn", [1.7, 3.0, 4.2])
-def test_bias_and_slope_are_told_apart_by_any_turn_between_a_quarter_and_three(turn):
+def test_bias_and_slope_are_distinguished_by_any_turn_between_a_quarter_and_three(turn):
     bias, slope = np.array([0.1, -0.2]), np.array([0.3, 0.05])
     c, s = np.cos(turn), np.sin(turn)
     found_bias, found_slope = biases(bias + slope, bias + np.array([[c, s], [-s, c]]) @ slope, turn)

@@ -9,7 +9,7 @@ from baqueano.robot.uno.frames import Settings, Way, Wiring
 from baqueano.robot.uno.settings import changed
 from baqueano.robot.workshop import calibrate_motors
 from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fitted, ways
-from baqueano.robot.workshop.floor_tests import Bench
+from baqueano.robot.workshop.floor_tests import FloorTests
 from tests.emulated.robot import EmulatedRobot
 
 REVERSED_L, REVERSED_R, SWAPPED = (
@@ -36,7 +36,7 @@ def robot(firmware, monkeypatch):
 
 @pytest.fixture
 def bench(robot):
-    return Bench(robot.uno, robot.imu, robot.wait, lambda: robot.now_ns)
+    return FloorTests(robot.uno, robot.imu, robot.wait, lambda: robot.now_ns)
 
 
 def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afterwards(
@@ -81,7 +81,7 @@ def test_swapped_and_reversed_motors_with_unequal_dead_zones_drive_straight_afte
         (((1, 1.0), (0, -1.0)), SWAPPED | REVERSED_R),
     ],
 )
-def test_each_wiring_is_told_from_the_others(robot, bench, plugs, expected):
+def test_each_wiring_is_distinguished_from_the_others(robot, bench, plugs, expected):
     robot.plugs = plugs
     bench.uno.arm()
     assert calibrate_motors._wiring(bench, lambda text: None) == expected
@@ -94,7 +94,7 @@ def test_what_remains_with_the_heading_held_is_a_part_of_what_it_is_without(robo
         before = robot.motion.eta[2]
         bench.hold(0.5 * sign, 0.5 * sign, calibrate_motors.STRAIGHT_S)
         free, before = robot.motion.eta[2] - before, robot.motion.eta[2]
-        told = calibrate_motors._held(bench, sign, 3.3)
+        told = calibrate_motors._held_heading(bench, sign, 3.3)
         print(f"free {np.degrees(free):.1f}°, held {np.degrees(told):.1f}°")
         assert abs(free) > np.radians(20.0)
         assert abs(told) < 0.4 * abs(free)
@@ -115,14 +115,16 @@ def test_an_accelerometer_that_feels_no_push_cannot_tell_ahead_from_back(robot, 
     felt = robot.chip.motion
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), felt(t_ns)[1])
     bench.uno.arm()
-    with pytest.raises(AnswerNo, match=r"felt a push of 0\.\d+ m/s .* too little to tell ahead from back"):
+    with pytest.raises(
+        AnswerNo, match=r"a change of speed of 0\.\d+ m/s .* too little to distinguish ahead from back"
+    ):
         calibrate_motors._wiring(bench, lambda text: None)
 
 
 def test_an_imu_whose_axes_are_not_known_yet_is_sent_to_its_own_calibration(robot, bench):
     robot.chip.motion = lambda t_ns: ((9.80665, 0.0, 0.0), (0.0, 0.0, 0.0))
     robot.wait(0.1)
-    with pytest.raises(AnswerNo, match=r"feels \(9\.\d, 0\.\d, .*calibrate imu"):
+    with pytest.raises(AnswerNo, match=r"measures \(9\.\d, 0\.\d, .*calibrate imu"):
         calibrate(bench)
 
 
@@ -141,7 +143,7 @@ def test_hardware_that_fails_on_the_way_ends_it_with_the_motors_off(robot, bench
         robot.chip.frozen = True
     else:
         robot.board.reset()
-    with pytest.raises(SafetyStop, match="the IMU is silent" if what == "imu" else "the Uno was reset"):
+    with pytest.raises(SafetyStop, match="the IMU does not answer" if what == "imu" else "the Uno was reset"):
         bench.hold(0.6, -0.6, 5.0)
     robot.wait(0.05)
     assert not robot.board.moving
@@ -168,11 +170,11 @@ def test_a_calibration_that_does_not_end_gives_back_what_the_uno_kept(robot, ben
     with pytest.raises(KeyboardInterrupt if what == "ctrl-c" else SafetyStop):
         calibrate(bench, say)
     assert robot.uno.settings(robot.wait) == MINE
-    assert said[-1] == "the Uno keeps what it kept before"
+    assert said[-1] == "the Uno keeps its old settings"
     assert not robot.board.moving
 
 
-def test_an_uno_whose_cable_is_out_is_said_to_be_half_calibrated_with_the_line_that_mends_it(robot, bench):
+def test_an_uno_whose_cable_is_out_is_reported_as_half_calibrated_with_the_line_that_mends_it(robot, bench):
     robot.uno.keep(MINE, robot.wait)
     said, line = [], (robot.write, robot.read)
 
@@ -212,20 +214,20 @@ def test_slopes_make_requests_equal_and_use_the_weakest_wheel_whole():
     assert max(way.dead_zone_permille + way.slope_permille for way in found) == 1000
 
 
-def test_a_sweep_that_moved_nothing_is_told():
-    with pytest.raises(AnswerNo, match="left forwards: of 8 duties from 30% to 70% only 1 moved the wheel"):
+def test_a_sweep_that_moved_nothing_is_reported():
+    with pytest.raises(AnswerNo, match="left forwards: of 8 duties from 30% to 70% only 1 turned the wheel"):
         fitted(0.4, np.linspace(0.7, 0.3, 8), np.array([3.0, 0, 0, 0, 0, 0, 0, 0]), "left forwards")
 
 
-def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_told():
+def test_a_dead_zone_that_the_firmware_cannot_make_up_for_is_reported():
     duties = np.linspace(1.0, 0.8, 8)
     with pytest.raises(
-        AnswerNo, match="stands still below a duty of 75%, and the firmware makes up for 70 %"
+        AnswerNo, match="does not turn below a duty of 75%, and the firmware compensates 70 %"
     ):
         fitted(0.8, duties, 5.0 * (duties - 0.75), "right backwards")
 
 
-def test_a_crooked_vehicle_is_told_what_to_look_for():
+def test_a_crooked_vehicle_is_reported_what_to_look_for():
     settings = Settings(ways=(Way(300, 700, 0),) * 4)
     motors = calibrate_motors.Motors(
         settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0), (1.5, -0.2)

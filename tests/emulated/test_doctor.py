@@ -37,7 +37,7 @@ def counted(check):
     return [int(n) for n in re.findall(r"(?<![\d.])\d+(?![\d.])", check.figure)]
 
 
-def test_an_uno_on_a_line_is_told_with_its_figures(firmware):
+def test_an_uno_on_a_line_is_reported_with_its_figures(firmware):
     with on_pty(firmware) as live:
         for _ in range(5):  # a machine that stalls loses frames, too
             found = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
@@ -57,7 +57,7 @@ def test_an_uno_on_a_line_is_told_with_its_figures(firmware):
     assert int(found["Uno's memory"].figure.split()[0]) > 1000
 
 
-def test_an_uno_whose_memory_is_nearly_used_up_is_told(robot):
+def test_an_uno_whose_memory_is_nearly_used_up_is_reported(robot):
     check = uno_checks.memory(robot.board.info()._replace(least_free_ram=40))
     assert (check.verdict, check.figure) == ("warn", "40 of 2048 bytes were never used")
     assert "robot flash" in check.remedy
@@ -80,7 +80,7 @@ def test_a_well_robot_is_well(robot):
     assert {check.verdict for check in found.values()} == {"ok"}, found
 
 
-def test_a_weak_battery_and_an_old_firmware_are_told(robot):
+def test_a_weak_battery_and_an_old_firmware_are_reported(robot):
     robot.board.set_battery(6.0)
     robot.wait(1.0)
     robot.uno.info = robot.uno.info._replace(version_major=0)
@@ -90,7 +90,7 @@ def test_a_weak_battery_and_an_old_firmware_are_told(robot):
     assert "flash" in found["firmware"].remedy
 
 
-def test_a_line_that_loses_frames_is_told(robot):
+def test_a_line_that_loses_frames_is_reported(robot):
     heard = robot.read
     counts = []
 
@@ -113,7 +113,7 @@ def looked_at(robot, seconds=2.0):
     return by_name(uno_checks.answers(robot.uno, 0.0, before, robot.wait))
 
 
-def test_what_is_damaged_on_its_way_to_the_uno_is_counted_there_and_told_here(robot):
+def test_what_is_damaged_on_its_way_to_the_uno_is_counted_there_and_reported_here(robot):
     line, there = BadLine(robot, seed=1), robot.board.info().bad_crc
     line.noise = 0.001
     check = looked_at(robot, 8.0)["frames to the Uno"]
@@ -138,7 +138,7 @@ def test_of_more_damaged_frames_than_a_byte_counts_none_is_forgotten(robot):
     assert robot.uno.statistics.spoilt == robot.board.info().bad_crc > 400
 
 
-def test_commands_that_come_whole_and_are_not_obeyed_are_told_with_what_to_look_for(robot):
+def test_commands_that_come_whole_and_are_not_obeyed_are_reported_with_what_to_look_for(robot):
     whole, robot.write = robot.write, lambda data: (whole(data), whole(data))
     check = looked_at(robot, 0.5)["frames to the Uno"]
     assert counted(check)[1:] == [0, 49, 0, 0], "each came twice; the last is in no telemetry yet"
@@ -156,7 +156,7 @@ def test_commands_that_come_whole_and_are_not_obeyed_are_told_with_what_to_look_
     ],
     ids=["power", "brown-out", "hang", "boot-loader"],
 )  # fmt: skip
-def test_why_the_uno_started_last_is_told_and_what_is_wrong_about_it(
+def test_why_the_uno_started_last_is_reported_and_what_is_wrong_about_it(
     robot, accident, verdict, figure, remedy
 ):
     accident(robot.board)
@@ -189,7 +189,7 @@ def test_the_imus_figures_are_those_of_the_chip(on_bus):
     assert "gyro z" in weak.figure
 
 
-def test_the_imus_rate_is_told_as_well_as_it_is_known(tmp_path, monkeypatch):
+def test_the_imus_rate_is_reported_as_well_as_it_is_known(tmp_path, monkeypatch):
     on_bus = OnBus(tmp_path, monkeypatch, clock_ppm=8_000)
     check = by_name(doctor.feels(on_bus.imu, on_bus.wait, 4.0))["IMU rate"]
     assert check.verdict == "ok"
@@ -217,7 +217,7 @@ def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
     assert int(re.findall(r"\d+", check.figure)[-1]) >= 1
 
 
-def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_told(on_bus):
+def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_reported(on_bus):
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 6.0 + t_ns % 7), (0.0, 0.0, 0.0))
     found = by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.5))
     assert found["IMU noise"].verdict == "warn"
@@ -235,7 +235,7 @@ def test_a_pi_without_an_imu_is_bad_and_a_laptop_has_none(tmp_path):
     assert laptop[:3] == (
         "IMU",
         "unknown",
-        "there is no /dev/i2c-1 on this machine, which is no Raspberry Pi",
+        "/dev/i2c-1 is missing on this machine: it is not a Raspberry Pi",
     )
     (tmp_path / doctor.MODEL).parent.mkdir(parents=True)
     (tmp_path / doctor.MODEL).write_text("Raspberry Pi 3 Model B Plus")

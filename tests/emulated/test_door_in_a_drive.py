@@ -37,7 +37,7 @@ def asked(door, do):
             return next(said for said in map(json.loads, of) if said["is"] != "state")
 
 
-def test_a_stop_that_is_said_while_a_mission_is_prepared_keeps_it_from_moving(
+def test_a_stop_that_is_reported_while_a_mission_is_prepared_keeps_it_from_moving(
     service, robot, door, tmp_path, monkeypatch
 ):
     heard = []
@@ -69,7 +69,7 @@ def test_a_stop_that_is_said_while_a_mission_is_prepared_keeps_it_from_moving(
 
 
 @pytest.mark.parametrize("text", ["{", "7", "[" * 100_000, "{}"])
-def test_what_is_no_mission_is_told_and_ends_nothing(service, text):
+def test_what_is_not_a_mission_is_reported_and_ends_nothing(service, text):
     waits = []
     service.patience = waits.append
     done, run = drive(service, text)
@@ -80,7 +80,7 @@ def test_what_is_no_mission_is_told_and_ends_nothing(service, text):
     assert drive(service, spin().json())[0]["why"] is None
 
 
-def test_a_run_is_told_of_once_it_is_whole(service, robot, door):
+def test_a_run_is_reported_of_once_it_is_whole(service, robot, door):
     seen = []
     during(service, robot, 0.3, lambda: seen.append(asked(door, "runs")["runs"]))
     done, _ = drive(service, spin())

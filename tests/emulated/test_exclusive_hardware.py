@@ -135,7 +135,7 @@ def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_wha
         finally:
             work.close()
         assert not live.moving()
-        assert "the Uno keeps what it kept before" in told
-        assert ("the user of this is gone" in told) == (how in ("ssh ends", "Wi-Fi ends"))
+        assert "the Uno keeps its old settings" in told
+        assert ("the connection to the user is gone" in told) == (how in ("ssh ends", "Wi-Fi ends"))
         with connected(live.path) as uno:
             assert uno.settings() == mine

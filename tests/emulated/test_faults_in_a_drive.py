@@ -173,7 +173,7 @@ def test_a_mission_whose_arming_is_lost_drives_as_one_whose_arming_came(vehicle)
     assert 1 <= ignored <= 4, "the run tells of the commands that came before it was armed"
 
 
-def test_a_mission_that_an_uno_never_hears_is_no_success(vehicle):
+def test_a_mission_that_an_uno_never_hears_is_not_a_success(vehicle):
     robot, service = vehicle()
     arm = service.uno.arm
 
@@ -345,7 +345,8 @@ def test_rt16_a_full_disk_ends_the_log_and_not_the_drive_and_hides_no_stop(vehic
     assert service.machine.state is (DoorState.STOPPED if stopped else DoorState.READY)
     texts = [text(m["said"]) for m in service.told if m["is"] == "event"]
     assert (
-        texts[0] == "the disk is full and does not store more of this run (File too large); the drive goes on"
+        texts[0]
+        == "the disk is full, so the rest of this run is not stored (File too large); the drive goes on"
     )
     assert "The earlier part is complete" in texts[-1]
     assert moved == [True], "it turned on while nothing was written"

@@ -45,10 +45,10 @@ def test_the_bytes_of_a_hex_file_are_those_that_the_emulator_loads(firmware):
         assert memory[at : at + len(data)] == data
 
 
-def test_a_line_on_which_no_boot_loader_answers_is_told(firmware, optiboot):
+def test_a_line_on_which_no_boot_loader_answers_is_reported(firmware, optiboot):
     with (
         on_pty(firmware) as live,
-        pytest.raises(RobotUnreachable, match=r"avrdude did not write it: .*own boot-loader"),
+        pytest.raises(RobotUnreachable, match=r"avrdude could not write it: .*own boot-loader"),
     ):
         flash(live.path)
 
@@ -75,11 +75,11 @@ def test_without_avrdude_it_says_what_to_install(monkeypatch, tmp_path):
         (":10000000FFFF", "line 1 is damaged, or is not from an Intel hex file"),
         (":", "line 1 is damaged, or is not from an Intel hex file"),
         (":00000001FF\n:00", "line 2 is damaged, or is not from an Intel hex file"),
-        ("hello", "no Intel hex file can be read there"),
+        ("hello", "cannot be read as an Intel hex file"),
         (":00000001FF", "holds 0 bytes: expected 1 to 32256"),
     ],
 )
-def test_a_file_that_is_no_firmware_is_refused(tmp_path, text, match):
+def test_a_file_that_is_not_a_firmware_is_refused(tmp_path, text, match):
     path = tmp_path / "mine.hex"
     path.write_text(text)
     with pytest.raises(FileError, match=match):

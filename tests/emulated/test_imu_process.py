@@ -28,7 +28,7 @@ def tell(**what):
     print(json.dumps(what), flush=True)
 
 device = imu.open(1, say=None)
-tell(event="open", chip=device.found.chip)
+tell(event="open", chip=device.identity.chip)
 samples, told = [], 0
 while not select.select([sys.stdin], [], [], 0.01)[0]:
     samples += device.read()
@@ -203,7 +203,7 @@ def test_a_process_on_a_held_bus_waits_as_long_as_it_told_the_kernel_and_comes_b
     client.wait_for("samples", 100)
     assert m.order("timeout") == 40_000_000
     m.order("hold", True)
-    assert "nine times as GPIO" in client.wait_for("imu.held")["text"]
+    assert "nine clocks as GPIO" in client.wait_for("imu.held")["text"]
     client.wait_for("imu.data-missing")
     m.order("hold", False)
     client.wait_for("imu.back")
@@ -235,7 +235,7 @@ def test_a_wrong_address_is_error_121_in_smbus2(machine):
     assert "[Errno 121] Remote I/O error" in said
 
 
-def test_a_sleeping_machine_without_a_chip_is_told_in_one_paragraph(machine):
+def test_a_sleeping_machine_without_a_chip_is_reported_in_one_paragraph(machine):
     code = "from baqueano.robot.imu import driver as imu; imu.open(1, address=0x69)"
     said = machine().run(sys.executable, "-c", code).stderr
     assert "RobotUnreachable: No IMU answers at 0x69 on /dev/i2c-1" in said

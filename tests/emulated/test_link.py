@@ -73,7 +73,7 @@ def hardware(run):
     return [e.text for e in run.events if e.source == "hardware"]
 
 
-def test_an_encoder_that_falls_silent_is_told_in_the_run_once_for_each_time(robot):
+def test_an_encoder_that_falls_silent_is_reported_in_the_run_once_for_each_time(robot):
     file = vehicle_file.load("small")
     robot.uno.keep(Settings(encoders=Encoders.QUADRATURE), robot.wait)
     ahead, pause = np.tile([0.8, 0.0, 0.0], (110, 1)), np.zeros((30, 3))
@@ -84,12 +84,12 @@ def test_an_encoder_that_falls_silent_is_told_in_the_run_once_for_each_time(robo
     run = driven(robot, file, np.concatenate([ahead, pause, ahead]), left_alone)
     told = [e for e in run.events if e.source == "hardware"]
     assert len(told) == 2
-    assert all(e.text.startswith("the right encoder counts nothing though") for e in told)
+    assert all(e.text.startswith("the right encoder counts nothing, although") for e in told)
     assert told[0].t_ns * 1e-9 == pytest.approx(0.52, abs=0.04)  # 0.5 s at half of full duty
     assert told[1].t_ns * 1e-9 == pytest.approx(1.4 + 0.52, abs=0.04)
 
 
-def test_a_reset_is_no_speed_of_a_wheel_and_no_line_on_the_floor(robot):
+def test_a_reset_is_not_a_speed_of_a_wheel_and_no_line_on_the_floor(robot):
     text = vehicle_file.load("small").text + (
         '\n[sensors.wheels]\nkind = "wheels"\n\n[sensors.mark]\nkind = "mark"\n\n[robot]\ncounts_per_turn = 600\n'
     )
@@ -123,12 +123,14 @@ def test_a_reset_is_no_speed_of_a_wheel_and_no_line_on_the_floor(robot):
     assert len(run.sensors["mark"].z) == 1, "the strip, and not the counter that began anew"
 
 
-def test_encoders_of_which_nothing_is_wired_are_told_in_one_sentence(robot):
+def test_encoders_of_which_nothing_is_wired_are_reported_in_one_sentence(robot):
     file = vehicle_file.load("small")
     robot.uno.keep(Settings(encoders=Encoders.SINGLE), robot.wait)
     run = driven(robot, file, np.tile([0.8, 0.0, 0.0], (80, 1)), lambda start_s: None)
     (told,) = hardware(run)
-    assert told.startswith("neither encoder counts though both motors are driven hard: does that wheel turn?")
+    assert told.startswith(
+        "both encoders count nothing, although both motors have a high command. Does that wheel turn?"
+    )
 
 
 @pytest.mark.parametrize("path", [None, "run.mcap"])

@@ -117,7 +117,7 @@ def test_only_the_enabled_sensors_enter_the_fifo(chip):
         assert len(chip.fifo) == size * (len(chip.taken) - taken)
 
 
-def test_data_ready_is_told_once_and_raises_the_interrupt_only_where_it_is_enabled(chip):
+def test_data_ready_is_reported_once_and_raises_the_interrupt_only_where_it_is_enabled(chip):
     awake(chip)
     chip.run_until(20 * MS)
     assert not chip.interrupt
@@ -240,7 +240,7 @@ def test_a_bus_spends_its_time_and_its_timeout(chip):
     assert spent[-1] == 40_000_000
 
 
-def test_a_file_that_is_no_emulated_bus_is_left_to_the_kernel(monkeypatch, tmp_path):
+def test_a_file_that_is_not_an_emulated_bus_is_left_to_the_kernel(monkeypatch, tmp_path):
     fcntl = pytest.importorskip("fcntl", reason="this system has no ioctl")
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     from tests.emulated.i2c_ioctl import Bench

@@ -99,7 +99,7 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
     assert any(event.source == CLOCK_SOURCE for event in run.events)
 
 
-def test_an_imu_that_does_not_answer_at_the_start_is_told_and_found_later(firmware, tmp_path):
+def test_an_imu_that_does_not_answer_at_the_start_is_reported_and_found_later(firmware, tmp_path):
     with running(firmware, tmp_path, unheard=4) as service, reached(str(service.door)) as remote:
         what = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
         run = driven(remote, what, service.live, tmp_path / "here")

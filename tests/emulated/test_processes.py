@@ -248,7 +248,7 @@ def test_rt5_a_service_that_is_killed_leaves_a_stopped_vehicle_and_a_whole_run(
     assert read_run(whole).duration_s > 0.7
 
 
-def test_a_service_that_is_told_to_end_stops_and_goes(service, vehicle, live):
+def test_a_service_that_is_reported_to_end_stops_and_goes(service, vehicle, live):
     process, door = service
     with reached(str(door)) as remote:
         ready(remote)

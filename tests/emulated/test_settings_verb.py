@@ -81,7 +81,7 @@ def test_what_is_set_is_read_back_and_outlives_the_supply(verb, live):
     assert in_eeprom(live) == Settings(driver=Driver.L293D)
 
 
-def test_a_turned_wheel_and_a_passed_line_are_told_while_it_watches(verb, live):
+def test_a_turned_wheel_and_a_passed_line_are_reported_while_it_watches(verb, live):
     assert verb("--encoders", "quadrature")[0] == 0
 
     def by_hand():
@@ -173,7 +173,7 @@ def test_a_service_that_drives_is_not_stopped_for_it(verb, tmp_path, monkeypatch
         assert "systemctl stop baqueano.service" in calls.read_text()
     else:
         assert code == 1
-        assert f"the vehicle drives ({state}), and what you typed takes the hardware away from it." in err
+        assert f"the vehicle drives ({state}), and this command needs the hardware for itself." in err
         assert "stop" not in calls.read_text()
 
 

@@ -120,7 +120,7 @@ def test_r5_stop_is_latched_until_it_is_cleared_on_purpose(uno):
 
 
 @pytest.mark.parametrize("interrupts", [True, False])
-def test_r6_fw2_a_hang_has_the_motors_off_in_150_ms_and_is_told(uno, interrupts):
+def test_r6_fw2_a_hang_has_the_motors_off_in_150_ms_and_is_reported(uno, interrupts):
     uno.hold(800, 800, 0.3)
     before = uno.info()
     hung = uno.t_s
@@ -135,7 +135,7 @@ def test_r6_fw2_a_hang_has_the_motors_off_in_150_ms_and_is_told(uno, interrupts)
     assert bool(told.reset_cause & ResetCause.HUNG) == interrupts
 
 
-def test_r6_a_hang_is_told_even_where_the_boot_loader_hides_the_watchdog(uno):
+def test_r6_a_hang_is_reported_even_where_the_boot_loader_hides_the_watchdog(uno):
     uno.hold(800, 800, 0.1)
     uno.hang()
     uno.run(0.110)
@@ -144,7 +144,7 @@ def test_r6_a_hang_is_told_even_where_the_boot_loader_hides_the_watchdog(uno):
     assert uno.info().reset_cause == ResetCause.WARM | ResetCause.HUNG
 
 
-def test_r6_a_reset_by_the_host_is_no_hang(uno):
+def test_r6_a_reset_by_the_host_is_not_a_hang(uno):
     uno.run(0.1)
     uno.reset(ResetCause.EXTERNAL)
     uno.run(0.02)

@@ -12,7 +12,7 @@ from baqueano.geometry import wrap
 from baqueano.sensors import Imu, Odometer, Pose
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.study.driving import together
-from baqueano.study.truth import TruthWorld, drawn
+from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compiled
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
@@ -132,7 +132,7 @@ def test_what_is_absurd_is_never_followed():
     assert abs(after.mean[5]) < 1.0
 
 
-def test_rt8_what_stands_at_the_end_of_the_range_is_no_measurement():
+def test_rt8_what_stands_at_the_end_of_the_range_is_not_a_measurement():
     ranged = replace(IMU, gyro_limit=4.0)
     block = compiled(AugmentedEkf(SMALL, BOTH(ranged, ODOMETER)), "c")
     _, estimate = run(block, (tick(k, (0, 0, 4.0)) for k in range(1, 100)))
@@ -180,7 +180,7 @@ def test_heading_is_as_wrong_as_claimed_on_robots_of_the_independent_truth():
     """40 robots, none of them the one of the file, with gyros whose scale is known to 3 % and whose bias is known to
     0.002 rad/s. The mean of 40 NEES lies between 0.58 and 1.52 in 99 of 100 such studies, if the claim is true."""
     seeds, ticks, rng = range(40), 1000, np.random.default_rng(7)
-    robots = together([drawn(1, seed) for seed in seeds])
+    robots = together([draw_robots(1, seed) for seed in seeds])
     scale, bias = 1.0 + 0.03 * rng.standard_normal(len(seeds)), 0.002 * rng.standard_normal(len(seeds))
     u = np.zeros((ticks, 3))
     u[:, 0], u[:, 2] = 0.5, np.repeat(rng.uniform(0.1, 0.5, ticks // 50), 50)

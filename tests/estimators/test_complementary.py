@@ -8,7 +8,7 @@ from baqueano.estimators import Complementary
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer
 from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
-from baqueano.study.truth import TruthWorld, drawn
+from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Friction, Planar
@@ -73,7 +73,7 @@ def test_wheels_that_are_silent_half_of_the_time_pull_only_when_they_speak():
     assert found.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
 
 
-def test_slow_changes_are_those_of_the_wheels_whatever_the_model_says():
+def test_slow_changes_are_those_of_the_wheels_for_any_model_says():
     n = 1000
     v = 0.3 * np.sin(0.2 * DT * np.arange(1, n + 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": 1.02 * v[:, None]}
@@ -134,7 +134,7 @@ def test_moving_and_turning_the_map_moves_and_turns_the_estimate_across_pi():
 def test_on_robots_of_the_independent_truth_it_halves_the_noise_of_the_wheels():
     """Rms of speed over 8 s of 6 robots: less than half of what the wheels alone show, whose noise is white."""
     n, ticks, rng = 6, 800, np.random.default_rng(41)
-    physics = drawn(n, 6)
+    physics = draw_robots(n, 6)
     physics = physics.changed(imu=physics.imu.changed(bias=np.zeros((n, 3)), tilt_rad=np.zeros((n, 2))))
     world, small = TruthWorld(physics, range(n)), load("small")
     imu = Imu(lever_arm_m=np.array([0.02, 0.005]), accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.004)

@@ -16,7 +16,7 @@ from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots, silent
-from baqueano.study.truth import TruthWorld, drawn
+from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compiled, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
@@ -143,7 +143,7 @@ def test_without_wheels_it_is_the_models_speed_with_the_models_doubt():
 def test_nees_of_the_pose_lies_in_its_band_on_robots_of_the_independent_truth():
     """A dead zone, unequal motors, lag and slip that the model does not have; gyro and wheels as the block believes."""
     n, ticks, rng = 40, 800, np.random.default_rng(32)
-    physics = drawn(n, 5)
+    physics = draw_robots(n, 5)
     bias = np.zeros((n, 3))
     bias[:, 2] = 5e-4 * rng.standard_normal(n)
     physics = physics.changed(imu=physics.imu.changed(bias=bias, tilt_rad=np.zeros((n, 2))))

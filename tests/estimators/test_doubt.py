@@ -98,7 +98,7 @@ def test_two_seconds_of_a_frozen_imu_cost_less_than_20_cm_a_second():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_one_reading_that_is_no_number_leaves_no_trace(bad):
+def test_one_reading_that_is_not_a_number_leaves_no_trace(bad):
     """Bit by bit the estimate of an IMU that was silent in that tick."""
     z, has = run().sensors["imu"].z.copy(), np.ones(len(t_s))
     z[500], has[500] = bad, 0.0
@@ -118,7 +118,7 @@ def test_the_way_grows_by_the_velocity_in_doubt_times_its_time():
     assert np.sqrt(of_nu[0, 0]) == pytest.approx(0.2)
 
 
-def test_one_refused_reading_in_ten_is_no_doubt():
+def test_one_refused_reading_in_ten_is_not_a_doubt():
     doubt = np.zeros((2, 2))
     for k in range(1000):
         off = np.full(2, 1.0 if k % 10 == 0 else 0.0)

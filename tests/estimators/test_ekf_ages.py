@@ -56,7 +56,7 @@ def test_a_stamp_tells_what_the_file_would(run, small):
 
 
 @pytest.mark.parametrize("off_s", [-0.01, 10.0])
-def test_a_stamp_of_another_clock_is_no_age(run, small, off_s):
+def test_a_stamp_of_another_clock_is_not_an_age(run, small, off_s):
     channel = run.sensors["imu"]
     other = channel._replace(t_ns=channel.arrival_ns - round(1e9 * off_s))
     again = replay(replace(run, sensors=run.sensors | {"imu": other}), small)

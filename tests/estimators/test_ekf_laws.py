@@ -148,7 +148,7 @@ def test_prediction_has_its_order(mode, order):
     assert slope == pytest.approx(order, abs=0.25)
 
 
-def test_process_noise_is_per_second_whatever_the_tick():
+def test_process_noise_is_per_second_for_any_tick():
     flat = Ekf(Kinematic(velocity_matrix=np.eye(3)), Sensors(IMU), R)
     a = after(flat, [tick(k, dt_ns=20_000_000) for k in range(1, 3)])[0]
     b = after(flat, [tick(k, dt_ns=10_000_000) for k in range(1, 3)])[0]

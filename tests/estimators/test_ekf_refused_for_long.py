@@ -87,7 +87,7 @@ def broken(run: Run, how: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("how", ["stuck", "shaken", "gyro", "ramp of 6 degrees"])
-def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_told(kernel, run, how):
+def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_reported(kernel, run, how):
     """The bounds are twice the largest errors of an IMU that is whole. The gyro's gate is wide, for real cars turn as
     no model foretells: one that is shaken by 200 σ may move the yaw rate by 4."""
     whole, s = seen(kernel, run), seen(kernel, run, broken(run, how))
@@ -99,14 +99,14 @@ def test_es7_a_sensor_that_is_broken_for_seconds_moves_no_estimate_and_is_told(k
     assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + TOLD_S
 
 
-def test_es6_a_sensor_that_is_whole_is_never_refused_and_nothing_is_told(kernel, run):
+def test_es6_a_sensor_that_is_whole_is_never_refused_and_nothing_is_reported(kernel, run):
     s = seen(kernel, run)
     assert not np.any(s.refused)
     assert np.isnan(s.told_at_s)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_a_model_that_turns_half_or_twice_as_hard_is_told_at_once_and_comes_right_where_it_stands(
+def test_a_model_that_turns_half_or_twice_as_hard_is_reported_at_once_and_comes_right_where_it_stands(
     kernel, factor
 ):
     s = seen(kernel, turning(factor))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from baqueano.estimators.kalman import Gaussian, correct, independent, log_likelihood, moved, predict
+from baqueano.estimators.kalman import Gaussian, boxplus, correct, independent, log_likelihood, predict
 
 
 def _case(seed: int, n: int = 6, m: int = 3):
@@ -86,5 +86,5 @@ def test_independent_numbers_have_the_same_information():
 
 
 def test_only_the_heading_is_wrapped():
-    x = moved(np.array([3.0, -4.0, 3.0, 5.0]), np.array([1.0, -1.0, 1.0, 1.0]))
+    x = boxplus(np.array([3.0, -4.0, 3.0, 5.0]), np.array([1.0, -1.0, 1.0, 1.0]))
     assert x == pytest.approx([4.0, -5.0, 4.0 - 2.0 * np.pi, 6.0])

@@ -117,7 +117,7 @@ def test_a_vehicle_that_was_carried_is_found_by_the_second_tag_that_says_so(driv
     assert np.all(np.abs(moved) > 0.005)
 
 
-def test_a_reading_that_is_told_twice_is_no_second_witness(driving):
+def test_a_reading_that_is_reported_twice_is_not_a_second_witness(driving):
     far = np.array([1.0, 0.3])
     doubting = after(driving, LATER, far)
     moved, twice = moved_by(doubting, SOON, far)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import Ekf, Unscented
-from baqueano.estimators.kalman import Gaussian, correct, moved, predict
+from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.estimators.smoother import can_be_smoothed, smooth
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Pose
@@ -44,7 +44,7 @@ class Linear:
         x = predict(Gaussian(belief.mean, belief.cov), lambda x: A @ x + tick.u, R)
         slot = tick.sensors.both
         found = correct(x.cov, slot.z - H @ x.mean, H, Q)
-        mean = np.where(slot.has > 0.0, moved(x.mean, found.move), x.mean)
+        mean = np.where(slot.has > 0.0, boxplus(x.mean, found.move), x.mean)
         cov = np.where(slot.has > 0.0, found.cov, x.cov)
         S = H @ x.cov @ H.T + Q
         return Belief(tick.t_ns, mean, cov), Estimate(

@@ -17,7 +17,7 @@ from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu, Pose
 from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
 from baqueano.study.counterpart import robot_file
-from baqueano.study.truth import TruthWorld, drawn
+from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compiled, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Friction, Kinematic, Planar, steady
@@ -136,7 +136,7 @@ def test_where_the_heading_is_unsure_it_knows_the_pose_better_than_the_ekf():
 def test_nees_and_nis_on_robots_of_the_independent_truth_with_their_true_parameters():
     """R of ν is the truth's floor; that of ν̇ is small beside the accelerometer's noise."""
     n, ticks = 5, 400
-    physics = drawn(n, 7)
+    physics = draw_robots(n, 7)
     world, z = TruthWorld(physics, range(n)), np.zeros((n, ticks, 3))
     steps = np.arange(ticks)
     u = np.column_stack(

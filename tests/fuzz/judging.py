@@ -5,7 +5,7 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,7 +61,7 @@ def within(limit_s: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def judge(read: Callable[[int], object], numbers: range) -> Judged:
+def judge(read: Callable[[int], object], numbers: Iterable[int]) -> Judged:
     """Return what becomes of the inputs of these numbers."""
     found = Judged()
     for number in numbers:

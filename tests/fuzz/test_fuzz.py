@@ -1,11 +1,14 @@
 """Damaged inputs of every format that comes from others: an error of ours with its code, or a value.
 
-`make fuzz` judges 20,000 inputs a format (BAQUEANO_FUZZ=20000), otherwise a share. The input of a number is always the
-same: `BAQUEANO_FUZZ=17:18` judges number 17 alone.
+`make fuzz` judges 20,000 inputs a format (BAQUEANO_FUZZ=20000), otherwise as many as come in SHARE_S, and at least
+LEAST. The input of a number and a seed is always the same: a finding says what to type for it alone. The public service
+sets another seed each day (BAQUEANO_FUZZ_SEED).
 """
 
 import os
 import socket
+import time
+from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
@@ -19,19 +22,22 @@ from baqueano.runs import read_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.route_file import read_route
 from baqueano.vehicle_file import load, parse
-from tests.fuzz.formats import FORMATS
-from tests.fuzz.judging import judge
+from tests.fuzz.formats import FORMATS, SEED, draw
+from tests.fuzz.judging import Judged, judge
 
-SHARE = {"mcap": 400, "csv": 300, "map": 200, "vehicle": 60, "route": 300, "door": 600}
+SHARE_S = 12.0 if os.environ.get("CI") else 3.0  # of each of six formats
+LEAST, MOST = 60, 20_000
 
 
-def numbers(name: str) -> range:
-    """Return the numbers of the inputs that are judged."""
+def numbers() -> Iterator[int]:
+    """Yield the numbers of the inputs that are judged."""
     asked = os.environ.get("BAQUEANO_FUZZ", "")
     first, colon, last = asked.partition(":")
-    if colon:
-        return range(int(first), int(last))
-    return range(int(asked or SHARE[name]))
+    if asked:
+        yield from range(int(first) if colon else 0, int(last if colon else first))
+        return
+    end_s = time.monotonic() + SHARE_S
+    yield from (k for k in range(MOST) if k < LEAST or time.monotonic() < end_s)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -40,9 +46,27 @@ def test_a_damaged_input_is_an_error_of_ours_or_a_value(name, tmp_path, monkeypa
         pytest.skip("the door of a vehicle listens at a unix socket")
     monkeypatch.chdir(tmp_path)
     with FORMATS[name](tmp_path) as read:
-        found = judge(read, numbers(name))
+        found = judge(read, numbers())
     print(f"{name}: {found.table}")
-    assert not found.findings, f"{name}: {found.table}"
+    assert not found.findings, f"{name}: {found.table}\n{again(name, found)}"
+
+
+def again(name, found):
+    """Return the lines that judge the first input of each finding alone."""
+    test = f"pytest tests/fuzz/test_fuzz.py -k 'damaged and {name}'"
+    return "\n".join(
+        f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ={at[0]}:{at[0] + 1} {test}"
+        for at in found.findings.values()
+    )
+
+
+def test_a_finding_is_judged_again_by_what_is_typed(monkeypatch):
+    found = Judged(findings={"hang": [17, 30]})
+    (line,) = again("csv", found).splitlines()
+    assert f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ=17:18 pytest" in line
+    monkeypatch.setenv("BAQUEANO_FUZZ", "17:18")
+    assert list(numbers()) == [17]
+    assert draw("csv", 17).random() == draw("csv", 17).random() != draw("csv", 18).random()
 
 
 def ours_or_a_value(read, *inputs):

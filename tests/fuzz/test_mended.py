@@ -40,7 +40,7 @@ def test_a_whole_number_of_a_map_that_no_double_holds_is_refused(imported, key):
         imported(key, f"{key.split(' = ')[0]} = {'9' * 400}")
 
 
-def test_a_word_that_no_row_has_is_told_also_where_it_is_a_number_without_end(imported):
+def test_a_word_that_no_row_has_is_reported_also_where_it_is_a_number_without_end(imported):
     with pytest.raises(FileError):
         imported("ok = 1", f"ok = {'9' * 400}")
 

@@ -36,7 +36,7 @@ def test_the_reference_is_where_the_teacher_was_at_this_time():
     assert [x.done for x in r] == [0.0, 0.0, 0.0]
 
 
-def test_an_open_route_is_driven_once_whatever_the_laps_and_ends_at_rest():
+def test_an_open_route_is_driven_once_for_any_laps_and_ends_at_rest():
     for laps in (0, 1, 3):
         r = references(Repeat.along(LINE, laps), [0.0, 1.99, 2.0, 5.0])
         assert [x.done for x in r] == [0.0, 0.0, 1.0, 1.0]

@@ -82,11 +82,11 @@ def test_error_bars_are_not_wide(believed, drive):
     assert rows["clock.truth"]["sd"] < 0.003
 
 
-def test_the_convention_of_the_scale_is_said_both_ways(believed, drive):
+def test_the_convention_of_the_scale_is_reported_both_ways(believed, drive):
     found = calibrate(drive(0), believed)
     row = found.rows()[1]
     assert row["name"] == "sensors.imu.gyro_scale"
-    assert row["text"] == f"the truth turns {1.0 / row['value']:.4f} of what the gyro says"
+    assert row["text"] == f"the truth turns {1.0 / row['value']:.4f} times as much as the gyro"
     assert "to be added to the truth's stamps" in found.table()
 
 
@@ -123,7 +123,7 @@ def test_a_car_that_hardly_turns_is_a_doubt(believed):
     assert "calibration.turn-more" in [one.code for one in found.reasons]
 
 
-def test_without_a_truth_that_is_said_with_what_to_do(believed, drive):
+def test_without_a_truth_that_is_reported_with_what_to_do(believed, drive):
     with pytest.raises(UsageError, check=of_code("truth.none")):
         calibrate(replace(drive(0, 20.0), truth=None), believed)
 
@@ -135,7 +135,7 @@ def test_a_truth_without_heading_is_left_to_a_fit(believed, drive):
         calibrate(replace(run, truth=run.truth._replace(eta=eta)), believed)
 
 
-def test_without_a_sensor_that_is_said(believed, drive):
+def test_without_a_sensor_that_is_reported(believed, drive):
     with pytest.raises(UsageError, check=of_code("truth.no-sensor")):
         calibrate(replace(drive(0, 20.0), sensors={}), believed)
 

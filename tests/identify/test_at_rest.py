@@ -45,7 +45,7 @@ def test_only_what_follows_a_second_of_rest_is_looked_at(small):
     assert found.duration_s == pytest.approx(24.0, abs=0.05)
 
 
-def test_warmth_that_moves_the_bias_is_told(still):
+def test_warmth_that_moves_the_bias_is_reported(still):
     t = still.t_s
     warm = 20.0 + 8.0 * t / t[-1]
     imu = still.sensors["imu"]
@@ -61,7 +61,7 @@ def test_warmth_that_moves_the_bias_is_told(still):
     assert [c.sensor for c in found.channels] == ["imu"] * 3
 
 
-def test_stamps_that_come_in_bursts_are_told(still):
+def test_stamps_that_come_in_bursts_are_reported(still):
     imu = still.sensors["imu"]
     t = imu.t_ns[np.minimum(np.arange(len(imu.t_ns)) // 10 * 10 + 9, len(imu.t_ns) - 1)]
     t = t + np.arange(len(t)) % 10 * 1_000_000
@@ -72,7 +72,7 @@ def test_stamps_that_come_in_bursts_are_told(still):
     assert found.doubts[0].figures["mean_ms"] == pytest.approx(10.0, rel=0.01)
 
 
-def test_repeats_touches_and_dead_channels_are_told(still):
+def test_repeats_touches_and_dead_channels_are_reported(still):
     imu = still.sensors["imu"]
     z = imu.z.copy()
     z[1::2] = z[:-1:2]

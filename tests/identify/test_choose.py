@@ -96,7 +96,7 @@ def test_each_choice_is_a_sentence_with_its_figures(found):
     left = [one for one in found.judged if one.verdict == "left out"]
     assert left
     assert {one.message.code for one in left} <= {"choose.left-out", "choose.left-out-for"}
-    assert "so often, at most, a vehicle without any gets one" in found.table()
+    assert "A vehicle without such terms gets one at most that often" in found.table()
 
 
 def test_one_step_scores_stand_beside_as_no_evidence(found):
@@ -104,14 +104,14 @@ def test_one_step_scores_stand_beside_as_no_evidence(found):
     row = next(row for row in found.rows() if row.get("term") == "dry friction")
     assert row["error_with"] < 0.8 * row["error_without"]
     assert row["one_step_with"] > 0.9 * row["one_step_without"]
-    assert "no evidence" in found.table()
+    assert "Such scores prove nothing, and were not used." in found.table()
 
 
 def test_the_same_runs_give_the_same_choice(dry, believed, found):
     assert choose(drive(dry, 0), believed, use=USE).table() == found.table()
 
 
-def test_the_rest_of_what_is_said_of_the_fit_is_in_the_report_where_one_is_written(found):
+def test_the_rest_of_what_is_reported_of_the_fit_is_in_the_report_where_one_is_written(found):
     much = replace(found, fit=replace(found.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
     assert much.table().endswith(" more: --report fit.html shows all, with figures")
     assert much.table(reported=True).endswith(" more: the report shows all, with figures")
@@ -158,12 +158,12 @@ def test_too_short_runs_are_refused_with_their_length(dry, believed):
         choose(drive(dry, 0, 8.0), believed, use=USE)
 
 
-def test_a_name_that_is_no_term_is_answered_with_those_that_are(dry, believed):
+def test_a_name_that_is_not_a_term_is_answered_with_those_that_are(dry, believed):
     with pytest.raises(UsageError, check=of_code("choose.no-term")):
         choose(drive(dry, 0), believed, ["dry fiction"], use=USE)
 
 
-def test_no_run_is_no_choice(believed):
+def test_no_run_is_not_a_choice(believed):
     with pytest.raises(UsageError, check=of_code("choose.no-command")):
         choose([], believed)
 
@@ -226,11 +226,11 @@ def test_the_command_line_answers_with_rows_and_writes_the_model(in_a_folder, fo
     assert load("my.toml").value("model.quadratic_drag") == 0.0
 
 
-def test_what_choosing_does_not_go_with_is_said(in_a_folder, capsys):
+def test_what_choosing_does_not_go_with_is_reported(in_a_folder, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["identify", *SAID, "--speed-noise"])
     assert ended.value.code == 2
-    assert "--choose does not go with --speed-noise. Choose first" in capsys.readouterr().err
+    assert "--choose cannot be combined with --speed-noise. First choose" in capsys.readouterr().err
 
 
 def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, believed):
@@ -240,7 +240,7 @@ def test_terms_are_chosen_by_the_runs_that_are_held_out(dry, bare, believed):
         for other in (dry, bare)
     ]
     assert [found.taken for found in told] == [("dry friction",), ()]
-    assert "judged by its simulation of the 1 held-out ones (10 blocks of about 2.0 s)" in told[0].rule
+    assert "tested by its simulation of the 1 held-out runs (10 blocks of about 2.0 s)" in told[0].rule
     assert told[0].fit.runs == ("run 0",)
 
 
@@ -288,5 +288,5 @@ def test_the_command_line_chooses_and_judges_by_the_held_out_run(in_a_folder, dr
         main(["identify", *SAID, "--held-out", "other.mcap"])
     assert ended.value.code == 0
     said = capsys.readouterr().out
-    assert "judged by its simulation of the 1 held-out ones" in said
+    assert "tested by its simulation of the 1 held-out runs" in said
     assert "the model carries over 20 s open loop" in said

@@ -66,7 +66,7 @@ def test_delay_and_lag_of_the_motors_come_back_together():
     assert 0.6 < np.sqrt(np.mean(np.square(far))) < 1.4
 
 
-def test_a_delay_that_the_fit_has_not_is_told_with_the_line_that_frees_it_and_not_after_that():
+def test_a_delay_that_the_fit_has_not_is_reported_with_the_line_that_frees_it_and_not_after_that():
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
     fit = identify(run, small)
@@ -78,7 +78,7 @@ def test_a_delay_that_the_fit_has_not_is_told_with_the_line_that_frees_it_and_no
     assert not any(one.figures.get("term") == "delay" for one in freed.reasons)
 
 
-def test_as_many_evaluations_are_told_as_were_made(monkeypatch):
+def test_as_many_evaluations_are_reported_as_were_made(monkeypatch):
     made, evaluate = [], Residuals.evaluate
     monkeypatch.setattr(Residuals, "evaluate", lambda self, theta: made.append(1) or evaluate(self, theta))
     truth = override(small, [f"{DELAY}=0.04"])

@@ -7,7 +7,7 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify import excitation
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, moved
+from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, in_map
 from baqueano.identify.design.plan import designed
 from baqueano.identify.design.room import SIDEWAYS_M_S2, Room, alternatives, body_radius, contained, room_of
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
@@ -137,8 +137,8 @@ def test_the_way_back_of_a_piece_leads_to_where_it_began(small):
     assert np.hypot(*eta[0, -1, :2]) < 0.03
 
 
-def test_poses_are_told_from_where_the_vehicle_is():
-    pose = moved(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
+def test_poses_are_distinguished_from_where_the_vehicle_is():
+    pose = in_map(np.array([1.0, 2.0, np.pi / 2]), np.array([0.5, 0.0, 0.1]))
     np.testing.assert_allclose(pose, [1.0, 2.5, np.pi / 2 + 0.1])
 
 
@@ -172,7 +172,7 @@ def test_the_radius_is_that_of_the_whole_vehicle():
 
 
 @pytest.mark.parametrize("size", ["2", "axb", "2x", "2x2x2", "..x1"])
-def test_a_room_that_is_no_room_says_what_to_type(small, size):
+def test_a_room_that_is_not_a_room_says_what_to_type(small, size):
     with pytest.raises(UsageError, check=of_code("room.unreadable")):
         room_of(small, size)
 
@@ -213,7 +213,7 @@ def test_a_start_in_the_wall_is_refused():
         Room(2.0, 2.0, 0.1, (0.95, 0.0, 0.0))
 
 
-def test_a_start_that_cannot_be_kept_inside_is_said(car_like):
+def test_a_start_that_cannot_be_kept_inside_is_reported(car_like):
     file, room = car_like
     with pytest.raises(AnswerNo, match="larger room"):
         contained(np.zeros((200, 3)), file, room)

@@ -53,7 +53,7 @@ def test_error_bars_shrink_from_round_to_round(commissioned, small, truth):
         assert 0.0 < second < first < 0.1, name
 
 
-def test_error_bars_that_are_told_are_smaller_after_the_last_round_than_after_the_first(commissioned):
+def test_error_bars_that_are_reported_are_smaller_after_the_last_round_than_after_the_first(commissioned):
     """Of what is to be known, on the whole. One may grow: what parts of a run disagree about shows with the next."""
     first, *_, last = commissioned[0].rounds
     ratios = [last.relative_sd(name) / first.relative_sd(name) for name in SURE]

@@ -1,4 +1,4 @@
-"""The columns of the probes against vehicles that really are pushed, and parts of a run against masked columns."""
+"""The columns of the terms against vehicles that really are pushed, and parts of a run against masked columns."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify import fit as module
 from baqueano.identify.diagnostics.score_test import fit_residuals, score_test, score_test_parts
-from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, probes
+from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 from baqueano.identify.parameters.free import substitute
 from baqueano.simulate import simulate
 
@@ -46,7 +46,10 @@ def test_the_column_of_a_push_is_what_a_small_push_does_to_the_sensors(end, code
     problem, theta = end.task.problem, end.search.solution.theta
     now = fitted_motion(end.blocks, problem, theta)
     columns = [
-        D[k] for said, D in probes(end.blocks, problem, now)() for k, (c, _) in enumerate(said) if c == code
+        D[k]
+        for said, D in term_columns(end.blocks, problem, now)()
+        for k, (c, _) in enumerate(said)
+        if c == code
     ]
     at = 0
     for record, weight, index, motion in zip(

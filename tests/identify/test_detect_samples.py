@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from baqueano.diagnostics import Severity, note
-from baqueano.identify.diagnostics.samples import checked, grain
+from baqueano.identify.diagnostics.samples import check_samples, grain
 from baqueano.runs.run import Channel
 from baqueano.sensors import Imu, Odometer, Wheels
 
@@ -33,7 +33,7 @@ def codes(found):
 @pytest.mark.parametrize("step", [0.0, 1e-3])
 def test_sound_samples_are_left_alone(seed, step):
     z = motion(seed=seed, step=step)
-    after, found = checked("imu", IMU, channel(z))
+    after, found = check_samples("imu", IMU, channel(z))
     assert found == []
     assert np.array_equal(after.z, z)
 
@@ -44,7 +44,7 @@ def test_readings_of_a_converter_that_were_turned_and_rounded_are_left_alone():
     last = np.random.default_rng(3).integers(0, 3, z.shape)
     turned = z + last * np.spacing(z)
     assert grain(turned[:, 0]).step == pytest.approx(6e-4)
-    after, found = checked("imu", IMU, channel(turned))
+    after, found = check_samples("imu", IMU, channel(turned))
     assert found == []
     assert np.array_equal(after.z, turned)
 
@@ -53,7 +53,7 @@ def test_readings_of_a_converter_that_were_turned_and_rounded_are_left_alone():
 def test_of_held_samples_the_new_ones_are_kept(every):
     z = motion()
     held = z[np.arange(len(z)) // every * every]
-    after, found = checked("imu", IMU, channel(held))
+    after, found = check_samples("imu", IMU, channel(held))
     new = np.isfinite(after.z).all(axis=1)
     assert np.array_equal(np.flatnonzero(new), np.arange(0, len(z), every))
     assert "data.repeats" in codes(found)
@@ -63,7 +63,7 @@ def test_of_held_samples_the_new_ones_are_kept(every):
 def test_id7_a_stuck_channel_loses_the_time_it_was_stuck_for_and_no_other():
     z = motion()
     z[1000:1500, 2] = z[1000, 2]
-    after, found = checked("imu", IMU, channel(z))
+    after, found = check_samples("imu", IMU, channel(z))
     lost = ~np.isfinite(after.z)
     assert not lost[:, :2].any()
     assert np.array_equal(np.flatnonzero(lost[:, 2]), np.arange(1001, 1500))
@@ -75,7 +75,7 @@ def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
     z = motion()
     zero = np.random.default_rng(1).random(len(z)) < part
     z[zero] = 0.0
-    after, found = checked("imu", IMU, channel(z))
+    after, found = check_samples("imu", IMU, channel(z))
     assert "data.zeros" in codes(found)
     assert not np.isfinite(after.z[zero]).any()
     assert np.isfinite(after.z[~zero]).all()
@@ -86,7 +86,7 @@ def test_encoders_that_stand_still_are_believed_and_lost_readings_between_fast_o
     v = np.concatenate([np.zeros(300), 0.5 + 0.01 * rng.standard_normal(700)])
     lost = np.arange(400, 900, 37)
     v[lost] = 0.0
-    after, found = checked("wheels", wheels, channel(np.stack([v, v], axis=1)))
+    after, found = check_samples("wheels", wheels, channel(np.stack([v, v], axis=1)))
     assert np.array_equal(np.flatnonzero(~np.isfinite(after.z[:, 0])), lost)
     assert codes(found) == {"data.zeros"}
 
@@ -94,7 +94,7 @@ def test_encoders_that_stand_still_are_believed_and_lost_readings_between_fast_o
 def test_a_pile_at_the_largest_value_is_a_range_that_the_file_does_not_tell():
     z = motion()
     clipped = np.clip(z, -1.2, 1.2)
-    after, found = checked("imu", IMU, channel(clipped))
+    after, found = check_samples("imu", IMU, channel(clipped))
     assert "data.clipped" in codes(found)
     assert found[0].subject == "imu[0]"
     far = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
@@ -106,7 +106,7 @@ def test_id6_clipping_is_left_out_without_a_pull_to_one_side():
     t = np.arange(20_000) / 100.0
     truth = 1.5 * np.sin(t)
     z = truth + 0.1 * np.random.default_rng(3).standard_normal(len(t))
-    after, _ = checked("imu", IMU, channel(np.stack([np.clip(z, -1.2, 1.2), z, z], axis=1)))
+    after, _ = check_samples("imu", IMU, channel(np.stack([np.clip(z, -1.2, 1.2), z, z], axis=1)))
     identifiable = np.isfinite(after.z[:, 0])
     error = np.mean(np.sign(truth[identifiable]) * (after.z[identifiable, 0] - truth[identifiable]))
     plain = np.abs(np.clip(z, -1.2, 1.2)) < 1.2
@@ -117,13 +117,13 @@ def test_id6_clipping_is_left_out_without_a_pull_to_one_side():
 def test_a_channel_without_life_is_left_out_and_doubted():
     z = motion()
     z[:, 1] = 0.0
-    after, found = checked("imu", IMU, channel(z))
+    after, found = check_samples("imu", IMU, channel(z))
     assert not np.isfinite(after.z[:, 1]).any()
     dead = note("data.dead-channel", Severity.WARNING, subject="imu[1]", value=0.0, samples=4000)
     assert found[0] == dead
 
 
-def test_the_noise_is_told_from_the_values_that_changed():
+def test_the_noise_is_reported_from_the_values_that_changed():
     z = motion()[:, 0]
     held = np.repeat(z, 4)
     assert grain(held).sigma == pytest.approx(0.1, rel=0.05)
@@ -138,9 +138,11 @@ def test_encoders_that_measure_the_time_of_a_step_are_neither_held_nor_stuck(per
     v = lfilter([0.2], [1.0, -0.8], asked)
     step_m = 2.0 * np.pi * 0.0325 / 12
     z = step_m / (period_s * np.round(step_m / np.maximum(v, 0.02) / period_s))
-    after, found = checked("odometer", Odometer(noise_std=0.01), channel(z[:, None]))
+    after, found = check_samples("odometer", Odometer(noise_std=0.01), channel(z[:, None]))
     assert np.isfinite(after.z).all()
     assert found == []
     held = z + rng.normal(0.0, 0.01, len(z))
-    _, found = checked("odometer", Odometer(noise_std=0.01), channel(held[np.arange(len(z)) // 2 * 2, None]))
+    _, found = check_samples(
+        "odometer", Odometer(noise_std=0.01), channel(held[np.arange(len(z)) // 2 * 2, None])
+    )
     assert "data.repeats" in codes(found)

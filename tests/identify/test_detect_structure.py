@@ -52,7 +52,7 @@ def test_dry_friction_that_is_not_in_the_file_is_named(case, u):
     assert "term.dry-friction" in {one.figures["what"].code for one in missing}
 
 
-def test_a_part_of_the_run_with_another_vehicle_is_told_with_its_parameter(case, u):
+def test_a_part_of_the_run_with_another_vehicle_is_reported_with_its_parameter(case, u):
     other = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     first = simulate(case, u, 0)
     second = simulate(other, u[1500:], 1, nu0=first.truth.nu[1499])
@@ -68,7 +68,7 @@ def test_a_part_of_the_run_with_another_vehicle_is_told_with_its_parameter(case,
     )  # what the halves show is in it
 
 
-def test_of_two_runs_of_two_vehicles_the_difference_is_told(case, u):
+def test_of_two_runs_of_two_vehicles_the_difference_is_reported(case, u):
     other = case.with_values({"model.friction.linear": [9.0, 7.0, 500.553]})
     runs = [replace(simulate(file, u, k), name=f"run {k}") for k, file in enumerate((case, other))]
     fit = identify(runs, case)
@@ -78,7 +78,7 @@ def test_of_two_runs_of_two_vehicles_the_difference_is_told(case, u):
 
 def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, u):
     """The answer of a probe is the fit with that term, to first order."""
-    from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, probes
+    from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 
     rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
     run, seen = simulate(rough, u, 0), {}
@@ -86,7 +86,7 @@ def test_a_probe_finds_what_was_put_in_and_what_it_does_to_the_parameters(case, 
     def look(end):
         problem, theta = end.task.problem, end.search.solution.theta
         left = fit_residuals(problem, theta, end.identifiability.mask)
-        for words, D in probes(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
+        for words, D in term_columns(end.blocks, problem, fitted_motion(end.blocks, problem, theta))():
             seen.update(zip((code for code, _ in words), score_test(left, D), strict=True))
         seen["names"], seen["theta"] = problem.shape.shared, theta
 

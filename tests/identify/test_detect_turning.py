@@ -48,7 +48,7 @@ def accused(fit):
 @pytest.mark.parametrize(
     ("factor", "unit", "was"), [(DEGREES, "deg/s", "rad/s"), (1.0 / DEGREES, "rad/s", "deg/s")]
 )
-def test_a_slow_car_is_told_which_unit_its_gyro_has(at_ten_hertz, factor, unit, was):
+def test_a_slow_car_is_reported_which_unit_its_gyro_has(at_ten_hertz, factor, unit, was):
     file, run = at_ten_hertz
     for use in (None, ("imu",)):
         fit = identify(with_gyro(run, factor), file, use=use)
@@ -120,7 +120,7 @@ def beside_wheels(imu, wheels, rate_hz):
     t_ns = (np.arange(len(imu)) * NANOSECONDS / rate_hz).astype(np.int64)
     sensors = {"imu": Channel(t_ns, t_ns, imu), "wheels": Channel(t_ns, t_ns, wheels)}
     file = SimpleNamespace(sensors=SimpleNamespace(_asdict=lambda: {"wheels": Wheels(track_m=0.2)}))
-    return physical_units.checked(SimpleNamespace(sensors=sensors), file, "imu")
+    return physical_units.check_gyro_unit(SimpleNamespace(sensors=sensors), file, "imu")
 
 
 def test_two_wheels_tell_though_they_skid():
@@ -149,7 +149,7 @@ def test_wheels_that_turn_as_the_gyro_does_clear_it_though_an_axis_of_the_plane_
 
 def test_a_curve_alone_accuses_gyro_and_accelerometer(at_ten_hertz):
     file, run = at_ten_hertz
-    (found,) = physical_units.checked(with_gyro(run, DEGREES), file, "imu")
+    (found,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
     assert found.figures["gyro"].figures["given"] == "deg/s"
     assert (found.code, found.subject) == (physical_units.CURVE, "imu[1]")
     assert found.figures["times"] < 0.1
@@ -161,7 +161,7 @@ def test_an_accelerometer_in_mg_leaves_the_gyro_alone_where_the_model_turns_with
     run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
     c, milli_g = run.sensors["imu"], 1000.0 / STANDARD_GRAVITY
     run = replace(run, sensors={**run.sensors, "imu": c._replace(z=c.z * [milli_g, milli_g, 1.0])})
-    assert physical_units.checked(run, car, "imu")
+    assert physical_units.check_gyro_unit(run, car, "imu")
     fit = identify(run, car, use=use)
     assert fit.verdict == "REFUSED"
     assert fit.reasons[0].code == "accelerometer.unit"
@@ -184,9 +184,9 @@ def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
 )
 def test_a_recorded_car_is_named_in_either_unit_and_not_where_it_is_right():
     run = import_run("cpm_run_a").run
-    assert physical_units.checked(run, car, "imu") == []
+    assert physical_units.check_gyro_unit(run, car, "imu") == []
     for factor, unit in ((DEGREES, "deg/s"), (1.0 / DEGREES, "rad/s")):
-        (found,) = physical_units.checked(with_gyro(run, factor), car, "imu")
+        (found,) = physical_units.check_gyro_unit(with_gyro(run, factor), car, "imu")
         assert found.figures.get("gyro", found).figures["given"] == unit
 
 

@@ -39,7 +39,7 @@ def test_slow_turns_in_degrees_are_found_by_the_gain_and_the_noise(case, driven)
     assert {"file.gain", "file.far-gain"} & reasons(fit).keys()
 
 
-def test_id2_an_accelerometer_in_g_is_no_usable_fit(driven, case):
+def test_id2_an_accelerometer_in_g_is_not_a_usable_fit(driven, case):
     fit = identify(felt(driven(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
     assert fit.verdict != "USABLE"
     assert "guess.g" in guesses(fit)
@@ -56,7 +56,7 @@ def test_a_command_beyond_its_limit_is_in_another_unit(small, factor, guess):
     assert reasons(fit)["command.unit"].figures["guess"] == guess
 
 
-def test_gravity_in_the_plane_is_told(driven, case):
+def test_gravity_in_the_plane_is_reported(driven, case):
     def upright(z):
         z[:, 1] = 9.80665 + 0.05 * np.random.default_rng(0).standard_normal(len(z))
         return z
@@ -86,11 +86,11 @@ def test_swapped_axes_follow_each_others_predictions(turned, small):
     assert (swapped.subject, swapped.figures["other"]) == ("imu[0]", "imu[1]")
 
 
-def test_swapped_axes_of_an_imu_without_turns_are_told_by_the_column_that_was_the_largest(case):
+def test_swapped_axes_of_an_imu_without_turns_are_reported_by_the_column_that_was_the_largest(case):
     names = [f"model.actuator_matrix[{i},0]" for i in range(3)]
     blocks = FittedBlocks(case.vehicle, case.sensors)
     nothing = np.zeros(0)
-    found = gain_changes.checked(
+    found = gain_changes.check_gain_changes(
         blocks, names, np.array([0.01, 0.98, 0.0]), np.full(3, 1e-3), nothing, nothing, []
     )
     assert [(one.code, one.subject) for one in found] == [("file.swapped", "u[0]")]
@@ -104,15 +104,15 @@ def test_an_inverted_accelerometer_goes_against_the_model(turned, small):
     assert reasons(fit)["axes.inverted"].subject == "imu[1]"
 
 
-def test_an_inverted_gyro_is_told_by_the_sign_of_the_gain_and_by_the_accelerometer(turned, small):
+def test_an_inverted_gyro_is_reported_by_the_sign_of_the_gain_and_by_the_accelerometer(turned, small):
     fit = identify(felt(turned, lambda z: z * [1.0, 1.0, -1.0]), small)
     assert fit.verdict != "USABLE"
     assert {"axes.inverted", "file.inverted", "mount.third-inverted"} & reasons(fit).keys()
 
 
-def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
+def test_an_inverted_gain_is_reported_where_nothing_else_contradicts_it(case):
     blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
-    found = gain_changes.checked(
+    found = gain_changes.check_gain_changes(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []
     )
     assert (found[0].code, found[0].severity) == ("file.inverted", Severity.WARNING)
@@ -120,7 +120,7 @@ def test_an_inverted_gain_is_told_where_nothing_else_contradicts_it(case):
     assert (found[0].figures["now"], found[0].figures["was"]) == (-29.9, pytest.approx(30.0, abs=0.1))
 
 
-def test_a_file_that_was_guessed_to_half_or_double_is_no_reason(driven, case):
+def test_a_file_that_was_guessed_to_half_or_double_is_not_a_reason(driven, case):
     guessed = case.with_values({"model.friction.linear": [12.0, 4.0, 300.0]})
     assert identify(driven(0, 20.0), guessed).verdict == "USABLE"
 
@@ -128,7 +128,9 @@ def test_a_file_that_was_guessed_to_half_or_double_is_no_reason(driven, case):
 @pytest.mark.parametrize(
     ("times", "codes"), [(0.48, []), (2.1, []), (3.6, ["file.gain"]), (1 / 3.6, ["file.gain"])]
 )
-def test_a_gain_that_is_half_or_double_that_of_the_file_is_no_reason_and_another_unit_is(case, times, codes):
+def test_a_gain_that_is_half_or_double_that_of_the_file_is_not_a_reason_and_another_unit_is(
+    case, times, codes
+):
     was = case.value("model.actuator_matrix[2,2]")
     found = gain_changes.gains(
         FittedBlocks(case.vehicle, case.sensors),

@@ -71,7 +71,7 @@ def test_the_column_of_a_command_that_the_vehicle_lacks_is_null_once_in_words_an
     null = [row["name"] for row in fit.rows() if row["estimate"] is None]
     assert null == [f"model.actuator_matrix[{i},1]" for i in range(3)]
     assert len(fit.never) == 1
-    assert fit.never[0].code == "seen.never-sideways"
+    assert fit.never[0].code == "identifiability.never-sideways"
     assert fit.unobservable == ()
 
 
@@ -194,7 +194,7 @@ def test_the_small_vehicle_with_dead_zones_lag_and_a_caster_is_found(small, off)
     u = random_steps(small.command.limit, 60.0, small.rate_hz, 3)
     fit = identify(simulate(small, u, 3), small)
     assert np.max(np.abs(off(fit, small))) < 4.5  # coloured by the floor's noise
-    assert fit.coloured
+    assert fit.autocorrelated
     assert "residual.not-white" in [one.code for one in fit.notes]
     assert fit.verdict in ("USABLE", "WARN")
 

@@ -18,7 +18,7 @@ from baqueano.identify import FitOptions, forecast, identify, random_steps
 from baqueano.identify.forecast import LOST_RAD, Ahead, _lap
 from baqueano.identify.parameters.free import value
 from baqueano.messages import texts
-from baqueano.report.of_fit import page_of_fit
+from baqueano.report.fit_report import page_of_fit
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.simulate.many import simulate_many
@@ -94,19 +94,19 @@ def test_a_run_without_a_lap_says_why(small):
     assert found.notes[0].code == "forecast.strays"
 
 
-def test_a_lost_heading_is_no_distance():
+def test_a_lost_heading_is_not_a_distance():
     said = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
     assert (said.code, said.figures["heading_deg"]) == ("forecast.lost", "34")
 
 
-def test_a_fit_of_sensors_alone_foretells_nothing():
+def test_a_fit_of_sensors_alone_predicts_nothing():
     file, run = driven("small", 10.0)
     fit = identify(run, file, ["sensors.imu.lever_arm_m"], options=FitOptions(diagnose=False))
     with pytest.raises(UsageError, check=of_code("forecast.no-errors")):
         forecast(fit, run)
 
 
-def test_commands_that_no_run_had_are_said(small):
+def test_commands_that_no_run_had_are_reported(small):
     fit, run = small
     narrow = fit.envelope._replace(low=0.5 * fit.envelope.low, high=0.5 * fit.envelope.high)
     assert "The lap leaves the envelope of the fit: u_x goes" in " ".join(
@@ -123,12 +123,12 @@ def test_terminal_json_and_report_say_it(small, tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main(words)
     said = capsys.readouterr().out
-    assert "s of open loop, driven as these runs (" in said
+    assert "s of open loop, driven like these runs (" in said
     assert "s of open loop, one lap of circle (" in said
     with pytest.raises(SystemExit):
         main([*words, "--json"])
     rows = json.loads(capsys.readouterr().out)["forecast"]
-    assert [row["drive"] for row in rows] == ["driven as these runs", "one lap of circle"]
+    assert [row["drive"] for row in rows] == ["driven like these runs", "one lap of circle"]
     assert 0.0 < rows[0]["position_m"] < 0.5
     page = page_of_fit(fit, ahead=forecast(fit, run))
     assert [section for section in page.sections if section.title == "What it means for a drive"]

@@ -29,7 +29,7 @@ def known(small):
     return fit, measure_noise(fit, runs[0]), runs[1]
 
 
-def test_a_wrong_covariance_foretells_worse_and_its_nis_says_which_way(known):
+def test_a_wrong_covariance_predicts_worse_and_its_nis_says_which_way(known):
     fit, noise, unseen = known
     wrong = {
         "too small": replace(noise, process=1e-4 * noise.process),

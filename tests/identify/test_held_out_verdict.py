@@ -14,7 +14,7 @@ from baqueano.identify.selection.held_out import pieces_of, turning_points
 from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
-from baqueano.study.truth import TruthWorld, drawn
+from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.vehicle_file import load, override
 
 RATE_HZ, VOLTS = 200.0, 12.0
@@ -41,7 +41,7 @@ def driven(signals):
     """The logs of one robot, run by run, under the voltages (N, 3) of each name; all begin at rest."""
     ticks = max(map(len, signals.values()))
     u = np.stack([np.pad(one, ((0, ticks - len(one)), (0, 0))) for one in signals.values()], axis=1)
-    world = TruthWorld(drawn(1, 3).some([0] * len(signals)), range(len(signals)))
+    world = TruthWorld(draw_robots(1, 3).some([0] * len(signals)), range(len(signals)))
     z = np.array([world.tick(row / VOLTS, 1.0 / RATE_HZ) for row in u])
     t_ns = np.round(np.arange(1, ticks + 1) * 1e9 / RATE_HZ).astype(np.int64)
     return {
@@ -78,13 +78,13 @@ def test_one_short_run_cannot_tell(fit, logs):
     found = validate(fit, logs["step -1"])
     assert found.verdict == "CANNOT TELL"
     few = found.reasons[0]
-    assert (few.code, few.subject) == ("unseen-runs.too-few", "u_psi")
+    assert (few.code, few.subject) == ("validation.too-few", "u_psi")
     assert (few.figures["pieces"], few.figures["least"]) == (1.0, 5)
 
 
 def test_the_sentence_tells_the_horizon_and_the_start(fit, logs):
     basis = validate(fit, logs["step -1"]).basis.figures
-    assert (basis["span_s"], basis["start"].code) == ("4", "unseen-runs.from-standstill")
+    assert (basis["span_s"], basis["start"].code) == ("4", "validation.from-standstill")
     assert basis["pieces"] == 1.0
 
 
@@ -108,7 +108,7 @@ def test_a_channel_explained_below_0_refuses_by_name_where_its_own_runs_were_not
     )
     found = validate(replace(fit, verdict="USABLE"), logs["step -1"])
     assert found.verdict == "REFUSED"
-    assert (found.reasons[0].code, found.reasons[0].subject) == ("unseen-runs.worse-than-mean", "imu[2]")
+    assert (found.reasons[0].code, found.reasons[0].subject) == ("validation.worse-than-mean", "imu[2]")
     assert found.reasons[0].figures["explained"] < 0.0
 
 

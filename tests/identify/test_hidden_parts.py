@@ -17,18 +17,19 @@ SECONDS, SEED, HZ = 10.0, 5, 44.0
 @pytest.fixture(scope="module")
 def logs():
     """A robot with quiet sensors, its file, and its logs: with counts of the timer, with what was asked for, and with
-    the counts and an IMU behind a low-pass."""
+    the counts and an IMU behind a low-pass, or behind one and a delay, which an IMU shows as one of the motors."""
     plain = robot(SEED)
     plain = plain.changed(imu=plain.imu.changed(noise=0.2 * plain.imu.noise))
     behind = plain.changed(imu=plain.imu.changed(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
+    chip = behind.changed(delay_s=behind.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
     file = robot_file(plain)
     asked = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
     sent = as_sent(asked)
-    both = np.stack([sent, sent], axis=1)
-    shown = driven(plain.joined([behind]), both, [SEED, SEED], times(len(sent), file.rate_hz))
-    kinds = {"counts": (0, sent), "asked": (0, asked), "filtered": (1, sent)}
+    each = np.stack([sent] * 3, axis=1)
+    shown = driven(plain.joined([behind, chip]), each, [SEED] * 3, times(len(sent), file.rate_hz))
+    kinds = {"counts": (0, sent), "asked": (0, asked), "filtered": (1, sent), "chip": (2, sent)}
     runs = {name: recorded(shown, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return plain, file, runs
 
@@ -38,7 +39,7 @@ def off(fit, q, name):
     return abs(fit.value(name) - float(robot_values(q)[name][0])) / fit.sd[fit.names.index(name)]
 
 
-def test_a_low_pass_that_the_file_does_not_tell_is_no_usable_fit(logs):
+def test_a_low_pass_that_the_file_does_not_tell_is_not_a_usable_fit(logs):
     q, file, runs = logs
     fit = identify(runs["filtered"], file, FREE)
     assert fit.verdict == "WARN"
@@ -54,6 +55,29 @@ def test_with_the_low_pass_in_the_file_the_delay_is_that_of_the_motors(logs):
     assert not {"residual.missing-free", "delay.sum"} & {one.code for one in fit.findings}
     assert off(fit, q, DELAY) < 3.0
     assert off(fit, q, LAG) < 3.0
+
+
+def test_the_setting_of_the_chip_tells_its_filter_and_the_delay_of_it(logs):
+    """A lag of 44 Hz and a pure delay, together the 4.8 ms that the data sheet has for setting 3."""
+    q, file, runs = logs
+    plain, set_up = (
+        identify(runs["chip"], f, FREE, options=FitOptions(diagnose=False))
+        for f in (file, file.with_values({"robot.imu_filter": 3}))
+    )
+    assert plain.value(DELAY) - q.delay_s[0] > 0.003
+    assert abs(set_up.value(DELAY) - q.delay_s[0]) < 5e-4
+    assert abs(set_up.value(LAG) - q.lag_s[0]) < 5e-4
+
+
+def test_tilt_and_bias_are_a_sum_unless_a_fit_is_asked_to_tell_them_apart(logs):
+    _, file, runs = logs
+    few = ["model.friction.linear[0]", "model.actuator_matrix[0,0]"]
+    one, both = (
+        identify(runs["counts"], file, free, options=FitOptions(diagnose=False))
+        for free in (few, [*few, "sensors.imu.tilt_rad"])
+    )
+    assert ("bias.tilt-sum", "imu") in [(said.code, said.subject) for said in one.notes]
+    assert "bias.tilt-sum" not in [said.code for said in both.findings]
 
 
 def test_a_low_pass_can_be_fitted(logs):

@@ -180,7 +180,7 @@ def test_the_clock_of_an_imu_is_found_where_it_is_a_whole_tick_late():
         assert off(small, fit)[0] < SIGMAS
 
 
-def test_wheels_without_a_camera_are_told_by_the_imu():
+def test_wheels_without_a_camera_are_reported_by_the_imu():
     truth = override(with_sensor(WHEELS), [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", STILL])
     begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12"])
     for seed in (1, 2):
@@ -196,7 +196,7 @@ def test_the_gyro_of_a_car_is_not_known_from_its_imu_and_the_fit_says_what_to_do
     )
     assert np.isnan(fit.estimate[fit.names.index(GYRO)])
     assert fit.verdict == "WARN"
-    (scale,) = (one for one in fit.unobservable if one.code == "seen.scale")
+    (scale,) = (one for one in fit.unobservable if one.code == "identifiability.scale")
     assert scale.subject == GYRO
     assert "turn it twice on its mark" in text(scale)
 
@@ -305,7 +305,7 @@ def test_a_line_may_hold_a_length_and_an_angle_at_the_end():
         ("b 4 s: 1 m", "tape.of-another-run"),
     ],
 )
-def test_what_cannot_be_read_is_said(line, code):
+def test_what_cannot_be_read_is_reported(line, code):
     with pytest.raises(UsageError, check=of_code(code)):
         read(line, [Ten("a")])
 

@@ -121,7 +121,7 @@ def test_a_kink_is_an_end_for_its_own_parameter_and_not_for_the_others():
     assert found.decrement < 1e-7
 
 
-def test_two_parameters_that_do_the_same_are_no_reason_to_crash():
+def test_two_parameters_that_do_the_same_are_not_a_reason_to_crash():
     """A short run with many free numbers: after many good steps the damping is below what a float can show."""
     both = of(
         lambda x: x[0] * np.exp(-(x[1] + x[2]) * T) - Z,

@@ -40,7 +40,7 @@ def test_any_matrix_becomes_a_covariance(matrix, exponent):
     np.linalg.cholesky(Q)
 
 
-def test_the_papers_printed_kind_of_matrix_is_lifted_and_told():
+def test_the_papers_printed_kind_of_matrix_is_lifted_and_reported():
     bad = np.array([[1.0, 1.2, 0.0], [1.2, 1.0, 0.0], [0.0, 0.0, -1e-5]])
     notes = []
     Q = valid(bad, np.full(3, 1e-8), "Q", notes)

@@ -63,7 +63,7 @@ def test_the_table_says_what_is_written(measured):
             assert shown[f"{name}[{k}]"] == pytest.approx(value)
 
 
-def test_two_noises_that_trade_places_are_told_apart():
+def test_two_noises_that_trade_places_are_distinguished():
     """A ridge along which no step of one of them alone improves."""
     found = valley(
         lambda x: 100.0 * abs(x[0] + x[1]) + abs(x[0] - 3.0), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)

@@ -23,8 +23,12 @@ def test_id1_driving_straight_shows_nothing_of_turning_and_says_what_would(case,
     assert np.max(np.abs(off(fit, case))) < 4.5
     told = {one.subject: one for one in fit.unobservable}
     held = told["model.friction.linear[2]"]
-    assert (held.code, held.figures["at"], held.figures["needs"].code) == ("seen.not", 500.553, "seen.needs")
-    still = [one for one in fit.unobservable if one.code == "seen.command-still"]
+    assert (held.code, held.figures["at"], held.figures["needs"].code) == (
+        "identifiability.not",
+        500.553,
+        "identifiability.needs",
+    )
+    still = [one for one in fit.unobservable if one.code == "identifiability.command-still"]
     (turns,) = (one for one in still if one.figures["command"] == "u_psi")
     assert "actuator_matrix[2,2]" in turns.figures["names"]
     assert fit.verdict in ("WARN", "REFUSED")
@@ -38,10 +42,10 @@ def test_held_parameters_keep_their_start_in_the_file_and_are_marked_as_unknown(
     row = next(r for r in fit.rows() if r["name"] == "model.friction.linear[2]")
     assert row["estimate"] is None
     assert row["sd"] is None
-    assert "not seen" in fit.table()
+    assert "not identifiable" in fit.table()
 
 
-def test_mass_is_not_told_from_forces_and_the_scale_is_recommended(case, driven):
+def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, driven):
     names = (
         "mass_kg",
         "friction.linear[0]",
@@ -55,7 +59,7 @@ def test_mass_is_not_told_from_forces_and_the_scale_is_recommended(case, driven)
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
     (collinear,) = fit.unobservable
-    assert (collinear.code, collinear.subject) == ("seen.tied", "model.mass_kg")
+    assert (collinear.code, collinear.subject) == ("identifiability.tied", "model.mass_kg")
     assert "the scale" in collinear.figures["how"].figures["by"]
 
 
@@ -102,33 +106,36 @@ def test_what_is_hardly_separable_is_named_together_with_the_motion_that_would_t
     assert fit.verdict == "WARN"
     told = {one.subject: one for one in fit.reasons}
     near = told["model.friction.quadratic[1]"]
-    assert near.code == "seen.weakly-beside"
+    assert near.code == "identifiability.weakly-beside"
     assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
     motion = "sliding sideways both a little and fast, as in turns of many speeds"
     assert near.figures["needs"].figures["motion"].startswith(motion)
     weak = told["model.actuator_matrix[1,2]"]
-    assert (weak.code, weak.figures["why"].code) == ("seen.weakly", "seen.hardly-sideways")
+    assert (weak.code, weak.figures["why"].code) == (
+        "identifiability.weakly",
+        "identifiability.hardly-sideways",
+    )
 
 
-def test_what_never_moved_sideways_is_said_of_what_is_held(case):
+def test_what_never_moved_sideways_is_reported_of_what_is_held(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     held = {one.subject: one for one in fit.unobservable}["model.friction.linear[1]"]
-    assert (held.code, held.figures["why"].code) == ("seen.not", "seen.hardly-sideways")
+    assert (held.code, held.figures["why"].code) == ("identifiability.not", "identifiability.hardly-sideways")
 
 
-def test_what_the_vehicle_can_never_show_is_said_once_and_is_no_reproach(case, driven):
+def test_what_the_vehicle_can_never_show_is_reported_once_and_is_not_a_reproach(case, driven):
     fit = identify(driven(0, 30.0), case)
     assert fit.verdict == "USABLE"
     assert fit.unobservable == ()
     assert len(fit.never) == 1
-    assert fit.never[0].code == "seen.never-sideways"
+    assert fit.never[0].code == "identifiability.never-sideways"
     assert fit.never[0].figures["names"] == "actuator_matrix[0,1], actuator_matrix[1,1], actuator_matrix[2,1]"
 
 
-def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_said(small):
+def test_full_commands_alone_do_not_tell_a_dead_zone_from_a_gain_and_the_cure_is_reported(small):
     fit = identify(simulate(small, excitation("prbs", small.command.limit, 20.0, 100.0, 1), 1), small)
-    collinear = [one for one in fit.unobservable if one.code == "seen.tied"]
+    collinear = [one for one in fit.unobservable if one.code == "identifiability.tied"]
     named = [f"{one.subject}, {one.figures['others']}" for one in collinear]
     assert any("drivetrain.dead_zone_forward[0]" in names for names in named)
     motion = "forward commands just above the dead zone of the first motor"

@@ -140,7 +140,7 @@ def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
     assert names[:2] == ["dry friction of the rail", "dead zone"]
 
 
-def test_what_a_run_does_not_show_is_said_in_the_words_of_its_metadata(files):
+def test_what_a_run_does_not_show_is_reported_in_the_words_of_its_metadata(files):
     file = files["servo_axis"]
     fit = identify(of_axis(file, u=np.full((3000, 1), 12.0)), file)
     assert "slow strokes that stop and turn, many times" in " ".join(texts(fit.findings))
@@ -150,7 +150,7 @@ def test_what_a_run_does_not_show_is_said_in_the_words_of_its_metadata(files):
     assert any("turning on the spot, to and fro" in said for said in held)
     fit = identify(of_omni(file), file, ["+model.mass_kg"], options=FitOptions(diagnose=False))
     (mass,) = (one for one in fit.unobservable if one.subject == "model.mass_kg")
-    assert (mass.code, mass.figures["how"].code) == ("seen.tied", "seen.by-hand")
+    assert (mass.code, mass.figures["how"].code) == ("identifiability.tied", "identifiability.by-hand")
 
 
 @pytest.mark.parametrize(
@@ -176,6 +176,6 @@ def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):
         assert R[0, 0] > 100.0 * R[1, 1]
 
 
-def test_a_vehicle_without_a_gyro_is_told_how_it_is_driven(files):
+def test_a_vehicle_without_a_gyro_is_reported_how_it_is_driven(files):
     with pytest.raises(UsageError, match=r"lacks a sensor imu.*Or type --known"):
         careful_drive(files["servo_axis"])

@@ -81,7 +81,7 @@ def test_a_tilt_is_found_where_the_bias_is_known(small):
         assert max(map(abs, off(truth, fit).values())) < SIGMAS, off(truth, fit)
 
 
-def test_of_a_tilt_and_a_bias_it_is_said_that_they_do_not_show(small):
+def test_of_a_tilt_and_a_bias_it_is_reported_that_they_do_not_show(small):
     """Both are gravity, or look like it; what is left is the cosine of the tilt."""
     _, fit = fitted(small, TILT, 1)
     assert fit.verdict == "WARN"

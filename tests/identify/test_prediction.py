@@ -186,7 +186,7 @@ def test_the_gradient_is_that_of_the_cost_over_two_runs_with_outliers(cart):
         assert slope[k] == pytest.approx(taken, rel=1e-5, abs=1e-4)
 
 
-def test_a_spike_moves_nothing_and_a_gap_is_no_measurement(cart):
+def test_a_spike_moves_nothing_and_a_gap_is_not_a_measurement(cart):
     clean, spiked, gap = (cart_run(cart, 5) for _ in range(3))
     spiked.sensors["odometer"].z[20] = 1e6
     gap.sensors["odometer"].z[20] = np.nan
@@ -241,7 +241,7 @@ def test_with_a_pose_the_covariance_grows_with_the_way_and_innovations_are_white
     assert np.std(still[there[:, 0], 0]) > 5.0
 
 
-def test_a_vehicle_without_a_velocity_of_its_own_is_told_to_use_the_simulation():
+def test_a_vehicle_without_a_velocity_of_its_own_is_reported_to_use_the_simulation():
     kinematic = parse(
         CART.replace('kind = "planar"', 'kind = "kinematic"')
         .replace(f"mass_kg = {MASS}\ninertia_kg_m2 = 1.0\nactuator_matrix", "velocity_matrix")

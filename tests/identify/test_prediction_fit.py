@@ -62,7 +62,7 @@ def test_over_a_floor_that_moves_the_innovations_are_nearer_and_their_intervals_
     assert 0.85 <= np.mean(np.abs(z[1]) < 1.96) <= 1.0
     for _, fit in fits:
         assert fit.notes[0].code == "cost.innovations"
-        assert not fit.coloured
+        assert not fit.autocorrelated
 
 
 def test_the_floor_is_found_with_its_error_bars_and_stands_in_the_file(disturbed):
@@ -121,11 +121,11 @@ def test_the_second_search_tells_how_far_it_is_and_can_be_stopped(case):
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
 
 
-def test_what_the_floor_explains_is_no_doubt_any_more(disturbed):
-    """The simulation's residuals are coloured, and the likelihood of a moving floor says why."""
+def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed):
+    """The simulation's residuals are autocorrelated, and the likelihood of a moving floor says why."""
     _, fits = disturbed
     for first, second in fits:
-        assert first.coloured
+        assert first.autocorrelated
         assert first.verdict == "USABLE", first.reasons
         assert first.notes[0].figures["cause"].code == "cost.innovations"
         assert first.notes[0].fix == "--cost innovations"

@@ -34,7 +34,7 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
     assert any(line.startswith("USABLE: ") for line in lines)
 
 
-def test_what_was_asked_for_run_by_run_is_told(case, driven):
+def test_what_was_asked_for_run_by_run_is_reported(case, driven):
     asked = identify(driven(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
     plain = identify(driven(0, 10.0), case)
     rows = [row for row in asked.run_by_run() if row["name"] == "clock.truth"]
@@ -159,7 +159,7 @@ def test_a_name_that_no_vehicle_has_is_not_to_be_freed(fit):
             fit.value(name)
 
 
-def test_what_swings_is_told_as_that_and_not_as_a_floor(small):
+def test_what_swings_is_reported_as_that_and_not_as_a_floor(small):
     """Of a gyro whose noise was differenced: a colour below 0, for which nothing is widened."""
     run = simulate(small, random_steps(small.command.limit, 20.0, 100.0, 0), 0)
     imu = run.sensors["imu"]
@@ -168,12 +168,12 @@ def test_what_swings_is_told_as_that_and_not_as_a_floor(small):
     fit = identify(
         replace(run, sensors={"imu": imu._replace(z=z)}), small, options=FitOptions(diagnose=False)
     )
-    assert not fit.coloured
+    assert not fit.autocorrelated
     assert ("residual.alternates", "imu[2]") in [(one.code, one.subject) for one in fit.notes]
     assert not {"residual.not-white", "cost.try-innovations"} & {one.code for one in fit.notes}
 
 
-def test_what_was_done_to_the_data_is_told(case, driven):
+def test_what_was_done_to_the_data_is_reported(case, driven):
     run = driven(0, 20.0)
     imu = run.sensors["imu"]
     z = imu.z.copy()

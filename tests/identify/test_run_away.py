@@ -11,7 +11,7 @@ from baqueano.identify.estimation.least_squares import minimise
 from baqueano.identify.residuals.block_arrow import Evaluation
 
 
-def test_slopes_that_are_not_finite_are_no_place_to_go():
+def test_slopes_that_are_not_finite_are_not_a_place_to_go():
     def evaluate(theta):
         x = theta[0]
         if x > 2.0:  # beyond, the cost is lower and has no slope

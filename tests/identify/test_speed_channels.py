@@ -25,7 +25,7 @@ def fit():
     return identify(run := driven(SMALL, 30.0, 1), SMALL, FREE), run
 
 
-def test_without_a_witness_nothing_is_decided_and_what_to_type_is_said(fit):
+def test_without_a_witness_nothing_is_decided_and_what_to_type_is_reported(fit):
     noise = measure_noise(*fit)
     assert noise.speed is not None
     assert not noise.speed.decided

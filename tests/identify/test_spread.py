@@ -19,7 +19,7 @@ def test_rows_in_which_an_encoder_stands_do_not_make_the_noise_small():
     assert alone == pytest.approx(0.05, rel=0.1)  # 4.6 standard errors of a median of 1,000
 
 
-def test_a_model_that_moves_while_the_encoder_stands_is_told():
+def test_a_model_that_moves_while_the_encoder_stands_is_reported():
     left, z = np.full((100, 1), -0.3), np.zeros((100, 1))
     z[50:] = 1.0
     assert telling([left], [np.ones((100, 1))], [z])[0].all()

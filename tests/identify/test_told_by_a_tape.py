@@ -20,7 +20,7 @@ def fit(small, runs):
     return identify(runs, small, free=FREE, options=FitOptions(measured=("run 1 end: 400 cm",)))
 
 
-def test_a_tape_of_a_later_run_that_is_far_off_is_told_in_metres(fit):
+def test_a_tape_of_a_later_run_that_is_far_off_is_reported_in_metres(fit):
     told = [reason for reason in fit.reasons if reason.code == "residual.one-far"]
     assert len(told) == 1
     assert (told[0].subject, told[0].figures["measured"], told[0].figures["unit"]) == ("tape[0]", 4.0, "m")
@@ -35,6 +35,6 @@ def test_the_noise_that_was_measured_has_units_and_no_tape(fit, runs):
     assert not any("tape" in one.subject for one in noise.notes)
 
 
-def test_the_noise_of_each_channel_is_told_with_its_unit(fit):
+def test_the_noise_of_each_channel_is_reported_with_its_unit(fit):
     lines = fit.table().splitlines()
     assert any(line.startswith("imu[2] of run 0: noise ") and " rad/s, the model" in line for line in lines)

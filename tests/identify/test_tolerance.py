@@ -42,7 +42,7 @@ def test_what_was_told_is_written_with_where_it_comes_from():
         ({"sensors.imu.gyro_scale": 0.0}, "tolerance.no-part"),
     ],
 )
-def test_what_is_no_scale_or_no_part_of_one_is_refused(told, says):
+def test_what_is_not_a_scale_or_no_part_of_one_is_refused(told, says):
     with pytest.raises(UsageError, check=of_code(says)):
         with_tolerance(load("car"), told)
 
@@ -53,11 +53,11 @@ def test_what_is_no_scale_or_no_part_of_one_is_refused(told, says):
         ("--use imu --tolerance sensors.imu.gyro_scale", "expected KEY=PART"),
         (
             "--use imu --segment 2 --tolerance sensors.imu.gyro_scale=0.01",
-            "does not go with --segment: it widens",
+            "cannot be combined with --segment: it is for a car",
         ),
         (
             "--use odometer --tolerance sensors.imu.gyro_scale=0.01",
-            "widens the errors of a car fitted by its IMU alone, and this one is not",
+            "is for a car that is fitted by its IMU alone. Leave it out",
         ),
     ],
 )

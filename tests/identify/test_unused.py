@@ -16,19 +16,17 @@ def with_more(run, **sizes: int):
     return replace(run, sensors=run.sensors | {name: channel(m) for name, m in sizes.items()})
 
 
-def test_a_sensor_that_the_file_does_not_know_is_told_with_what_to_write(driven, case):
+def test_a_sensor_that_the_file_does_not_know_is_reported_with_what_to_write(driven, case):
     run = with_more(driven(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
     said = unused([run, run], case)
     assert len(said) == 2, "once for all runs, and nothing of battery and temperature"
-    assert said[0].startswith(
-        "the run has 'odometer', the vehicle file case-study-1 has not: it is not used."
-    )
-    assert said[0].endswith('[sensors.odometer] and below it kind = "odometer"')
-    assert said[1].endswith('[sensors.rollers] and below it kind = "wheels"')
+    assert [one.code for one in said] == ["use.not-in-file"] * 2
+    assert said[0].figures == {"sensor": "odometer", "vehicle": "case-study-1", "kind": "odometer"}
+    assert said[1].figures["kind"] == "wheels"
     assert unused([driven(0, 2.0)], case) == []
 
 
-def test_it_is_told_before_the_fit_unless_sensors_are_named(driven, tmp_path, monkeypatch, capsys):
+def test_it_is_reported_before_the_fit_unless_sensors_are_named(driven, tmp_path, monkeypatch, capsys):
     import pytest
 
     from baqueano.cli import main
@@ -40,6 +38,6 @@ def test_it_is_told_before_the_fit_unless_sensors_are_named(driven, tmp_path, mo
     for use in ([], ["--use", "imu"]):
         with pytest.raises(SystemExit):
             main(["identify", "run.mcap", "--vehicle", "case-study-1", "--no-noise", *use])
-        told.append("the run has 'odometer'" in capsys.readouterr().err)
+        told.append("has sensor odometer, which" in capsys.readouterr().err)
     assert told == [True, False]
     assert load("case-study-1").sensors._fields == ("imu",)

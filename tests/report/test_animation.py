@@ -70,7 +70,7 @@ def test_the_vehicle_goes_where_it_was(run, svg):
     moved = re.search(r"@keyframes v\{(.*?)\}\}", svg)
     assert moved is not None
     px = np.array(re.findall(r"translate\((-?[\d.]+)px,(-?[\d.]+)px\)", moved.group()), dtype=float)
-    true = scene(run).drawn[:, :2]
+    true = scene(run).vehicle_poses[:, :2]
     fit, *_ = np.linalg.lstsq(np.column_stack([true, np.ones(len(true))]), px, rcond=None)
     assert np.abs(np.column_stack([true, np.ones(len(true))]) @ fit - px).max() < 0.1, "the same shape"
     assert fit[0, 0] == pytest.approx(-fit[1, 1], rel=1e-3), "y up, no direction longer than the other"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
-from baqueano.report.of_fit import DRAWN, page_of_fit
+from baqueano.report.fit_report import DRAWN, page_of_fit
 from baqueano.report.page import Drawing, Table
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -99,7 +99,7 @@ def test_data_and_model_are_drawn_where_most_moves_and_the_caption_says_when(man
     t_s = 0.02 * np.arange(4000)
     moved = np.where((t_s >= 40.0) & (t_s <= 60.0), np.sin(t_s), 0.0)
     channels = tuple(c._replace(t_s=t_s, measured=moved, predicted=moved) for c in many.channels[:2])
-    for shown, said in ((channels, "20 s from 40 s, where most moves"), (many.channels[:2], "all 3 s")):
+    for shown, said in ((channels, "20 s from 40 s, with most motion"), (many.channels[:2], "all 3 s")):
         page = page_of_fit(replace(many, runs=many.runs[:1], channels=shown))
         drawn = next(s for s in page.sections if s.title.startswith("Data and model")).parts[0]
         assert isinstance(drawn, Drawing)

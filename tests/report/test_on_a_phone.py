@@ -57,7 +57,7 @@ def test_a_table_of_many_columns_becomes_cards_that_name_each_value():
 
 
 def test_only_the_last_lap_has_a_corridor(drive):
-    from baqueano.report.of_estimate import paths
+    from baqueano.report.estimate_report import paths
 
     def patches(run):
         return len(re.findall(r"\bz\b", paths(run)[0].svg.split("patch_3")[1][:200_000]))

@@ -11,7 +11,7 @@ import pytest
 from baqueano.compare.filter_consistency import STATES
 from baqueano.monitor import REFUSED, Refusals, counted
 from baqueano.report import Headline, Page, Section, Table, draw, figures
-from baqueano.report.of_fit import page_of_fit
+from baqueano.report.fit_report import page_of_fit
 from baqueano.report.of_run import page_of_run
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.vehicle_file import load
@@ -123,7 +123,7 @@ def test_a_drive_shows_its_speed_and_its_commands_with_their_limits():
     speed, commands = (parts[title][0].svg for title in ("Speed", "Commands"))
     assert all(f">{name}<" in speed for name in ("truth", "estimate", "reference"))
     assert all(
-        f">{name}<" in commands for name in ("asked for", "limit", "at its limit", "right wheel [duty]")
+        f">{name}<" in commands for name in ("requested", "limit", "at its limit", "right wheel [duty]")
     )
     rows = parts["Commands"][1].rows
     assert [row["command"] for row in rows][-2:] == ["left wheel [duty]", "right wheel [duty]"]
@@ -262,7 +262,7 @@ def test_a_fit_has_a_page_that_stands_alone():
 
 def test_the_page_says_whether_the_filter_knows_its_errors():
     """The estimate is off by 1 cm, 0.01 rad, 1 cm/s and 0.01 rad/s, as its covariance says; then by twice as much."""
-    run, title = a_run(), "Does the filter know its errors?"
+    run, title = a_run(), "Consistency of the filter"
     nu = run.estimate.nu + 0.01 * np.random.default_rng(1).normal(size=(400, 3))
     run = replace(run, estimate=run.estimate._replace(nu=nu))
     sections = {section.title: section for section in page_of_run(run).sections}
@@ -275,5 +275,10 @@ def test_the_page_says_whether_the_filter_knows_its_errors():
     ]
     log = run.estimate._replace(cov=0.25 * run.estimate.cov)
     doubtful = {section.title: section for section in page_of_run(replace(run, estimate=log)).sections}
-    assert doubtful[title].text.startswith("Too sure")
+    (table,) = doubtful[title].parts
+    assert {row["figure"]: row["is"] for row in table.rows}.items() >= {
+        "nees_pose": "too sure",
+        "nees_velocity": "too sure",
+    }.items()
+    assert doubtful[title].text.startswith("The NEES of the pose is 3.9")
     assert title not in [section.title for section in page_of_run(replace(run, estimate=None)).sections]

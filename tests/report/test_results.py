@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,18 @@ from matplotlib.figure import Figure
 
 import baqueano as bq
 from baqueano.contracts.result import LINES, Result
+from baqueano.diagnostics import Severity, note
+from baqueano.drive import FirstDrive
+from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import forecast
+from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
+from baqueano.identify.sensor_calibration import CalibratedNumber, Calibration
+from baqueano.identify.validation import validate
+from baqueano.report.fit_report import page_of_fit, sections_of_fit
+from baqueano.report.page import Page, Section, Table
+from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many
 
 MM = 1.0 / 25.4
@@ -36,11 +46,38 @@ def results():
         "many": simulate_many(fit.vehicle_file, u, 5, every_s=5.0),
         "check": bq.check(bq.controllers.PdFeedforward),
         "noise": bq.measure_noise(fit, run),
+        "lesson": bq.teach(small, [(1.0, [0.6, 0.0, 0.0]), (1.0, [0.0, 0.0, 0.3])]),
+        "route": circle(0.3, 0.2),
+        "vehicle": small,
+        "import": ImportedRun(run, ()),
+        "first drive": FirstDrive(run, (), (), (), 1.2, np.nan, np.zeros(4)),
+        "validation": validate(fit, driven),
+        "calibration": Calibration(
+            "lab",
+            (
+                CalibratedNumber(
+                    "sensors.imu.gyro_scale", 1.01, 0.001, 0.002, "1", 1.0, "the truth turns less"
+                ),
+            ),
+            {},
+        ),
+        "history": history(fit),
+        "closure": Closure("imu", 1, 6.3, 1.003, 0.004, {"sensors.imu.gyro_scale": 1.003}, {}, None),
     }
 
 
-NAMES = ("run", "fit", "comparison", "tuning", "forecast", "corridor", "many", "check", "noise")
-DRAWN = NAMES[:7]
+def history(fit) -> ParameterHistory:
+    """Two runs, in which the second parameter moved."""
+    estimate, sd = np.stack([fit.estimate, 1.2 * fit.estimate]), np.stack([fit.sd, fit.sd])
+    moved = ParameterChange(fit.names[1], "N", "step", ("a", "b"), 1.0, 0.1, 1.2, 0.1, 3.0)
+    return ParameterHistory(fit.names, ("N", "N s/m"), ("a", "b"), ("", ""), estimate, sd, estimate, sd, fit.cov,
+                            estimate, sd, np.zeros(2), (moved,), (), fit)  # fmt: skip
+
+
+NAMES = ("run", "fit", "comparison", "tuning", "forecast", "corridor", "many", "first drive", "validation",
+         "calibration", "history", "closure", "check", "noise")  # fmt: skip
+DRAWN = (*NAMES[:12], "lesson", "route", "import")
+CARDS = (*NAMES, "lesson", "route", "import", "vehicle")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -52,7 +89,7 @@ def test_a_result_prints_in_few_lines_and_keeps_its_table(results, name):
     assert len(result.table()) >= len(str(result)) / 2
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", CARDS)
 def test_a_result_is_a_card_without_a_script(results, name):
     card = results[name]._repr_html_()
     assert card.startswith('<div class="baqueano">')
@@ -159,3 +196,22 @@ def test_a_route_and_a_vehicle_file_print_as_a_line(results):
     assert repr(bq.load("small")) == (
         "small (garage: small): Planar at 100 Hz, commands u_x, u_y, u_psi [duty], sensors imu"
     )
+
+
+def test_the_residuals_of_a_fit_are_drawn_over_time(results):
+    html = page_of_fit(results["fit"]).html()
+    assert "Residuals over time" in html
+    assert html.count("autocorrelation") >= 1
+
+
+def test_messages_on_a_page_are_ordered_by_weight(results):
+    notes = (note("fit.duty-step", steps=255), note("fit.most-weak", Severity.WARNING, asked=9, weak=5))
+    section = sections_of_fit(replace(results["fit"], notes=notes), reasons=False)[0]
+    assert section.text.index("poorly identified. The runs") < section.text.index("duty_step was added")
+
+
+def test_the_table_of_gains_stays_in_its_card(results):
+    html = Page("t", "", "", [], [Section("s", "", [Table(results["tuning"].rows())])]).html()
+    assert '<div class="scroll"><table class="cards">' in html
+    assert ".scroll { overflow-x: auto; }" in html
+    assert re.search(r"@media[^{]*max-width[^{]*\{[^@]*\.cards tr \{ display: grid", html, re.DOTALL)

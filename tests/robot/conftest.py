@@ -11,7 +11,8 @@ import pytest
 
 from baqueano.robot.setup import install
 
-RECORDED = ("usermod", "gpasswd", "systemctl", "udevadm", "chown", "date")
+RECORDED = ("usermod", "gpasswd", "systemctl", "udevadm", "chown", "chmod", "date")
+ACCOUNT = "baqueano:x:990:990::/var/lib/baqueano:/usr/sbin/nologin"
 CONFIG = "dtparam=audio=on\n[cm4]\notg_mode=1\n"
 
 
@@ -30,6 +31,8 @@ def programs(tmp_path, monkeypatch):
     put(
         ssh='for last; do :; done; exec sh -c "$last"', sudo='[ "$1" = -n ] && shift; exec "$@"',
         **dict.fromkeys(RECORDED, "exit 0"),
+        useradd=f"echo {ACCOUNT} >>{tmp_path}/root/etc/passwd",
+        userdel=f"sed -i /^baqueano:/d {tmp_path}/root/etc/passwd",
     )  # fmt: skip
     monkeypatch.setenv("PATH", f"{place}:/usr/local/bin:/usr/bin:/bin")
     monkeypatch.setattr(install, "THERE", str(tmp_path / "there"))
@@ -43,6 +46,7 @@ def pi(tmp_path):
     for path, text in {
         "boot/firmware/config.txt": CONFIG,
         "etc/group": "dialout:x:20:\ni2c:x:998:ana\ngpio:x:997:bob\ninput:x:104:\n",
+        "etc/passwd": "root:x:0:0:root:/root:/bin/bash\nana:x:1000:1000::/home/ana:/bin/bash\n",
         "etc/udev/rules.d/60-baqueano.rules": "# of somebody else\n",
     }.items():
         (root / path).parent.mkdir(parents=True, exist_ok=True)
@@ -74,7 +78,8 @@ def wheels(tmp_path):
         (path,) = folder.glob(f"{name}-*.whl")
         line = f"{name}=={path.name.split('-')[1]} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n"
         (folder / f"{'pip' if name == 'pip' else 'packages'}.lock").write_text(line)
-    for name in ("files/baqueano.service", "files/60-baqueano.rules", "setup/steps.py"):
+    for name in ("files/baqueano.service", "files/60-baqueano.rules"):
         shutil.copy(str(files("baqueano.robot") / name), folder)
+    (folder / "steps.py").write_text(install.steps_in_this_language())
     (folder / "vehicle.toml").write_text("# mine\n")
     return folder

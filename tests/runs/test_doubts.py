@@ -32,7 +32,7 @@ def swapped(where, a, b):
     ("damage", "said"),
     [
         (scaled("wz", DEG), r"imu.z\[2\] .*write unit = \"deg/s\""),
-        (scaled("wz", 1 / DEG), r"is 0.0174 times what \[truth\] says .*\"rad/s\" is too small by 57.3"),
+        (scaled("wz", 1 / DEG), r"is 0.0174 times what \[truth\] says .*\"rad/s\" is too small by a factor of 57.3"),
         (scaled("wz", -1.0), r"imu.z\[2\] is -.* times what \[truth\] says .*write scale = -1 for it"),
         (scaled("wz", 1.7), r"imu.z\[2\] is 1.7 times .*check its unit and scale"),
         (scaled("speed", 3.6), r"odometer.z\[0\] is 3.6 times .*write unit = \"km/h\""),
@@ -42,7 +42,7 @@ def swapped(where, a, b):
         (scaled("ay", 0.03), r"check its unit and scale, and those of the speed, \[sensors.odometer\]"),
         (scaled("ay", -1.0), r"imu.z\[1\] is -.*write scale = -1"),
         (scaled("ax", 1000.0), r"imu.z\[0\] with unit = .* reaches"),
-        (swapped("board", "ax", "ay"), r"imu.z\[0\] follows v·ω .*swap the columns of a_x and a_y"),
+        (swapped("board", "ax", "ay"), r"imu.z\[0\] agrees with v·ω .*swap the columns of a_x and a_y"),
         (swapped("board", "throttle", "steer"), r"command throttle turns .*swap the columns of \[command\]"),
         (scaled("throttle", 100.0), r"\(throttle\) reaches 6\d.*a full command is 1; write unit = \"%\""),
         (scaled("throttle", 2000.0), r"\(throttle\) reaches .* write scale = 0.000"),
@@ -63,15 +63,17 @@ def test_positions_in_millimetres_are_refused(lab):
 
 def test_a_camera_that_is_turned_against_the_heading_is_refused(lab):
     lab.camera["yaw"] = lab.camera["yaw"] - np.pi / 2
-    lab.refused(r"moves -?90° \(or \d+°\) beside its heading; write offset = -?1.57\d for the yaw, or -?1.57")
+    lab.refused(
+        r"differs from the heading by -?90° \(or \d+°\); write offset = -?1.57\d for the yaw, or -?1.57"
+    )
     assert lab.edit('"yaw", unit = "rad"', '"yaw", unit = "rad", offset = 1.571').codes() == [
         "no command yet"
     ]
 
 
-def test_what_the_author_has_looked_into_is_accepted_and_told(lab):
+def test_what_the_author_has_looked_into_is_accepted_and_reported(lab):
     lab.board["wz"] = -lab.board["wz"]
-    message = lab.refused("write at the top of the map: accept = ")
+    message = lab.refused("If the map is right, write at its top: accept = ")
     lab.map = 'accept = ["inverted"]\n' + lab.map
     assert message.endswith('accept = ["inverted"]')
     assert lab.run().verdict == "WARN"
@@ -90,7 +92,7 @@ def test_time_that_steps_back_is_refused_or_left_out(lab):
     assert (np.diff(run.t_ns) > 0).all()
 
 
-def test_plain_repeats_are_left_out_and_told_but_different_ones_are_refused(lab):
+def test_plain_repeats_are_left_out_and_reported_but_different_ones_are_refused(lab):
     for name, column in lab.board.items():
         lab.board[name] = np.repeat(column, np.where(np.arange(1500) % 500 == 7, 2, 1))
     run, doubts = lab.run()
@@ -106,7 +108,7 @@ def test_plain_repeats_are_left_out_and_told_but_different_ones_are_refused(lab)
     assert kept["last"] - kept["first"] == pytest.approx(1.0)
 
 
-def test_gaps_are_told_where_they_are(lab):
+def test_gaps_are_reported_where_they_are(lab):
     keep = np.ones(1500, dtype=bool)
     keep[100:105] = keep[700] = False
     lab.board = {name: column[keep] for name, column in lab.board.items()}
@@ -150,7 +152,7 @@ def test_times_before_the_zero_of_the_clock_are_refused(lab):
 def test_two_clocks_that_never_meet_are_refused(lab):
     lab.camera["t"] = lab.camera["t"] + 1000.0
     lab.refused(
-        r"\[truth\] in camera.csv is at 1001.005 s to .*do not share a clock. .* \[files.camera\]: shift_s"
+        r"\[truth\] in camera.csv is at 1001.005 s to .*their clocks differ. Write in \[files.camera\]: shift_s"
     )
 
 
@@ -164,7 +166,7 @@ def test_commands_that_never_meet_the_ticks_are_refused(lab):
     lab.refused(r"none of the ticks of \[files.board\] has a command of \[files.camera\]\. .*shift_s = …")
 
 
-def test_id4_missing_numbers_are_left_out_and_told(lab):
+def test_id4_missing_numbers_are_left_out_and_reported(lab):
     lab.board["ax"][10:13] = np.nan
     lab.camera["yaw"] = [f"{x:.6f}" for x in lab.camera["yaw"]]
     lab.camera["yaw"][5] = ""
@@ -179,18 +181,18 @@ def test_id4_missing_numbers_are_left_out_and_told(lab):
     lab.refused(r"\[sensors.imu\] does not have a complete row of numbers")
 
 
-def test_rows_without_a_time_are_left_out_and_told(lab):
+def test_rows_without_a_time_are_left_out_and_reported(lab):
     lab.board["t"][4:6] = np.nan
     assert "board.csv: 2 rows without a time were left out" in [d.text for d in lab.run().doubts]
 
 
-def test_held_samples_are_told(lab):
+def test_held_samples_are_reported(lab):
     for name in ("ax", "ay", "wz"):
         lab.board[name] = np.repeat(lab.board[name][::5], 5)
     (doubt,) = (d for d in lab.run().doubts if d.code == "held samples")
     figures = doubt.why.figures
     assert (doubt.why.code, round(figures["share"], 2), round(figures["every"], 1)) == (
-        "doubt.held",
+        "recording.held",
         0.8,
         5.0,
     )
@@ -203,7 +205,7 @@ def test_a_vehicle_that_stands_is_not_a_held_sample(lab):
     assert "held samples" not in lab.codes()
 
 
-def test_a_battery_that_stays_with_the_command_is_no_held_sample(lab):
+def test_a_battery_that_stays_with_the_command_is_not_a_held_sample(lab):
     lab.board["battery"] = 7400.0 - 50.0 * np.floor(np.arange(1500) / 60.0)
     battery = '[sensors.battery]\nfile = "board"\nz = [{ column = "battery", unit = "mV" }]\n'
     lab.edit("[truth]", battery + "[truth]")
@@ -212,7 +214,7 @@ def test_a_battery_that_stays_with_the_command_is_no_held_sample(lab):
     assert "constant" in lab.codes()
 
 
-def test_constant_columns_are_told(lab):
+def test_constant_columns_are_reported(lab):
     lab.board["ax"][:] = 0.0
     lab.board["throttle"][:] = 0.25
     texts = [d.text for d in lab.run().doubts if d.code == "constant"]
@@ -222,7 +224,7 @@ def test_constant_columns_are_told(lab):
     ]
 
 
-def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_told(lab):
+def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_reported(lab):
     lab.board["wz"] = 1.04 * lab.board["wz"]
     v = 0.8 * np.sin(0.5 * lab.board["t"])
     lab.board["speed"], lab.board["ay"] = np.abs(v), lab.board["ay"] * v
@@ -233,7 +235,7 @@ def test_a_speed_without_a_sign_and_a_scale_that_is_a_little_off_are_told(lab):
     assert "scale" in codes
 
 
-def test_the_scale_of_a_gyro_is_told_beside_a_camera_whose_clock_is_apart(lab):
+def test_the_scale_of_a_gyro_is_reported_beside_a_camera_whose_clock_is_apart(lab):
     """A clock that is 0.15 s off made the slope 0.98 times its own."""
     lab.board["wz"] = 1.034 * lab.board["wz"]
     lab.camera["t"] = lab.camera["t"] - 0.152
@@ -245,24 +247,24 @@ def test_the_scale_of_a_gyro_is_told_beside_a_camera_whose_clock_is_apart(lab):
     assert shift_s == pytest.approx(0.152, abs=0.011)  # it is looked for in steps of 10 ms
 
 
-def test_a_steering_that_turns_right_is_told(lab):
+def test_a_steering_that_turns_right_is_reported(lab):
     lab.board["steer"] = -lab.board["steer"]
     assert any("positive steering turns right" in d.text for d in lab.run().doubts)
 
 
-def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_told(lab):
+def test_a_sensor_that_has_nothing_to_do_with_the_truth_is_reported(lab):
     lab.board["wz"] = np.random.default_rng(1).normal(size=1500)
     assert "unrelated" in lab.codes()
 
 
-def test_a_steering_that_never_moves_beside_a_gyro_that_nothing_measures_is_no_relation(lab):
+def test_a_steering_that_never_moves_beside_a_gyro_that_nothing_measures_is_not_a_relation(lab):
     lab.board["steer"][:] = 0.0
     lab.edit('{ column = "wz", unit = "rad/s" }', "{ constant = nan }")
     assert "constant" in lab.codes()
 
 
 @pytest.mark.parametrize("step", [0.005, 0.01, 0.03])
-def test_the_steps_of_an_encoder_are_no_held_samples(lab, step):
+def test_the_steps_of_an_encoder_are_not_a_held_samples(lab, step):
     lab.board["speed"] = step * np.round(lab.board["speed"] / step)
     assert "held samples" not in lab.codes()
 
@@ -304,7 +306,7 @@ def test_wheels_that_turn_as_the_gyro_does_raise_no_doubt(lab, track_m, truth):
 def test_a_gyro_that_wheels_and_accelerometer_contradict_is_inverted_and_not_the_accelerometer(lab):
     lab.board["wz"] = -lab.board["wz"]
     said = by_wheels(lab).refused(
-        r"imu.z\[2\] turns against \[sensors.wheels\] .*and sensors.imu.z\[1\] against it"
+        r"\[sensors.wheels\] and sensors.imu.z\[2\] have opposite signs .*and sensors.imu.z\[1\] contradicts it"
     )
     assert "write scale = -1 for sensors.imu.z[2]" in said
     assert "sensors.imu.z[1] is" not in said
@@ -319,9 +321,7 @@ def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab
         lab.board["wz"], lab.board["ay"] = -lab.board["wz"], -lab.board["ay"]
     else:
         lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    said = lab.refused(
-        r"turns against \[sensors.wheels\] \(correlation -\d.\d\d\).*if the IMU is upside down"
-    )
+    said = lab.refused(r"opposite signs of the turning \(correlation -\d.\d\d\).*if the IMU is upside down")
     assert "swap left and right of [sensors.wheels]" in said
     assert "times what speed and turning give" not in said
 
@@ -329,7 +329,9 @@ def test_swapped_wheels_and_an_imu_upside_down_look_alike_and_both_are_named(lab
 def test_wheels_that_the_camera_contradicts_are_swapped(lab):
     by_wheels(lab, truth=True)
     lab.board["l"], lab.board["r"] = lab.board["r"], lab.board["l"]
-    lab.refused(r"\[truth\] turns against \[sensors.wheels\] .*; swap left and right of \[sensors.wheels\]")
+    lab.refused(
+        r"\[sensors.wheels\] and \[truth\] have opposite signs .*; swap left and right of \[sensors.wheels\]"
+    )
 
 
 @pytest.mark.parametrize(("factor", "apart"), [(1 / 40, "0.0075"), (40.0, "12")])
@@ -338,14 +340,14 @@ def test_wheels_whose_turning_belongs_to_no_vehicle_are_refused(lab, factor, apa
     for side in "lr":
         lab.board[side] = factor * lab.board[side]
     said = lab.refused(
-        rf"as wheels that are {apart}\d* m apart do .*check the scale of both: counts_per_turn, radius_m"
+        rf"with wheels that are {apart}\d* m apart .*check the scale of both: counts_per_turn, radius_m"
     )
     assert "accept = [" in said
 
 
-def test_wheels_that_have_nothing_to_do_with_the_gyro_are_told(lab):
+def test_wheels_that_have_nothing_to_do_with_the_gyro_are_reported(lab):
     by_wheels(lab)
     noise = np.random.default_rng(2).normal(size=1500)
     lab.board["r"] = lab.board["l"] + noise
     (doubt,) = (d for d in lab.run().doubts if d.code == "unrelated")
-    assert "[sensors.wheels] does not turn as sensors.imu.z[2] says (correlation" in doubt.text
+    assert "[sensors.wheels] and sensors.imu.z[2] disagree on the turning (correlation" in doubt.text

@@ -17,6 +17,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from baqueano.errors import FileError
+from baqueano.printable import typed
 from baqueano.runs import RunWriter, read_run, recover, write_run
 from baqueano.runs.container import records as mcap_records
 from baqueano.runs.container import writer
@@ -244,7 +245,7 @@ def record_one(run_writer, t_ns):
     run_writer.record(SimpleNamespace(tick=tick, requested=None, command=None, estimate=None, reference=None))
 
 
-def test_rt16_a_full_disk_stops_nothing_while_it_drives_and_is_told_at_the_end(tmp_path, monkeypatch):
+def test_rt16_a_full_disk_stops_nothing_while_it_drives_and_is_reported_at_the_end(tmp_path, monkeypatch):
     path = tmp_path / "x.mcap"
     run_writer, deadline = RunWriter(path), time.monotonic() + 10.0
     record_one(run_writer, 5)
@@ -255,13 +256,14 @@ def test_rt16_a_full_disk_stops_nothing_while_it_drives_and_is_told_at_the_end(t
     while run_writer.failure is None and time.monotonic() < deadline:
         time.sleep(0.01)
     record_one(run_writer, 10)
-    with refused("runs.disk-full", FileError):
+    with refused("runs.disk-full", FileError) as error:
         run_writer.close()
+    assert error.value.diagnostic.fix == typed("runs", "recover", path), "with the folder of the run"
     assert read_run(path).t_ns.tolist() == [5]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a limit of the size of files is of POSIX")
-def test_a_disk_that_also_refuses_what_waits_at_the_end_is_told_as_a_full_one(tmp_path):
+def test_a_disk_that_also_refuses_what_waits_at_the_end_is_reported_as_a_full_one(tmp_path):
     import resource
 
     path = tmp_path / "x.mcap"
@@ -283,7 +285,7 @@ def raising(error):
     return fail
 
 
-def test_lg3_a_stalled_disk_costs_estimates_first_and_is_told(tmp_path, monkeypatch):
+def test_lg3_a_stalled_disk_costs_estimates_first_and_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
     monkeypatch.setattr(writer, "MOVE_S", 60.0)  # the thread sleeps all through this
     path = tmp_path / "x.mcap"

@@ -137,7 +137,7 @@ def test_show_lists_what_the_loop_did_and_what_the_reader_said(run):
     ]  # fmt: skip
     lost = show(replace(run, notes=(note("run.vehicle-file-lost"),)))
     assert lost.verdict == "WARN"
-    assert lost.table().endswith("note: the vehicle file in force was lost")
+    assert lost.table().endswith("note: the vehicle file of the run is lost")
 
 
 def test_show_keeps_its_columns_under_a_long_name(make_run):

@@ -115,7 +115,7 @@ def test_what_a_bag_does_not_hold_is_named(bag, tmp_path, old, new, said):
         bring(bag, tmp_path, old, new)
 
 
-def test_a_file_that_is_no_bag_is_named(tmp_path):
+def test_a_file_that_is_not_a_bag_is_named(tmp_path):
     path = tmp_path / "x.bag"
     path.write_bytes(b"#ROSBAG V2.0\nabc")
     with refused("bag.not-read", FileError, file="x.bag"):

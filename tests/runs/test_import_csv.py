@@ -197,7 +197,7 @@ def test_columns_without_names_are_counted(lab):
     assert named.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
 
 
-def test_a_cut_last_line_is_left_out_and_told(lab):
+def test_a_cut_last_line_is_left_out_and_reported(lab):
     lab.save()
     path = lab.folder / "board.csv"
     path.write_text(path.read_text(encoding="utf-8") + "30.0,3,0.1", encoding="utf-8")
@@ -207,7 +207,7 @@ def test_a_cut_last_line_is_left_out_and_told(lab):
 
 
 @pytest.mark.parametrize("name", ["speed", "Speed of it"])
-def test_a_row_of_units_below_the_names_is_left_out_by_the_line_that_is_told(lab, name):
+def test_a_row_of_units_below_the_names_is_left_out_by_the_line_that_is_reported(lab, name):
     plain = lab.run().run
     path = lab.folder / "board.csv"
     head, *lines = path.read_text(encoding="utf-8").replace("speed", name).splitlines()

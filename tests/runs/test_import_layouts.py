@@ -117,7 +117,7 @@ COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
         'unit = "rev", scale = 0.00166666666666666667',
     ],
 )
-def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_told(board, told):
+def test_counts_of_an_encoder_roll_at_the_rim_however_they_are_reported(board, told):
     expected = read(board).sensors["wheels"].z / 0.001 * (2.0 * np.pi / 600.0) * 0.04
     assert np.max(np.abs(expected)) > 0.5
     np.testing.assert_allclose(wheels_by(board, f"{told}, {COUNTER}"), expected, rtol=1e-9)

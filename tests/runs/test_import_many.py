@@ -113,7 +113,7 @@ def test_one_run_is_not_asked_of_a_map_that_makes_several(desk):
         import_run(desk.map(SPLIT), [desk.file("log.csv", [1, 2])])
 
 
-def test_the_tick_before_the_first_command_is_not_told_of_each_import(desk):
+def test_the_tick_before_the_first_command_is_not_reported_of_each_import(desk):
     late = desk.file("late.csv", [1, 2])
     late.write_text(late.read_text().replace("1,0.000,0.2,", "1,0.000,,"), encoding="utf-8")
     by_map = desk.map(SPLIT, ('in_force = "until"', 'in_force = "from"'))
@@ -127,7 +127,7 @@ def test_the_tick_before_the_first_command_is_not_told_of_each_import(desk):
     assert "no command yet" not in found[1].noticed.table()
 
 
-def test_runs_one_under_the_other_are_told_from_rows_that_came_late(desk):
+def test_runs_one_under_the_other_are_distinguished_from_rows_that_came_late(desk):
     with refused("import.steps-back-often", FileError, lost=4):
         import_runs(desk.map(), [desk.file("log.csv", [1, 2])])
     late = desk.file("late.csv", [1], rows=30)
@@ -139,7 +139,7 @@ def test_runs_one_under_the_other_are_told_from_rows_that_came_late(desk):
     assert one.doubts[0].text.endswith(": 1 rows up to there were left out")
 
 
-def test_parts_that_are_too_short_are_left_out_and_told(desk):
+def test_parts_that_are_too_short_are_left_out_and_reported(desk):
     path = desk.file("log.csv", [1, 2])
     path.write_text(path.read_text() + "3,0.0,0,0,0,0,0\n", encoding="utf-8")
     found = import_runs(desk.map(SPLIT), [path])
@@ -294,7 +294,7 @@ def test_a_map_that_cannot_be_meant_is_refused_with_the_line_to_write(desk, old,
         import_run(desk.map((old, new)), [desk.file("log.csv", [1])])
 
 
-def test_a_command_is_told_once(desk):
+def test_a_command_is_reported_once(desk):
     twice = ("[sensors.wheels]", "[sensors.wheels]")
     with refused("expect.u-or-wheels", FileError):
         import_run(desk.map(("wheels = [{", "u = []\nwheels = [{"), twice), [desk.file("log.csv", [1])])

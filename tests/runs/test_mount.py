@@ -131,10 +131,10 @@ def test_two_mounts_one_after_the_other_are_one():
     eta = np.random.default_rng(2).normal(size=(20, 3))
     unknown = np.full((20, 3), np.nan)
     by_two = second.body(first.body(eta, unknown)[0], unknown)[0]
-    by_one = first.moved(second).body(eta, unknown)[0]
+    by_one = first.composed_with(second).body(eta, unknown)[0]
     np.testing.assert_allclose(by_one[:, :2], by_two[:, :2], atol=1e-12)
     np.testing.assert_allclose(wrap(by_one[:, 2] - by_two[:, 2]), 0.0, atol=1e-12)
-    assert first.moved(second).shift_s == pytest.approx(0.03)
+    assert first.composed_with(second).shift_s == pytest.approx(0.03)
 
 
 def test_a_lever_arm_without_a_heading_is_refused_with_what_to_type(recording, tmp_path):
@@ -152,6 +152,6 @@ def test_a_lever_arm_has_two_numbers(tmp_path):
         import_run(tmp_path / "m.toml")
 
 
-def test_a_map_that_is_no_file_is_said(recording, tmp_path):
+def test_a_map_that_is_not_a_file_is_reported(recording, tmp_path):
     with refused("map.not-file", UsageError, run="simulation"):
         write_mount(tmp_path / "none.toml", recording[1], {}, {})

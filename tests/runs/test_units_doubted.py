@@ -79,7 +79,7 @@ SCALED = {
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("mistake", SCALED)
-def test_a_sensor_in_another_unit_is_told_where_a_speed_is_known(tmp_path, mistake, rate):
+def test_a_sensor_in_another_unit_is_reported_where_a_speed_is_known(tmp_path, mistake, rate):
     change, units, line = SCALED[mistake]
     assert line in imported(tmp_path, rate, True, change, **units)
 
@@ -91,9 +91,9 @@ def test_and_by_what_a_sensor_does_at_rest_and_in_curves_where_none_is(tmp_path,
     assert line in imported(tmp_path, rate, False, change, **units)
 
 
-def test_a_gyro_in_degrees_is_told_though_it_turns_slowly(tmp_path):
+def test_a_gyro_in_degrees_is_reported_though_it_turns_slowly(tmp_path):
     said = imported(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
-    assert "before the first command, and small gyros are quieter" in said
+    assert "before the first command; small gyros have less noise" in said
     assert 'write unit = "deg/s"' in said
     spins = imported(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
     assert "2.4 turns a second" in spins
@@ -101,24 +101,24 @@ def test_a_gyro_in_degrees_is_told_though_it_turns_slowly(tmp_path):
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize(("factor", "told"), [(1e3, "ms"), (1e6, "us")])
-def test_milliseconds_and_microseconds_for_seconds_are_told(tmp_path, rate, factor, told):
+def test_milliseconds_and_microseconds_for_seconds_are_reported(tmp_path, rate, factor, told):
     assert f'time_unit = "{told}"' in imported(tmp_path, rate, change={"t": lambda t: factor * t})
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize(("factor", "told", "true"), [(1.0, "ms", "s"), (1e3, "us", "ms"), (1e6, "ms", "us")])
-def test_id2_any_unit_of_time_for_another_is_told(tmp_path, rate, factor, told, true):
+def test_id2_any_unit_of_time_for_another_is_reported(tmp_path, rate, factor, told, true):
     said = imported(tmp_path, rate, change={"t": lambda t: factor * t}, time=told)
     assert f'time_unit = "{true}"' in said
 
 
 @pytest.mark.parametrize("rate", [1.0, 0.5])
-def test_of_a_slow_log_the_unit_is_told_by_how_long_it_would_last(tmp_path, rate):
+def test_of_a_slow_log_the_unit_is_reported_by_how_long_it_would_last(tmp_path, rate):
     """In µs thirty rows would last 30 ms, and no recording of a vehicle is that short."""
     assert 'time_unit = "ms"' in imported(tmp_path, rate, change={"t": lambda t: 1e3 * t})
 
 
-def test_milliseconds_of_a_fast_log_for_seconds_are_told_though_a_second_is_no_nonsense(tmp_path):
+def test_milliseconds_of_a_fast_log_for_seconds_are_reported_though_a_second_is_not_a_nonsense(tmp_path):
     said = imported(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
     assert "a tick lasts 1 s" in said
     assert 'time_unit = "ms"' in said
@@ -136,7 +136,9 @@ def test_milliseconds_of_a_fast_log_for_seconds_are_told_though_a_second_is_no_n
         (lambda u: u, "%", 'write unit = "1"'),
     ],
 )
-def test_a_command_in_another_unit_is_told_by_the_full_scale_of_the_whole_vehicle(tmp_path, how, unit, line):
+def test_a_command_in_another_unit_is_reported_by_the_full_scale_of_the_whole_vehicle(
+    tmp_path, how, unit, line
+):
     said = imported(tmp_path, change={"throttle": how, "servo": how}, duty=unit)
     assert said.startswith("refused")
     assert line in said
@@ -162,13 +164,13 @@ def test_the_line_for_a_command_is_taken_by_the_import_that_asks_for_it(tmp_path
         assert not after.startswith("refused"), (unit, scale, after)
 
 
-def test_a_throttle_that_is_a_part_beside_a_servo_in_per_cent_is_told(tmp_path):
+def test_a_throttle_that_is_a_part_beside_a_servo_in_per_cent_is_reported(tmp_path):
     said = imported(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
     assert "(throttle) reaches 0.00" in said
     assert 'write unit = "1"' in said
 
 
-def test_a_cure_of_several_entries_is_said_once(tmp_path):
+def test_a_cure_of_several_entries_is_reported_once(tmp_path):
     said = imported(tmp_path, change={"throttle": lambda u: 250.0 * u, "servo": lambda u: 250.0 * u})
     assert said.count("0.00392157") == 1
     assert "(throttle)" in said

@@ -39,7 +39,7 @@ def test_the_way_that_was_counted_is_never_off_by_more_than_a_count():
 
 
 @pytest.mark.parametrize("speed", [0.4, -0.4])
-def test_a_counter_that_begins_again_is_no_leap_forward_or_backward(speed):
+def test_a_counter_that_begins_again_is_not_a_leap_forward_or_backward(speed):
     """A counter of 16: 0.4 m/s are 4 counts of 1 mm in 10 ms, and it begins again every 40 ms."""
     z, _ = read(Encoders(track_m=0.1, count_m=0.001, counter=16.0, rate_hz=100.0), [rolling(speed)] * 60)
     assert z[1:] == pytest.approx(np.full((59, 2), speed))

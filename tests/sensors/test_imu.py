@@ -107,7 +107,7 @@ def test_what_it_feels_is_the_second_derivative_of_where_it_is():
 
 @QUICK
 @given(arrays(float, 3, elements=st.floats(-3.0, 3.0)), arrays(float, 3, elements=st.floats(-3.0, 3.0)))
-def test_the_papers_h_is_as_printed_whatever_the_mounting(nu, nu_dot):
+def test_the_papers_h_is_as_printed_for_any_mounting(nu, nu_dot):
     imu = Imu(measurement_model="paper", lever_arm_m=np.array([0.05, 0.01]), tilt_rad=np.array([0.1, 0.1]))
     z = imu.h(motion(nu, nu_dot, gravity=[1.0, 1.0]))
     assert z == pytest.approx([nu_dot[0], nu_dot[1], nu[2]])

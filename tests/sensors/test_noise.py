@@ -52,7 +52,7 @@ def test_white_noise_is_normal(white):
 
 
 @pytest.mark.parametrize("dt_s", [0.01, 0.04])
-def test_a_bias_walk_grows_with_the_root_of_time_whatever_the_ticks(dt_s):
+def test_a_bias_walk_grows_with_the_root_of_time_for_any_ticks(dt_s):
     """Its N steps, each over σ √δ, are white: χ² with N degrees; false-alarm rate 10⁻⁴ a channel."""
     imu = Imu(accel_bias_walk=0.02, gyro_bias_walk=0.003, rate_hz=1.0 / dt_s)
     walk = record(imu, seed=2, dt_s=dt_s)

@@ -55,7 +55,7 @@ def test_beside_its_radius_nothing_is_read_however_long_the_step():
     assert list(heard(tags, [at(0.0, 0.09), at(1.5, 0.09)])) == [1]
 
 
-def test_leaving_a_tag_on_which_it_stood_is_no_reading_and_trembling_on_one_is_one():
+def test_leaving_a_tag_on_which_it_stood_is_not_a_reading_and_trembling_on_one_is_one():
     tags = Tags(points_m=TWO, radius_m=0.1)
     assert not heard(tags, [at(1.0 + 0.01 * k, 0.0) for k in range(-3, 60)])
     trembling = [at(0.8, 0.0), *(at(1.0 + 0.02 * (-1) ** k, 0.0) for k in range(20))]

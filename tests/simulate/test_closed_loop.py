@@ -103,7 +103,7 @@ class Twice:
         return Repeat.along(circle(0.3, 0.2), self.laps).step(state, estimate)
 
 
-def test_a_guide_that_is_no_dataclass_is_driven_for_its_laps(vehicle):
+def test_a_guide_that_is_not_a_dataclass_is_driven_for_its_laps(vehicle):
     once, twice = (
         simulate_loop(vehicle, Twice(), laps=n, perfect=True, noise=False).duration_s for n in (1, 2)
     )

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
+from baqueano.identify import FitOptions, identify
 from baqueano.signals import Command
 from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
 
@@ -25,6 +27,32 @@ def test_kernel_and_simulated_world_are_the_same_vehicle(vehicle):
     assert [tick.t_ns for tick in ticks] == run.t_ns.tolist()
     np.testing.assert_allclose([tick.sensors.imu.z for tick in ticks], run.sensors["imu"].z, atol=1e-11)
     np.testing.assert_allclose(world.truth.eta, run.truth.eta[-1], atol=1e-11)
+
+
+def test_a_tick_that_is_too_long_for_the_integrator_is_cut_as_in_a_fit():
+    """The small vehicle's wheels hold sideways with a time constant of 15 ms: one step of 50 ms runs away."""
+    file, u = load("small"), np.repeat(U[::25], 5, axis=0)
+    slow = file.with_values({"sensors.imu.rate_hz": 20.0})
+    run = simulate(slow, u, rate_hz=20.0, noise=False)
+    fine = simulate(file, np.repeat(u, 5, axis=0), noise=False)
+    assert run.t_ns.tolist() == fine.t_ns[4::5].tolist()
+    np.testing.assert_allclose(run.truth.nu, fine.truth.nu[4::5], atol=0.02)
+    assert run.sensors["imu"].t_ns.tolist() == run.t_ns.tolist()
+    np.testing.assert_allclose(run.sensors["imu"].z[:, 2], fine.sensors["imu"].z[4::5, 2], atol=0.02)
+    assert run.metadata["rate_hz"] == "20"
+    fit = identify(run, slow, ["model.friction.linear[0]"], options=FitOptions(diagnose=False))
+    assert fit.value("model.friction.linear[0]") == pytest.approx(file.vehicle.friction.linear[0], rel=1e-3)
+
+
+def test_a_sensor_that_is_faster_than_long_ticks_answers_once_a_tick_and_one_that_is_slower_less_often():
+    file, u = load("small"), np.repeat(U[::25], 5, axis=0)
+    often = simulate(file, u, rate_hz=20.0)
+    assert often.sensors["imu"].arrival_ns.tolist() == often.t_ns.tolist()
+    rare = simulate(file.with_values({"sensors.imu.rate_hz": 7.0}), u, rate_hz=20.0)
+    imu = rare.sensors["imu"]
+    assert len(imu.t_ns) == int(7.0 * rare.t_ns[-1] * 1e-9 + 1e-6)
+    assert np.all(np.isin(imu.arrival_ns, rare.t_ns))
+    assert np.all((imu.arrival_ns - imu.t_ns >= 0) & (imu.arrival_ns - imu.t_ns < 50_000_000))
 
 
 def test_back_ends_agree(vehicle):
@@ -79,7 +107,7 @@ def test_the_run_holds_the_truth_the_signal_and_what_made_it(vehicle):
     assert {"numpy", "python", "baqueano"} <= run.metadata.keys()
 
 
-def test_it_starts_where_it_is_told_to(vehicle):
+def test_it_starts_where_it_is_reported_to(vehicle):
     run = simulate(vehicle, np.zeros((2, 3)), eta0=[1, 2, 3], nu0=[0.5, 0, 0], noise=False)
     np.testing.assert_allclose(
         run.truth.eta[0, :2], [1 + 0.005 * np.cos(3), 2 + 0.005 * np.sin(3)], atol=2e-4
@@ -106,6 +134,6 @@ def test_a_signal_that_cannot_be_driven_is_refused_in_words(vehicle, u, words):
         simulate(vehicle, u)
 
 
-def test_a_start_that_is_no_pose_is_refused(vehicle):
+def test_a_start_that_is_not_a_pose_is_refused(vehicle):
     with refused("simulate.pose", UsageError, name="eta0", found="[1.0, 2.0]"):
         simulate(vehicle, U, eta0=[1, 2])

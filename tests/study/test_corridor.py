@@ -17,7 +17,7 @@ def cases(n, claimed, rng, heading=0.1):
 
 
 @pytest.mark.parametrize(("claimed", "ok"), [(1.0, True), (0.8, False), (1.3, False)])
-def test_a_region_that_is_right_passes_and_one_that_is_too_small_or_too_wide_is_told(claimed, ok):
+def test_a_region_that_is_right_passes_and_one_that_is_too_small_or_too_wide_is_reported(claimed, ok):
     found = gathered(cases(500, claimed, np.random.default_rng(0)), 500, ())
     assert [row["ok"] for row in found.rows()] == [ok, ok]
     assert (found.verdict == "USABLE") is ok

@@ -11,21 +11,25 @@ from baqueano.identify.design.vehicle_cloud import possible_vehicles
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, outcome, vehicles_around
-from baqueano.study.experiments.result import Drawn, Experiments, rows_of
+from baqueano.study.experiments.result import Experiments, SignalErrors, rows_of
 from baqueano.study.first_drives import DEAD_ZONE, STRONGEST, WEAKEST, FirstDrives, gains, unknown
 from baqueano.study.first_drives import Row as FirstDrive
 from baqueano.study.identification.bound import numbers
-from baqueano.study.truth import TruthWorld, drawn_cars
-from baqueano.study.truth import drawn as robots_drawn
+from baqueano.study.truth import TruthWorld, draw_cars
+from baqueano.study.truth import draw_robots as robots_drawn
 from baqueano.vehicle_file import load
 
 
-def drawn(*errors, margin_m=0.1):
-    return Drawn(np.array(errors), np.full(20, margin_m), 5.0)
+def draw_robots(*errors, margin_m=0.1):
+    return SignalErrors(np.array(errors), np.full(20, margin_m), 5.0)
 
 
 def test_a_row_tells_how_many_times_better_and_where_another_is_better():
-    found = {"designed": drawn(0.01, 0.02), "random_steps": drawn(0.02, 0.04), "prbs": drawn(0.03, 0.01)}
+    found = {
+        "designed": draw_robots(0.01, 0.02),
+        "random_steps": draw_robots(0.02, 0.04),
+        "prbs": draw_robots(0.03, 0.01),
+    }
     rows = {row.signal: row for row in rows_of("all", "", found)}
     assert rows["designed"].ratio == pytest.approx(2.0)
     assert rows["designed"].above_best == 1
@@ -40,18 +44,18 @@ def test_a_row_tells_how_many_times_better_and_where_another_is_better():
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (drawn(0.019), "1.05 times better than random steps, not 1.5"),
-        (drawn(0.01)._replace(seconds=11.0), "took 11.0 s, more than a sixth of 60 s"),
+        (draw_robots(0.019), "1.05 times better than random steps, not 1.5"),
+        (draw_robots(0.01)._replace(seconds=11.0), "took 11.0 s, more than a sixth of 60 s"),
     ],
 )
-def test_what_a_design_does_not_reach_is_said(made, said):
-    rows = rows_of("all", "", {"designed": made, "random_steps": drawn(0.02)})
+def test_what_a_design_does_not_reach_is_reported(made, said):
+    rows = rows_of("all", "", {"designed": made, "random_steps": draw_robots(0.02)})
     assert said in Experiments(tuple(rows), 60.0).reasons[0]
 
 
 @pytest.mark.parametrize("signal", ["designed", "random_steps", "prbs"])
 def test_a_body_that_left_the_room_is_counted_under_every_signal(signal):
-    found = {"designed": drawn(0.01), "random_steps": drawn(0.02), "prbs": drawn(0.03)}
+    found = {"designed": draw_robots(0.01), "random_steps": draw_robots(0.02), "prbs": draw_robots(0.03)}
     whole = rows_of("all", "", found)
     rows = rows_of("small", "2x2", {**found, signal: found[signal]._replace(margins=np.full(20, -0.01))})
     assert {row.signal: row.left for row in rows} == {**dict.fromkeys(found, 0), signal: 20}
@@ -68,7 +72,7 @@ def test_a_touched_wall_refuses_the_first_drive():
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_vehicles_are_as_far_from_their_file_as_is_said_and_their_physics_is_of_the_truth(name):
+def test_vehicles_are_as_far_from_their_file_as_is_reported_and_their_physics_is_of_the_truth(name):
     file = load(name)
     vehicles = vehicles_around(file, 30, 0)
     values = numbers(vehicles)
@@ -116,7 +120,7 @@ def test_a_number_that_no_motion_shows_is_as_uncertain_as_before():
     assert found.errors == pytest.approx(1.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("vehicle", [robots_drawn(1, 3), drawn_cars(1, 3)], ids=["robot", "car"])
+@pytest.mark.parametrize("vehicle", [robots_drawn(1, 3), draw_cars(1, 3)], ids=["robot", "car"])
 def test_a_world_of_the_loop_is_the_world_of_the_truth_with_each_command_from_the_next_tick_on(vehicle):
     vehicle = vehicle.changed(floor=0.0 * vehicle.floor)
     looped, plain = LoopWorld(vehicle, 5, 100.0), TruthWorld(vehicle, [5])
@@ -134,7 +138,7 @@ def test_a_world_of_the_loop_is_the_world_of_the_truth_with_each_command_from_th
     assert looped.new_truths() == []
 
 
-def test_unknown_robots_have_the_gains_and_dead_zones_that_are_said():
+def test_unknown_robots_have_the_gains_and_dead_zones_that_are_reported():
     file, robots = load("small"), [unknown(seed) for seed in range(60)]
     ratio = np.array([gains(robot, file) for robot in robots])
     assert 0.8 * WEAKEST < ratio.min() < 0.5

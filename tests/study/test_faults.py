@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from baqueano.study.faults import FAULTS, Faults, faults, judged
-from baqueano.study.faults.judged import SOUND, FaultJob, FaultOutcome
+from baqueano.study.faults import FAULTS, Faults, detection, faults
+from baqueano.study.faults.detection import SOUND, FaultJob, FaultOutcome
 from baqueano.study.wrong import wrong
 
 SOME = (
@@ -18,7 +18,7 @@ SOME = (
 @pytest.fixture(scope="module")
 def study():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(judged, "SECONDS", 12.0)
+        patch.setattr(detection, "SECONDS", 12.0)
         return faults(1, 2, vehicles=("car",), only=SOME)
 
 
@@ -260,7 +260,7 @@ def test_copies_and_a_second_imu_are_where_they_should_be(sound):
 def test_structures_leave_the_subject_as_it_was_and_fit_what_they_say(vehicle):
     from types import SimpleNamespace
 
-    from baqueano.study.faults.judged import NOT_FOR_CARS
+    from baqueano.study.faults.detection import NOT_FOR_CARS
     from baqueano.study.faults.structures import STRUCTURES
     from baqueano.study.faults.subject import subject
 
@@ -272,5 +272,5 @@ def test_structures_leave_the_subject_as_it_was_and_fit_what_they_say(vehicle):
         plan = structure(of, u, sound, np.random.default_rng(0))
         assert (plan is None) == (vehicle == "car" and name in NOT_FOR_CARS), name
         if plan is not None:
-            changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.felt, u)
+            changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
             assert changed or plan.file is not of.file or plan.second is not None, name

@@ -26,7 +26,7 @@ from baqueano.study.identification import Identification, identification, result
 from baqueano.study.identification.bound import beside, bound_of, steps
 from baqueano.study.identification.page import page_of_identification
 from baqueano.study.identification.trials import CASES, TrialOutcome
-from baqueano.study.truth import TruthWorld, drawn_cars
+from baqueano.study.truth import TruthWorld, draw_cars
 from baqueano.sweep.workers import spread_over
 
 NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
@@ -55,9 +55,9 @@ def test_a_robot_can_be_given_any_true_value(path):
         assert value[0] == pytest.approx(before[name][0] + 0.01 * (name == path), abs=1e-12), name
 
 
-@pytest.mark.parametrize("path", car_numbers(drawn_cars(1, 0)))
+@pytest.mark.parametrize("path", car_numbers(draw_cars(1, 0)))
 def test_a_car_can_be_given_any_true_number(path):
-    cars = drawn_cars(2, 3)
+    cars = draw_cars(2, 3)
     wanted = car_numbers(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
     found = car_numbers(with_car_numbers(cars, {path: wanted}))
     np.testing.assert_allclose(found[path], wanted)
@@ -67,7 +67,7 @@ def test_a_car_can_be_given_any_true_number(path):
 
 
 def test_what_is_known_beforehand_bounds_what_no_reading_shows():
-    car = drawn_cars(1, 0)
+    car = draw_cars(1, 0)
     quiet = np.zeros((50, 2 * len(car_numbers(car)), 4))
     found = bound_of(quiet, car, {path: 0.5 for path in car_numbers(car)})
     np.testing.assert_allclose(list(found.values()), 0.5)
@@ -81,7 +81,7 @@ def test_the_file_of_a_robot_holds_its_true_values():
 
 
 def test_the_true_speed_of_a_car_is_the_one_that_it_reaches():
-    car = drawn_cars(1, 0)
+    car = draw_cars(1, 0)
     car = car.changed(servo_offset_rad=np.zeros(1))
     world = TruthWorld(car, [0])
     for _ in range(100):
@@ -103,8 +103,9 @@ def test_the_bound_is_the_inverse_of_the_information():
     np.testing.assert_allclose(list(found.values()), expected, rtol=1e-6)
 
 
-def test_one_robot_is_fitted_and_the_fit_is_not_wrong():
-    study = identification(1, 5, cases=("floor",), duration_s=5.0)
+@pytest.mark.parametrize("case", ["floor", "low-passed"])
+def test_one_robot_is_fitted_and_the_fit_is_not_wrong(case):
+    study = identification(1, 5, cases=(case,), duration_s=5.0)
     (outcome,) = study.outcomes
     assert len(outcome.names) == 27
     rows = study.rows()

@@ -7,7 +7,7 @@ from baqueano.study import driving, marks
 from baqueano.study.corridor.vehicles import vehicles
 from baqueano.study.marks.drives import STEP_S, Laps
 from baqueano.study.marks.result import Marks, laps_of
-from baqueano.study.truth import Floor, TagFaults, TruthWorld, drawn
+from baqueano.study.truth import Floor, TagFaults, TruthWorld, draw_robots
 from baqueano.symbolic import function
 
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
@@ -27,7 +27,7 @@ def line(y, n=300):
     return np.column_stack([np.linspace(0.01, 3.0, n), np.full(n, y)])
 
 
-def test_a_tag_is_told_once_where_the_vehicle_is_nearest_and_not_beside_its_radius():
+def test_a_tag_is_reported_once_where_the_vehicle_is_nearest_and_not_beside_its_radius():
     told = read(floor(), line(0.05))
     ((k, z),) = told.items()
     assert z == pytest.approx([1.0, 0.05], abs=0.02)
@@ -45,7 +45,7 @@ def test_faults_come_as_often_as_they_should():
 
 
 def test_compiled_steps_of_the_truth_that_are_longer_drive_the_same_way():
-    robots = drawn(1, 4)
+    robots = draw_robots(1, 4)
     robots = robots.changed(floor=0.0 * robots.floor)
     worlds = [
         TruthWorld(robots, [1], step_s=step_s, fast=fast)
@@ -96,7 +96,7 @@ def made(error_m, sd_m, laps=5, across_m=0.02, read="all read"):
     return Marks(tuple(laps_of(driven, "eight", read, [3, 4], laps)), 2, laps, ())
 
 
-def test_a_robot_beside_its_route_does_not_keep_it_and_faults_are_no_excuse():
+def test_a_robot_beside_its_route_does_not_keep_it_and_faults_are_not_an_excuse():
     found = made(0.02, 0.02, across_m=-0.12, read="faults")
     assert found.rows()[-1]["kept"] == 0.5
     assert "eight, faults: 50% of the robots keep the route, 90 % expected" in found.reasons

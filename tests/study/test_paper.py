@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.report import Headline
-from baqueano.study.paper import two_models
+from baqueano.study.paper import dynamic_vs_kinematic
 from baqueano.study.paper.case_study import PRINTED, CaseStudy, ImpliedParameters, case_study, recorded
 from baqueano.study.paper.page import page_of_paper
 
@@ -76,10 +76,10 @@ def test_a_fit_that_is_far_off_is_not_called_usable(study, monkeypatch):
 
 def test_the_dynamic_model_tells_accelerations_better_and_both_are_on_the_page(study):
     run, unseen = recorded(0)[1], recorded(1_000)[1]
-    models = two_models.two_models(study.fits[0], run, unseen)
-    dynamic, kinematic = two_models.rows(models)
+    models = dynamic_vs_kinematic.compare_models(study.fits[0], run, unseen)
+    dynamic, kinematic = dynamic_vs_kinematic.rows(models)
     assert dynamic["R: ν̇_x [m/s²]"] < kinematic["R: ν̇_x [m/s²]"]
-    assert "kinematic" in two_models.table(models)
+    assert "kinematic" in dynamic_vs_kinematic.table(models)
     page = page_of_paper(study, models)
     assert [type(h) for h in page.headlines] == [Headline, Headline]
     text = page.html()

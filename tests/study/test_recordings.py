@@ -8,7 +8,7 @@ from baqueano.cli import main
 from baqueano.errors import FileError
 from baqueano.study import recordings as collected
 from baqueano.study.recorded import dart, micromouse, warthog
-from baqueano.study.recordings import Recorded, check_present, missing_of, recordings
+from baqueano.study.recordings import RecordingStudy, check_present, missing_of, recordings
 from baqueano.study.recordings_page import page_of_recordings
 from tests.codes import refused
 
@@ -49,7 +49,7 @@ def test_a_vehicle_that_skids_to_turn_is_predicted_from_its_wheels():
 
 def made(ok=True):
     row = {"recording": "one", "quantity": "speed [m/s]", "value": 0.0712345, "bar": "≤ 0.09", "ok": ok}
-    return Recorded((row, row | {"quantity": "told", "value": True}), ())
+    return RecordingStudy((row, row | {"quantity": "told", "value": True}), ())
 
 
 def test_rows_table_and_page_say_what_is_met():
@@ -82,7 +82,7 @@ def test_a_recording_that_is_not_there_is_left_out_with_a_sentence(monkeypatch, 
     )
     found = recordings(names=("here", "dart"))
     assert len(found.rows()) == 2
-    assert found.left_out[0].startswith("dart is left out: there is no dart_jetracer/throttle_step_input")
+    assert found.left_out[0].startswith("dart is left out: dart_jetracer/throttle_step_input")
     assert found.verdict == "WARN"
 
 

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from baqueano.study import truth
-from baqueano.study.truth import Transmission, TruthWorld, drawn, drawn_cars
+from baqueano.study.truth import Transmission, TruthWorld, draw_cars, draw_robots
 
 
 def quiet(vehicles, **changed):
@@ -17,11 +17,11 @@ def quiet(vehicles, **changed):
 
 
 def robots(n=1, **changed):
-    return quiet(drawn(n, 3), **changed)
+    return quiet(draw_robots(n, 3), **changed)
 
 
 def cars(n=1, **changed):
-    return quiet(drawn_cars(n, 3), **changed)
+    return quiet(draw_cars(n, 3), **changed)
 
 
 def driven(vehicles, u, seconds):
@@ -201,7 +201,7 @@ def test_its_step_is_fine_enough_however_the_delay_falls(made, us):
 
 
 def test_who_stands_beside_it_changes_nothing():
-    two = drawn(2, 5)
+    two = draw_robots(2, 5)
     both, alone = TruthWorld(two, [7, 8]), TruthWorld(two.some([1]), [8])
     for k in range(20):
         u = np.array([[0.5, 0.0, 0.2], [0.8, 0.0, -0.4]]) * (k % 3)

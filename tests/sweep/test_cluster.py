@@ -1,5 +1,8 @@
 """A sweep on a Dask cluster: a scheduler and two worker processes of this machine."""
 
+import warnings
+
+import distributed
 import pytest
 
 import baqueano as bq
@@ -17,18 +20,45 @@ def test_without_the_library_the_line_to_type_is_shown(monkeypatch):
         bq.sweep(bq.load("small"), **ASKED, cluster="tcp://127.0.0.1:8786")
 
 
-@pytest.mark.filterwarnings("ignore")  # of the library, which closes its loops late
-def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(tmp_path):
-    distributed = pytest.importorskip("distributed")
-    small, heard = bq.load("small"), []
+@pytest.fixture(scope="module")
+def address():
     how = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
-    with distributed.LocalCluster(**how) as cluster:
-        address = cluster.scheduler_address
-        found = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=heard.append)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the library closes its loops late
+        with distributed.LocalCluster(**how) as cluster:
+            yield cluster.scheduler_address
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return rows_of(bq.sweep(bq.load("small"), **ASKED, processes=1))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, alone, tmp_path):
+    small, heard = bq.load("small"), []
+    found = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=heard.append)
     assert heard == [1, 1, 1, 1]
-    assert rows_of(found) == rows_of(bq.sweep(small, **ASKED, processes=1))
-    assert rows_of(bq.sweep(small, **ASKED, cluster=address, keep=tmp_path)) == rows_of(
-        found
-    )  # nothing is left to do
+    assert rows_of(found) == alone
+    kept = bq.sweep(small, **ASKED, cluster="nothing://here", keep=tmp_path)  # nothing is left to do
+    assert rows_of(kept) == alone
     with refused("sweep.no-cluster", UsageError):
         bq.sweep(small, **ASKED, cluster="nothing://here")
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_was_interrupted_on_a_cluster_goes_on_there(address, alone, tmp_path):
+    small, heard = bq.load("small"), []
+
+    def until_two(n: int) -> None:
+        heard.append(n)
+        if len(heard) == 2:
+            raise KeyboardInterrupt
+
+    part = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=until_two)
+    assert (len(part.drives), part.asked, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
+    before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert len(before) == 2
+    assert rows_of(bq.sweep(small, **ASKED, cluster=address, keep=tmp_path)) == alone
+    after = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert (len(after), before.items() <= after.items()) == (4, True)  # the first two were not driven again

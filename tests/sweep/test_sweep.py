@@ -11,10 +11,9 @@ from baqueano.guides.shapes import circle
 from baqueano.runs.run import EstimateLog, Run, TruthLog
 from baqueano.sweep.cell import SweepBlocks
 from baqueano.sweep.drawing import page_of_sweep
-from baqueano.sweep.figures import Pieces, figures_of, joined
+from baqueano.sweep.figures import figures_of, joined
 from baqueano.sweep.grid import sweep as one_process
 from baqueano.sweep.kept import digest
-from baqueano.sweep.paired import paired
 from baqueano.sweep.result import SweepResult
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
@@ -75,31 +74,6 @@ def test_ate_and_rpe_of_a_replay_are_those_of_evo(alignment, figures):
     )
     assert len(pieces["ate_m"].squares) == 2  # of 20 s
     assert np.isnan(shown["across_rms_m"])
-
-
-def test_an_interval_of_correlated_errors_holds_what_it_claims():
-    """Two cells that are equally good: 95 % intervals that miss 1 in 88 to 99 % of 300 cases would be wrong."""
-    rng, inside = np.random.default_rng(0), 0
-    for _ in range(300):
-        both = []
-        for _cell in range(2):
-            level = np.exp(0.3 * rng.standard_normal(20))  # of each drive, the same for all its samples
-            both.append([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in level])
-        found = paired(*both)
-        assert (found.blocks, found.of_drives) == (20, True)
-        inside += found.low <= 1.0 <= found.high
-    assert 0.88 <= inside / 300 <= 0.99
-
-
-def test_few_drives_are_compared_piece_by_piece_and_one_piece_has_no_interval():
-    rng = np.random.default_rng(1)
-    ours, others = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
-    found = paired([ours], [others])
-    assert (found.blocks, found.of_drives, found.significant) == (12, False, True)
-    assert found.low < found.ratio < found.high
-    one = paired([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
-    assert one.ratio == 2.0
-    assert np.isnan(one.low)
 
 
 def test_a_vehicle_that_begins_beside_its_route_joins_it(found):

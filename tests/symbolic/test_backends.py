@@ -18,7 +18,7 @@ def double(x):
 def elsewhere(monkeypatch, tmp_path):
     """No kernel of another test is loaded or kept."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(backends, "_told", set())
+    monkeypatch.setattr(backends, "_reported", set())
     monkeypatch.delenv("BAQUEANO_BACKEND", raising=False)
 
 
@@ -32,7 +32,7 @@ def test_the_environment_chooses_where_the_caller_does_not(monkeypatch):
     assert function(double, 1.0).backend in ("c", "python")
 
 
-def test_without_a_compiler_python_is_used_and_nothing_is_said(elsewhere, monkeypatch, capfd):
+def test_without_a_compiler_python_is_used_and_nothing_is_reported(elsewhere, monkeypatch, capfd):
     monkeypatch.delenv("BAQUEANO_CC", raising=False)
     monkeypatch.setenv("PATH", "")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
@@ -41,7 +41,7 @@ def test_without_a_compiler_python_is_used_and_nothing_is_said(elsewhere, monkey
     assert capfd.readouterr().err == ""
 
 
-def test_a_compiler_that_fails_is_told_once_and_python_is_used(elsewhere, monkeypatch, capfd):
+def test_a_compiler_that_fails_is_reported_once_and_python_is_used(elsewhere, monkeypatch, capfd):
     monkeypatch.setenv("BAQUEANO_CC", "false" if sys.platform != "win32" else "where")
     for _ in range(2):
         kernel = scan(lambda c, x: (c + x, c), 0.0, 0.0)

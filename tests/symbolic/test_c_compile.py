@@ -92,7 +92,7 @@ def test_a_text_that_is_not_c_is_an_error_that_quotes_the_compiler(cache):
         compile.load("int answer(void) { return nonsense; }\n")
 
 
-def test_no_compiler_is_said_with_what_to_install(monkeypatch):
+def test_no_compiler_is_reported_with_what_to_install(monkeypatch):
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("BAQUEANO_CC", raising=False)
     monkeypatch.setattr(compile.importlib.util, "find_spec", lambda name: None)
@@ -105,7 +105,7 @@ def test_no_compiler_is_said_with_what_to_install(monkeypatch):
     compile._find.cache_clear()
 
 
-def test_a_compiler_that_is_named_but_missing_is_said_by_name(monkeypatch):
+def test_a_compiler_that_is_named_but_missing_is_reported_by_name(monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "no-such-compiler --fast")
     found = compile.find()
     assert found.compiler is None

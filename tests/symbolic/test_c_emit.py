@@ -126,7 +126,7 @@ def test_work_that_both_arms_or_others_need_stays_outside():
     assert len(branches(statements)) == 1
 
 
-def test_a_small_choice_is_no_branch():
+def test_a_small_choice_is_not_a_branch():
     t = Text()
     output = t.make("where", t.flag, t.make("mul", t.x, 2.0), t.y)
     assert not branches(schedule([output], is_leaf))

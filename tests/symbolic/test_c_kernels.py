@@ -116,9 +116,9 @@ def test_each_lane_is_a_run_of_its_own(cases, count, shared):
     own = draw.normal(size=(count, case.n, int((~mask).sum())))
     outputs, final = np.empty((count, case.n, len(case.program.outputs))), np.empty((count, len(case.start)))
     common = np.ascontiguousarray(case.inputs[:, mask])
-    case.kernel.lanes(count, case.n, theta, start, common, own, shared, outputs, final)
+    case.kernel.batch(count, case.n, theta, start, common, own, shared, outputs, final)
     only_final = np.empty_like(final)
-    case.kernel.lanes(count, case.n, theta, start, common, own, shared, None, only_final)
+    case.kernel.batch(count, case.n, theta, start, common, own, shared, None, only_final)
     close(only_final, final)
     for lane in range(count):
         inputs = case.inputs.copy()
@@ -143,7 +143,7 @@ def test_lanes_are_shared_out_among_processors_without_a_trace(cases, monkeypatc
             ],
         )
         final = np.empty((43, len(case.start)))
-        case.kernel.lanes(43, case.n, theta, start, case.inputs, none, (True,) * 3, None, final)
+        case.kernel.batch(43, case.n, theta, start, case.inputs, none, (True,) * 3, None, final)
         found.append(final)
     assert np.array_equal(*found)
 
@@ -235,7 +235,7 @@ def test_tables_are_read_as_by_numpy(size):
     np.testing.assert_allclose(slopes[off, 0, 0], (slope * points)[off], rtol=1e-9, atol=1e-9)
     final, lanes = np.empty((1, 0)), np.empty((1, 200, 1))
     nothing = np.empty((1, 200, 0))
-    case.kernel.lanes(1, 200, case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), lanes, final)
+    case.kernel.batch(1, 200, case.theta[None], np.empty((1, 0)), case.inputs, nothing, (True,), lanes, final)
     close(lanes[0], outputs)
 
 

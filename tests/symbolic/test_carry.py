@@ -123,7 +123,7 @@ def test_a_complement_that_was_written_to_is_forgotten():
     np.testing.assert_allclose(found, expected, rtol=1e-14)
 
 
-def test_what_a_step_returns_as_it_came_is_no_state():
+def test_what_a_step_returns_as_it_came_is_not_a_state():
     def step(carry, u):
         x, bias, scale = carry
         return (x + scale * u + bias[0], bias, scale), x
@@ -131,7 +131,7 @@ def test_what_a_step_returns_as_it_came_is_no_state():
     start = (0.0, np.array([0.25, 9.0]), 2.0)
     kernel = traced(step, start, 0.0)
     assert len(program(kernel).carry) == 1
-    assert kernel.dead == ("carry[1][1]",)
+    assert kernel.unused_carry == ("carry[1][1]",)
     for carry in (None, (1.0, np.array([0.5, 8.0]), 3.0)):
         last, _ = kernel.run(np.ones(4), carry=carry)
         x, bias, scale = start if carry is None else carry
@@ -162,7 +162,7 @@ def test_dead_entries_are_named_and_only_left_out_where_nobody_asks():
         return (v, pose + 0.1 * np.array([np.cos(pose[1]), v])), v - 1.0
 
     kernel = traced(step, (0.0, np.zeros(2)), 0.0, np.ones(1))
-    assert kernel.dead == ("carry[1][0]", "carry[1][1]")
+    assert kernel.unused_carry == ("carry[1][0]", "carry[1][1]")
     assert len(program(kernel, keep_all=False).carry) == 1
     assert len(program(kernel).carry) == 3
     assert kernel.run(np.ones(5), np.ones(1))[0][1][0] == pytest.approx(0.5, abs=0.01)
@@ -173,7 +173,7 @@ def test_an_entry_is_alive_if_another_that_is_alive_needs_it():
         a, b, c, d = carry
         return (a + b, b * theta[0], c + d, d), a
 
-    assert traced(step, (0.0, 1.0, 2.0, 3.0), 0.0, np.ones(1)).dead == ("carry[2]", "carry[3]")
+    assert traced(step, (0.0, 1.0, 2.0, 3.0), 0.0, np.ones(1)).unused_carry == ("carry[2]", "carry[3]")
 
 
 @pytest.mark.parametrize("size", [2, 3])

@@ -164,7 +164,7 @@ WRONG_CALLS = {
         ("engine.theta-shape", {"found": "(2,)", "expected": "(p,)", "parameters": 1}),
     ),
     "theta of lanes": (
-        lambda k: k.lanes(X, [1.0]),
+        lambda k: k.batch(X, [1.0]),
         ("engine.theta-shape", {"found": "(1,)", "expected": "(L, p)", "parameters": 1}),
     ),
     "no time axis": (
@@ -181,7 +181,7 @@ WRONG_CALLS = {
     ),
     "text": (lambda k: k.run(np.array(["a"]), [1.0]), ("tree.numbers", {})),
     "lanes that differ": (
-        lambda k: k.lanes(X, np.ones((2, 1)), carry=np.ones(3)),
+        lambda k: k.batch(X, np.ones((2, 1)), carry=np.ones(3)),
         ("engine.lanes", {"lanes": "2 and 3", "ticks": "3"}),
     ),
 }

@@ -311,7 +311,7 @@ class Apart:
         return Belief2(belief.t_ns + 1, mean, self.G @ belief.cov @ self.G.T), mean[0]
 
 
-def test_a_state_that_comes_back_is_told_with_what_was_written_into_it(backend):
+def test_a_state_that_comes_back_is_reported_with_what_was_written_into_it(backend):
     plain, fast = Apart(), compiled(Apart(), backend=backend)
     belief, other = plain.init(), fast.init()
     for k in range(6):

@@ -160,7 +160,7 @@ EQUAL = [
 
 
 @pytest.mark.parametrize("case", range(len(SIMPLE)))
-def test_what_is_known_before_run_time_is_no_node(case):
+def test_what_is_known_before_run_time_is_not_a_node(case):
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     make, expected = SIMPLE[case]

@@ -88,7 +88,7 @@ def test_symbols_may_be_put_into_blocks_and_their_arrays():
     ("path", "kind", "near"),
     [
         ("model.friction.lineer", "Friction", note("name.near", meant="linear", known="linear, dry")),
-        ("model.mass.x", "float", note("name.unknown", known="–")),
+        ("model.mass.x", "float", note("name.none")),
         ("sensors.gps", "dict", note("name.unknown", known="imu")),
         ("model.computed", "Body", note("name.unknown", known="friction, mass")),
     ],

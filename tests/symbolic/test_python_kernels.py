@@ -62,8 +62,8 @@ def test_every_lane_is_a_run_of_its_own(seed):
     shared, own = case.inputs[:, [0, 2]], draw.normal(size=(lanes, case.n, 1))
     outputs = np.empty((lanes, case.n, len(program.outputs)))
     final, again = np.empty((lanes, len(program.carry))), np.empty((lanes, len(program.carry)))
-    case.kernel.lanes(lanes, case.n, theta, start, shared, own, is_shared, outputs, final)
-    case.kernel.lanes(lanes, case.n, theta, start, shared, own, is_shared, None, again)
+    case.kernel.batch(lanes, case.n, theta, start, shared, own, is_shared, outputs, final)
+    case.kernel.batch(lanes, case.n, theta, start, shared, own, is_shared, None, again)
     close(again, final)
     for k in range(lanes):
         case.theta, case.start = theta[k], start[k]
@@ -139,7 +139,7 @@ def test_truths_add_up_in_lanes():
     program = one_tick((x > 0.0) + (y > 0.0), -(x > 0.0), inputs=(x, y))
     outputs = np.empty((2, 1, 2))
     own = np.array([[[1.0, 1.0]], [[-1.0, 1.0]]])
-    make_kernel(program).lanes(
+    make_kernel(program).batch(
         2,
         1,
         np.zeros((2, 0)),
@@ -166,7 +166,7 @@ def test_tables_are_read_as_by_numpy(points):
     kernel.run(len(inputs), final, final, inputs, outputs, final)
     close(outputs[:, 0], np.interp(inputs[:, 0], *table))
     own = np.empty((len(inputs), 1, 1))
-    kernel.lanes(len(inputs), 1, np.zeros((len(inputs), 0)), np.zeros((len(inputs), 0)), np.zeros((1, 0)),
+    kernel.batch(len(inputs), 1, np.zeros((len(inputs), 0)), np.zeros((len(inputs), 0)), np.zeros((1, 0)),
                  inputs[:, None], (False,), own, np.zeros((len(inputs), 0)))  # fmt: skip
     close(own[:, 0, 0], outputs[:, 0])
 

@@ -208,31 +208,31 @@ def test_lanes_are_runs_side_by_side(kernel):
     given, others = pushes(), pushes(seed=1)
     u = np.stack([given.u, others.u, -others.u])
     start = START._replace(x=np.array([[0.3, 0.0], [0.1, 0.2], [-0.5, 1.0]]))
-    last, said = kernel.lanes(given._replace(u=u), theta, carry=start, outputs=True)
+    last, said = kernel.batch(given._replace(u=u), theta, carry=start, outputs=True)
     assert said.y.shape == (3, N, 2)
     assert last.t_ns.tolist() == [2**50 + 10 * (N - 1)] * 3
     for k in range(3):
         one, each = kernel.run(given._replace(u=u[k]), theta[k], carry=START._replace(x=start.x[k]))
         close(last.cov[k], one.cov)
         close(said.y[k], each.y)
-    assert kernel.lanes(given._replace(u=u), theta, carry=start)[1] is None
+    assert kernel.batch(given._replace(u=u), theta, carry=start)[1] is None
 
 
 def test_lanes_that_differ_in_theta_alone_start_from_the_example_or_from_theta(kernel, backend):
     theta = np.array([THETA, 1.1 * THETA])
-    last, _ = kernel.lanes(pushes(), theta)
+    last, _ = kernel.batch(pushes(), theta)
     close(last.x[1], kernel.run(pushes(), theta[1])[0].x)
 
     def start(theta):
         return START._replace(x=theta[:2] * 0.1)
 
     other = scan(filtered, start, EXAMPLE, THETA, backend=backend)
-    close(other.lanes(pushes(), theta)[0].x[1], other.run(pushes(), theta[1])[0].x)
+    close(other.batch(pushes(), theta)[0].x[1], other.run(pushes(), theta[1])[0].x)
 
 
 def test_lanes_of_a_matrix_that_is_not_symmetric(kernel):
     cov = np.array([np.eye(2), [[1.0, 0.2], [0.7, 1.0]]])
-    last, _ = kernel.lanes(pushes(), np.array([THETA, THETA]), carry=START._replace(cov=cov))
+    last, _ = kernel.batch(pushes(), np.array([THETA, THETA]), carry=START._replace(cov=cov))
     close(last.cov[1], by_hand(filtered, THETA, START._replace(cov=cov[1]))[0].cov)
 
 
@@ -243,7 +243,7 @@ def test_without_theta_a_step_has_two_arguments(backend):
     assert type(last) is float
     close(twice, [2.0, 4.0, 8.0])
     close(kernel.cost(np.array([1.0, 2.0, 3.0])), 14.0)
-    close(kernel.lanes(np.array([[1.0, 2.0], [5.0, 6.0]]))[0], [4.0, 12.0])
+    close(kernel.batch(np.array([[1.0, 2.0], [5.0, 6.0]]))[0], [4.0, 12.0])
 
 
 def test_an_integer_that_does_not_stay_one_is_a_float(backend):

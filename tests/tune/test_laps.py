@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from baqueano.guides.shapes import circle
-from baqueano.tune.gains import rehearse
 from baqueano.tune.laps import simulated_laps
+from baqueano.tune.rehearsal import rehearse
 from baqueano.tune.search import descend
 from baqueano.vehicle_file import load
 

@@ -143,7 +143,7 @@ def test_the_line_is_named():
     assert dict(place.figures) == {"file": "my.toml", "line": line, "key": "[model] mass_kg"}
 
 
-def test_all_that_is_wrong_is_told_at_once():
+def test_all_that_is_wrong_is_reported_at_once():
     why = refused_as("mass_kg = 0.61 ", "mass_kg = -1\nslope = 3 ")
     assert why.figures["first"].code == "vehicle.out-of-range"
     assert why.figures["rest"].code == "vehicle.key-unknown"
@@ -207,7 +207,7 @@ def test_es1_the_printed_matrices_of_the_paper_are_refused_and_mended(name, matr
         assert np.max(np.abs(mended - np.array(matrix))) < 1e-3
 
 
-def test_what_a_block_lacks_is_told_when_it_is_asked_for():
+def test_what_a_block_lacks_is_reported_when_it_is_asked_for():
     file = with_papers_pd(gains="beta = 2.0\ngamma = 0.3")
     with refused("vehicle.lacks-found-by", FileError, file="small.toml", room="controller", keys="alpha"):
         file.controller()

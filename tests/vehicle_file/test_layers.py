@@ -77,7 +77,7 @@ def test_the_command_line_wins_over_the_file(with_tomlkit, monkeypatch):
             "--set model.mass_kg=-1: small.toml line 21, [model] mass_kg = -1: expected 0.001",
         ),
         ("model.mass_kg=heavy", "mass_kg = 'heavy': expected one number"),
-        ("controller.kind=nothing", 'controller "nothing" is unknown'),
+        ("controller.kind=nothing", 'controller "nothing" does not exist'),
     ],
 )
 def test_what_makes_no_sense_on_the_command_line_is_a_matter_of_usage(setting, part):

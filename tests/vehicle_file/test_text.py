@@ -96,9 +96,9 @@ def test_fi4_a_number_of_thousands_of_digits_is_refused():
     [
         (
             "mass_kg = 1\nmass_kg = 2",
-            "line 2: 'mass_kg = 2': this is in the file twice. Keep one of the two.",
+            "line 2: 'mass_kg = 2' is in the file twice. Keep one of the two.",
         ),
-        ("[model]\nx = 1\n[model]\ny = 2", "line 3: '[model]': this is in the file twice"),
+        ("[model]\nx = 1\n[model]\ny = 2", "line 3: '[model]' is in the file twice"),
         ("mass_kg = 0,61", "a decimal comma. Write a decimal point: mass_kg = 0.61"),
         ("name = small", 'Text stands in quotes, key = "value"'),
         ("limit = [0,5, 0,05]", "Are these decimal commas? Write points."),
@@ -107,7 +107,7 @@ def test_fi4_a_number_of_thousands_of_digits_is_refused():
         ("mass_kg 0.61", "is not TOML: "),
     ],
 )
-def test_fi1_what_is_no_toml_is_told_with_its_line(text, part):
+def test_fi1_what_is_not_toml_is_reported_with_its_line(text, part):
     with pytest.raises(FileError) as caught:
         tables(text, "my.toml")
     assert str(caught.value).startswith("my.toml line ")

@@ -233,7 +233,7 @@ def test_a_full_disk_leaves_the_old_file_whole(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["my.toml"]
 
 
-def test_a_folder_that_is_not_there_is_told(tmp_path):
+def test_a_folder_that_is_not_there_is_reported(tmp_path):
     with refused("vehicle.not-written", FileError):
         load("small").save(tmp_path / "nowhere" / "my.toml")
 
@@ -312,6 +312,6 @@ def test_a_history_that_makes_no_sense_is_refused(extra, code, figures):
         parse(history(extra), "my.toml")
 
 
-def test_a_covariance_that_is_no_table_is_refused():
+def test_a_covariance_that_is_not_a_table_is_refused():
     with refused("vehicle.cov-not-table", FileError):
         parse(load("small").text.replace("format = 1", "format = 1\nparameter_cov = 3"), "my.toml")

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from baqueano.sensors import Imu
-from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
+from baqueano.vehicles import Car, Drivetrain, Friction, FromAcceleration, Kinematic, Planar
 
 M, I, C = 0.6, 1.5e-3, 0.01
 LINEAR, DRY, DRY_SPEED = np.array([4.0, 20.0, 0.0155]), np.array([0.4, 0.0, 0.01]), 0.3
@@ -148,47 +148,96 @@ def test_ticks_of_any_length_feel_a_command_at_its_time():
     assert np.all(np.abs(found - exact(changes, 0.013, LAG_S, times)).max(axis=0)[:9] < 5e-4)
 
 
-def test_a_car_behind_a_delay_and_a_lag_is_that_of_a_fine_integration():
-    car = Car(
-        wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.4, rear_axle_m=0.07, linear_drag=2.0, cornering_drag=0.5,
-        yaw_lag_s=0.06, drivetrain=Drivetrain(commands=2, delay_s=0.013, delay_slots=2, lag_s=0.04),
-    )  # fmt: skip
-    state, u, N = car.init(), np.random.default_rng(4).uniform(-1.0, 1.0, (12, 2)), 60
-    for k in range(N):
-        state, motion = car.step(state, u[k // 5], 0.01, np.zeros(3))
+class Hovercraft(FromAcceleration):
+    """A vehicle of one's own: it slides, and turns into the wind of its own speed."""
 
-    def dot(t, x):
-        v, r = x[0], x[1]
-        w = u[int((t - 0.013) / 0.05)] if t >= 0.013 else np.zeros(2)
-        v_dot = 4.0 * x[2] - (2.0 + 0.5 * abs(r)) * v
-        r_dot = (v * np.tan(0.4 * x[3]) / 0.15 - r) / 0.06
-        return [v_dot, r_dot, (w[0] - x[2]) / 0.04, (w[1] - x[3]) / 0.04]
+    def nu_dot(self, nu, effort, psi=0.0):
+        return np.array([3.0, 2.0, 20.0]) * effort - slowed(nu)
 
-    x, edges = np.zeros(4), sorted({0.0, 0.6, *(0.013 + 0.05 * k for k in range(12))})
+
+def slowed(nu):
+    """What the air takes (3,)."""
+    return np.array([1.5 * nu[0] - nu[2] * nu[1], 2.5 * nu[1] + nu[2] * nu[0], 4.0 * nu[2] + 3.0 * nu[0]])
+
+
+def hovercraft_dot(nu, effort):
+    return np.array([3.0, 2.0, 20.0]) * effort - slowed(nu)
+
+
+def car_dot(nu, effort):
+    """Throttle and servo of a car whose origin is 7 cm ahead of its rear axle."""
+    v_dot = 4.0 * effort[0] - (2.0 + 0.5 * np.abs(nu[2])) * nu[0]
+    r_dot = (nu[0] * np.tan(0.4 * effort[1]) / 0.15 - nu[2]) / 0.06
+    return np.array([v_dot, 0.07 * r_dot, r_dot])
+
+
+def line(delay_s, dt_s, commands=3):
+    slots = int(np.ceil(delay_s / dt_s)) + 1 if delay_s else 0
+    return Drivetrain(commands=commands, delay_s=delay_s, delay_slots=slots, lag_s=LAG_S)
+
+
+VELOCITY = np.diag([0.6, 0.0, 8.0])  # of the kinematic vehicle
+OTHERS = {  # a vehicle behind a delay and a lag, ν̇ by hand, and commands
+    "car": (
+        lambda delay_s, dt_s: Car(
+            wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.4, rear_axle_m=0.07, linear_drag=2.0,
+            cornering_drag=0.5, yaw_lag_s=0.06, drivetrain=line(delay_s, dt_s, 2),
+        ),
+        car_dot,
+        lambda k: np.array([0.6 + 0.3 * np.sin(1.7 * k), 0.6 + 0.4 * np.sin(2.3 * k)]),  # left: |ν_ψ| has a kink at 0
+    ),
+    "kinematic": (
+        lambda delay_s, dt_s: Kinematic(VELOCITY, drivetrain=line(delay_s, dt_s)),
+        None,
+        lambda k: np.array([0.6 * np.sin(1.7 * k), 0.0, 0.4 * np.sin(2.3 * k)]),
+    ),
+    "own": (
+        lambda delay_s, dt_s: Hovercraft(drivetrain=line(delay_s, dt_s)),
+        hovercraft_dot,
+        lambda k: np.array([0.6 * np.sin(1.7 * k), 0.5 * np.sin(k), 0.4 * np.sin(2.3 * k)]),
+    ),
+}  # fmt: skip
+
+
+def fine(accelerate, changes, delay_s, times):
+    """(η, ν) and the accelerometers at `times`, integrated from change to change; without `accelerate` a velocity
+    follows its effort."""
+    edges = sorted({0.0, *times, *(t + delay_s for t, _ in changes if t + delay_s < times[-1])})
+    x, out, n = np.zeros(6 + len(changes[0][1])), {}, len(changes[0][1])
     for a, b in pairwise(edges):
-        middle = 0.5 * (a + b)
-        x = solve_ivp(lambda t, x, m=middle: dot(m, x), (a, b), x, rtol=1e-10, atol=1e-12).y[:, -1]
-    assert motion.nu[[0, 2]] == pytest.approx(x[:2], abs=1e-4)
-    assert motion.nu_dot[[0, 2]] == pytest.approx(dot(0.6, x)[:2], abs=1e-3)
+        sent = [u for t, u in changes if t + delay_s <= a + 1e-12]
+        w = sent[-1] if sent else np.zeros(n)
+
+        def dot(t, x, w=w):
+            psi, nu = x[2], x[3:6] if accelerate else VELOCITY @ x[6:]
+            go = [np.cos(psi) * nu[0] - np.sin(psi) * nu[1], np.sin(psi) * nu[0] + np.cos(psi) * nu[1], nu[2]]
+            rise = accelerate(nu, x[6:]) if accelerate else np.zeros(3)
+            return np.concatenate([go, rise, (w - x[6:]) / LAG_S])
+
+        x = solve_ivp(dot, (a, b), x, rtol=1e-11, atol=1e-13).y[:, -1]
+        nu = x[3:6] if accelerate else VELOCITY @ x[6:]
+        z = accelerate(nu, x[6:]) + np.cross([0.0, 0.0, nu[2]], nu) if accelerate else np.zeros(0)
+        out[b] = np.concatenate([x[:3], nu, z[:2]])
+    return np.array([out[t] for t in times])
 
 
-def test_a_kinematic_vehicle_turns_as_its_effort_goes():
-    k = Kinematic(np.diag([0.6, 0.0, 8.0]), drivetrain=Drivetrain(lag_s=0.05, delay_s=0.013, delay_slots=2))
-    state, u = k.init(), np.array([0.7, 0.0, 0.5])
-    for _ in range(40):
-        state, motion = k.step(state, u, 0.01, np.zeros(3))
-
-    def dot(t, x):
-        return [
-            0.6 * x[3] * np.cos(x[2]),
-            0.6 * x[3] * np.sin(x[2]),
-            8.0 * x[4],
-            *((u[[0, 2]] - x[3:]) / 0.05),
-        ]
-
-    x = solve_ivp(dot, (0.013, 0.4), np.zeros(5), rtol=1e-10, atol=1e-12).y[:, -1]
-    assert motion.eta == pytest.approx(x[:3], abs=1e-6)
-    assert motion.nu == pytest.approx([0.6 * x[3], 0.0, 8.0 * x[4]], abs=1e-8)
+@pytest.mark.parametrize("delay_s", [0.0, 0.013])
+@pytest.mark.parametrize("kind", OTHERS)
+def test_the_error_of_every_vehicle_falls_with_the_fourth_power_of_the_tick(kind, delay_s):
+    made, accelerate, command = OTHERS[kind]
+    changes, ticks = [(0.02 * k, command(k)) for k in range(30)], np.array([0.01, 0.005, 0.0025])
+    moments = [float(t) for t in np.round(ticks[0] * np.arange(1, round(DURATION_S / ticks[0]) + 1), 12)]
+    exactly, found = fine(accelerate, changes, delay_s, moments), []
+    for dt_s in ticks:
+        each = round(ticks[0] / dt_s)
+        imus, steps_s = [Imu(rate_hz=1e5)] * bool(accelerate), np.full(each * len(moments), dt_s)
+        had = ours(made(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
+        found.append(np.abs(had[:, : exactly.shape[1]] - exactly).max(axis=0))
+    worst = np.array(found)
+    moved = worst[0] > 1e-11  # else there is nothing but rounding
+    slopes = np.polyfit(np.log(ticks), np.log(worst[:, moved]), 1)[0]
+    assert slopes.min() > 3.4
+    assert np.all(worst[0, :6] < 1e-5)
 
 
 def test_an_eight_bit_timer_gives_a_duty_in_its_steps():

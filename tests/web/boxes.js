@@ -38,18 +38,18 @@
   if (document.documentElement.scrollWidth > innerWidth + 1) wrong.push("the page scrolls sideways");
   // overlapping: two texts, or a text and a button that is not its own
   const solid = [...texts, ...[...document.querySelectorAll("button, select, input, .pad")].filter(visible).map((node) => ({ node, lines: [node.getBoundingClientRect()] }))];
-  for (let i = 0; i < solid.length; i++) for (let j = i + 1; j < solid.length; j++) {
-    const a = solid[i], b = solid[j];
+  const over = (p, q) => Math.min(p.right, q.right) - Math.max(p.left, q.left) > 2 && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 3;
+  for (const one of solid) Object.assign(one, { whole: one.box ?? one.lines[0], scroller: scroller(one.node), sticky: one.node.closest(".transport"), above: one.node.closest("#stop, #toast") });
+  for (const [i, a] of solid.entries()) for (const b of solid.slice(i + 1)) {
+    if (!over(a.whole, b.whole) || a.above || b.above || a.scroller !== b.scroller || (a.scroller && a.sticky !== b.sticky)) continue;
     if (a.node.contains(b.node) || b.node.contains(a.node)) continue;
-    if (a.node.closest("#stop, #toast") || b.node.closest("#stop, #toast") || scroller(a.node) !== scroller(b.node)) continue;
-    const sticky = (node) => node.closest(".transport");
-    if (scroller(a.node) && sticky(a.node) !== sticky(b.node)) continue;
-    const over = (p, q) => Math.min(p.right, q.right) - Math.max(p.left, q.left) > 2 && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 3;
     if (a.lines.some((p) => b.lines.some((q) => over(p, q)))) wrong.push(`overlap: ${name(a.node)} and ${name(b.node)}`);
   }
   // faint: contrast of a text against what lies behind it
   const canvas = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
-  const rgba = (colour) => { canvas.clearRect(0, 0, 1, 1); canvas.fillStyle = "#000"; canvas.fillStyle = colour; canvas.fillRect(0, 0, 1, 1); return [...canvas.getImageData(0, 0, 1, 1).data]; };
+  const read = new Map();
+  const rgba = (colour) => { if (!read.has(colour)) read.set(colour, pixel(colour)); return read.get(colour); };
+  const pixel = (colour) => { canvas.clearRect(0, 0, 1, 1); canvas.fillStyle = "#000"; canvas.fillStyle = colour; canvas.fillRect(0, 0, 1, 1); return [...canvas.getImageData(0, 0, 1, 1).data]; };
   const upon = (top, below) => [0, 1, 2].map((k) => (top[k] * top[3] + below[k] * (255 - top[3])) / 255).concat(255);
   const behind = (node) => {
     const layers = [];

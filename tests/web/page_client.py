@@ -56,7 +56,7 @@ async def recorded_page(folder: Path, *opened: str, **how: Any) -> AsyncIterator
     paths = tuple((folder / f"{name}.mcap").resolve() for name in opened)
     shelf = Shelf(folder, paths)
     page = BrowserPage(lab, shelf, lambda: server.guard, paths)
-    server = Server(page.heard, page.left, shelf.body, **how)
+    server = Server(page.receive, page.left, shelf.body, **how)
     try:
         async with server:
             yield server

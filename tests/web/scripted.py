@@ -15,7 +15,7 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
 from tests.web.scripted_answers import GAINS, RUNS, answered, route
-from tests.web.scripted_ledger import ledger
+from tests.web.scripted_ledger import Faults, ledger
 from tests.web.taught import taught
 
 STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
@@ -171,6 +171,8 @@ class Scripted:
         self.state, self.kind = "MISSION", "repeat"
         self.gains = {f"controller.{one['name']}": one["file"] for one in GAINS}
         self.tick, self.running, self.frozen = 6000, True, False
+        self.paused, self.pace, self.shared = False, 1.0, False
+        self.faults = Faults()
 
     def __enter__(self) -> "Scripted":
         self._server = serve(self._guest, "127.0.0.1", 0, process_request=_file, subprotocols=["baqueano.1"])  # pyright: ignore
@@ -213,8 +215,8 @@ class Scripted:
             "title": title,
             "sentence": sentence,
             "odd": [],
-            "paused": False,
-            "pace": 1.0,
+            "paused": self.paused,
+            "pace": self.pace,
             "severity": "error" if self.state == "STOPPED" else "info",
         }
 
@@ -235,6 +237,7 @@ class Scripted:
             "room": None,
             "routes": ["lab", "oval"],
             "runs": RUNS,
+            "shared": self.shared,
             "open": None if live else {"run": "r0", "ghost": "r1" if self.ghost else None},
         }
 
@@ -285,6 +288,14 @@ class Scripted:
             asks = word["what"] == "identify"
             more = taught(self._language(guest), live=False) if asks else answered(word)
             guest.send(json.dumps({"is": "answer", "to": "ask", "id": word["id"]} | more))
+        elif word["is"] in ("pause", "go"):
+            self.paused = word["is"] == "pause" or "ticks" in word
+            self.go(self.state, self.kind)
+        elif word["is"] == "pace":
+            self.pace = word["factor"]
+            self.go(self.state, self.kind)
+        elif word["is"] == "shake":
+            self.put(self.faults.take(word, self.tick / RATE, self._language(guest)))
         elif word["is"] == "set":
             self.gains[word["path"]] = word["value"]
             for one, _ in list(self.guests):

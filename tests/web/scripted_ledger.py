@@ -1,6 +1,11 @@
-"""The ledger of the scripted vehicle: a tilted floor, a push and a drift, as a page process words them."""
+"""The ledger of the scripted vehicle: a tilted floor, a push and a drift, as a page process words them; and the faults
+that a browser asks for, judged by the package: what it does not know it refuses."""
 
 from typing import Any
+
+from baqueano.language import within
+from baqueano.messages import text
+from baqueano.worlds.faults.fault import Fault
 
 
 def ledger(language: str) -> dict[str, Any]:
@@ -35,3 +40,25 @@ def ledger(language: str) -> dict[str, Any]:
          "silent": ["monitor", "supervisor"], "nobody": nobody and nobody[k]}
         for n, (t_s, until_s, of, what, noticed, nobody) in enumerate(rows, 1)
     ]}  # fmt: skip
+
+
+class Faults:
+    """Faults of a drive, in a ledger that nobody reads: no one notices them."""
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, Any]] = []
+
+    def take(self, word: dict[str, Any], t_s: float, language: str) -> dict[str, Any]:
+        """Begin a fault or end one, and return the word `ledger`."""
+        if "over" in word:
+            self.rows[word["over"] - 1] |= {"over": True, "until_s": t_s}
+        else:
+            fields = {name: value for name, value in word.items() if name not in ("is", "robot")}
+            fault, number = Fault.of_words(fields | {"at_s": t_s}), len(self.rows) + 1
+            with within(language):
+                what = text(fault.shown(number))
+            self.rows.append({
+                "number": number, "t_s": t_s, "until_s": None, "over": fault.kind == "push", "fault": fault.to_json(),
+                "what": what, "noticed": [], "silent": [], "nobody": None,
+            })  # fmt: skip
+        return {"is": "ledger", "rows": self.rows}

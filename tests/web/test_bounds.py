@@ -8,8 +8,12 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from baqueano.web import server as serving
+from baqueano.web.feed import HEAD
 from baqueano.web.guard import Rate
+from baqueano.web.visitor import FRAGMENT
+from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import WAIT_S, browser, drive, folder_of, line_to, recorded_page, request, run_page
+from tests.web.test_live import until_frames
 
 
 @pytest.fixture(scope="module")
@@ -119,5 +123,30 @@ def test_a_browser_that_does_not_read_is_given_one_picture_and_let_go_when_words
             while server.visitors:
                 await asyncio.sleep(0.01)
             one.line.transport.abort()
+
+    run_page(job)
+
+
+def test_ne5_those_who_do_not_read_the_last_minute_share_one(tmp_path):
+    async def job():
+        async with live_page(tmp_path) as (server, link, live):
+            for k in range(60):
+                link.frame(float(k), 400)
+            whole = sum(map(len, live.feed.history()))
+            assert whole > 20 * FRAGMENT
+            async with AsyncExitStack() as lines:
+                for _ in range(12):
+                    line = await lines.enter_async_context(line_to(server, max_queue=1))
+                    line.transport.pause_reading()
+                    await line.send('{"is": "hello", "lang": "en"}')
+                await until(lambda: len(live._all()) == 12)
+                await asyncio.sleep(0.3)
+                held = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
+                assert max(held) <= FRAGMENT + 100
+                async with browser(server) as one:
+                    link.frame(60.0, 5)  # while the last minute goes
+                    await until_frames(one, 2)
+                    assert {HEAD.unpack(frame[:16])[1] for frame in one.frames} == {60 * 400, 5}
+                    assert max(map(len, one.frames)) == whole
 
     run_page(job)

@@ -36,7 +36,7 @@ def driving(tab):
         tab.wait(f"{STATE} === 'STOPPED' || {STATE} === 'MISSION' && {PAGE}.record.end > 2", 60.0)
         if tab.js(f"{STATE} === 'MISSION'"):
             return
-    pytest.skip("this machine is too busy to keep a browser driving")
+    raise AssertionError(f"in {TRIES} tries nothing drove for 2 s")
 
 
 def test_push_cut_read_the_ledger_and_drive_again_without(chromium, tmp_path):

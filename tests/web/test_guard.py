@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from baqueano.web import guard as guarding
 from baqueano.web import server as serving
 from baqueano.web.guard import FAILURES, HOLDS_S, Guard, Role
-from baqueano.web.http import REPORT_POLICY, Refused, head_of, static
+from baqueano.web.http import REPORT_POLICY, RefusedRequest, head_of, static
 from baqueano.web.share import own_names, qr_code, url
 from tests.web.page_client import (
     address,
@@ -156,6 +156,7 @@ def test_ne3_shared_pages_need_a_token_and_each_token_has_its_role(folder):
             for role, token in server.guard.tokens.items():
                 async with browser(server, token=token) as one:
                     assert one.hello["role"] == role.word
+                    assert one.hello["shared"]  # the page says what that risks
             async with line_to(server) as line:
                 await line.send(json.dumps({"is": "hello"}))
                 assert json.loads(await line.recv())["code"] == "web.token"
@@ -229,8 +230,8 @@ def test_a_script_is_packed_for_who_unpacks_it(folder, offer, packed):
 
 
 @pytest.mark.parametrize("path", ["x", "http://evil.example/", "/\0", "/a b", "*", "/\xe9"])
-def test_ne6_what_is_no_path_is_refused(folder, path):
-    with pytest.raises(Refused):
+def test_ne6_what_is_not_a_path_is_refused(folder, path):
+    with pytest.raises(RefusedRequest):
         head_of(f"GET {path} HTTP/1.1\r\n\r\n".encode("latin-1"))
 
 

@@ -5,15 +5,20 @@ import json
 import os
 import sys
 import time
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from baqueano.identify import excitation
+from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.design.information import Informant
+from baqueano.identify.parameters.free import described
+from baqueano.parameter import parameter
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from baqueano.vehicles import FromAcceleration
 from baqueano.web.lab import identification as module
 from baqueano.web.lab.drives import Drives
 from baqueano.web.lab.identification import DriveIdentification, label_of
@@ -151,6 +156,21 @@ def test_every_parameter_of_the_garage_has_a_name_for_people():
         drive.close()
         assert labels
         assert len(set(map(str, labels))) == len(labels)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Sledge(FromAcceleration):
+    pull: float = parameter("m/s² per unit of u", "pull of a command", default=1.0, role="gain", label="rope")
+    glide: float = parameter("1/s", "drag on snow", default=2.0)
+
+
+def test_a_users_own_parameter_is_called_as_its_class_calls_it():
+    blocks = FittedBlocks(Sledge(), load("small").sensors)
+    names = {key: label_of(described(blocks, f"model.{key}", {})) for key in ("pull", "glide")}
+    assert {key: one.figures["meaning"] for key, one in names.items()} == {
+        "pull": "rope",
+        "glide": "drag on snow",
+    }
 
 
 def test_a_page_shows_it_to_who_looks_while_its_other_questions_go_on(tmp_path, driven):

@@ -5,8 +5,8 @@ import time
 import pytest
 
 from tests.web.chromium import CHROMIUM, SIZES
+from tests.web.screens import BOXES, PAGE, opened, until
 from tests.web.taught import taught
-from tests.web.test_page import BOXES, PAGE, opened, until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
 

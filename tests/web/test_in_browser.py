@@ -54,9 +54,14 @@ def test_a_vehicle_is_taken_driven_and_stopped(chromium, tmp_path):
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         shown(tab, "nobody drives")
-        take(tab)
-        tab.js(PRESS.format(name="By hand"))
-        shown(tab, "BY HAND")
+        end = time.monotonic() + START_S
+        while not tab.js(TEXT.format(text="BY HAND")):  # a busy machine loses the wheel: it is taken again
+            assert time.monotonic() < end, tab.js("document.body.innerText")
+            if tab.js("baqueano.page.state.state") == "STOPPED":
+                tab.js("baqueano.page.link.send({is: 'clear'})")
+            take(tab)
+            tab.js(PRESS.format(name="By hand"))
+            time.sleep(0.7)
         shown(tab, "m/s ahead")
         tab.js(PRESS.format(name="STOP"))
         shown(tab, "STOPPED")

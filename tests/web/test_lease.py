@@ -35,7 +35,7 @@ def test_rt13_a_lease_ends_300_ms_after_the_last_beat():
     assert not lease.beat("ana", 2, 0.0)
 
 
-def test_rt13_who_looks_at_a_frozen_picture_loses_the_vehicle():
+def test_rt13_ne4_who_looks_at_a_frozen_picture_loses_the_vehicle():
     clock, lease = held()
     for k in range(1, 11):
         clock.s = 0.05 * k
@@ -52,7 +52,7 @@ def test_rt13_a_slow_way_is_allowed_for():
     assert not lease.beat("ana", 3, age_s=float("nan"), way_s=0.15)
 
 
-def test_rt14_a_second_driver_is_told_who_drives_and_may_be_given_the_vehicle():
+def test_rt14_a_second_driver_is_reported_who_drives_and_may_be_given_the_vehicle():
     _, lease = held()
     with pytest.raises(SafetyStop) as error:
         lease.take("luis", "luis")
@@ -76,7 +76,7 @@ def test_rt14_a_second_driver_is_told_who_drives_and_may_be_given_the_vehicle():
         )
     )
 )  # fmt: skip
-def test_rt14_commands_of_two_drivers_never_mix(words):
+def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
     clock = Clock()
     lease, counted = Lease(clock), []
     holder, last, n_last = None, float("-inf"), 0

@@ -23,6 +23,7 @@ def test_hello_says_what_there_is_to_see(tmp_path):
             async with browser(server, "es", name="Ana") as one:
                 hello = one.hello
                 assert (hello["mode"], hello["you"], hello["driver"]) == ("live", "Ana", None)
+                assert not hello["shared"]
                 assert hello["vehicle"]["name"] == "small"
                 assert hello["routes"] == ["oval"]
                 assert [field["name"] for field in hello["fields"]] == COLUMNS
@@ -46,8 +47,8 @@ def test_who_comes_late_gets_the_last_minute(tmp_path):
                 await until_frames(one, 2)
                 assert one.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
             link.frame(0.01)  # another drive begins
-            assert live.feed.history() is not None
-            assert HEAD.unpack(live.feed.history()[:16])[1] == 1
+            head, *rows = live.feed.history()
+            assert HEAD.unpack(head)[1] == len(rows) == 1
 
     run_page(job)
 
@@ -127,7 +128,7 @@ def test_a_driver_with_a_frozen_picture_is_not_handed_on(tmp_path):
 
 
 @pytest.mark.parametrize("u", [[1e400], ["a"], None, 3, [float("nan")], [0.0] * 9, [True], [None]])
-def test_a_beat_that_is_no_command_is_refused(tmp_path, u):
+def test_a_beat_that_is_not_a_command_is_refused(tmp_path, u):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
             await ana.say("take")
@@ -300,7 +301,7 @@ def test_the_sentence_says_what_it_does_how_well_and_what_is_odd(tmp_path):
     run_page(job)
 
 
-def test_another_vehicle_is_told_by_another_hello(tmp_path):
+def test_another_vehicle_is_reported_by_another_hello(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as one:
             link.on_word(VEHICLE | {"name": "car"})
@@ -332,7 +333,7 @@ def test_one_that_does_not_read_costs_the_others_nothing(tmp_path):
     run_page(job)
 
 
-def test_a_service_that_ends_is_told_to_everybody(tmp_path):
+def test_a_service_that_ends_is_reported_to_everybody(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live), browser(server) as one:
             link.gone = True

@@ -17,7 +17,7 @@ from baqueano.diagnostics import StopReason
 from baqueano.drive.session import stop_of
 from baqueano.guides.shapes import circle
 from baqueano.runs import read_run
-from baqueano.runs.route_file import write_route
+from baqueano.runs.route_file import read_route, write_route
 from baqueano.web.feed import HEAD
 from tests.emulated.rig import missing
 from tests.web.chromium import CHROMIUM, Chromium
@@ -111,6 +111,23 @@ def test_the_run_of_a_drive_with_a_page_is_that_without(tmp_path):
         capture_output=True,
     )  # fmt: skip
     assert read_run(tmp_path / "with" / "run.mcap") == read_run(tmp_path / "without" / "run.mcap")
+
+
+def test_a_lesson_with_a_page_is_seen_and_its_route_is_stored(tmp_path):
+    ring = ("--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
+    with program("baqueano", "teach", "ring", *ring, "--page", cwd=tmp_path, env=PLAIN) as verb:
+        port = port_of(verb)
+
+        async def job():
+            async with looking(port) as one:
+                state = await one.next("state", where=lambda word: word["state"] in ("MISSION", "MANUAL"))
+                assert state["mission"]["kind"] == "teach"
+                await one.next("state", where=lambda word: word["state"] == "OVER")
+                assert one.frames
+
+        run_page(job)
+        assert ended(verb) == 0
+    assert read_route(tmp_path / "routes" / "ring.csv").closed
 
 
 def test_a_stop_on_the_page_ends_the_verb_as_a_stop_does(tmp_path):

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.cli.page.motion import PageOfDrives, in_motion
+from baqueano.cli.page.motion import PageOfDrives, run_with_page
 from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
 from baqueano.tune.tuned import Gain
@@ -115,13 +115,15 @@ def test_without_a_display_no_page_is_opened(tmp_path, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(share.sys, "platform", "linux")
-    with in_motion(tmp_path / "none", None, 4.0) as motion:
+    with run_with_page(tmp_path / "none", None, 4.0) as motion:
         assert motion._program is None
         motion.show(tmp_path / "a.mcap")
     assert not (tmp_path / "none").exists()
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.delenv("CI", raising=False)
     assert share.display()
+    with run_with_page(tmp_path / "none", False, 4.0) as motion:  # --no-page
+        assert motion._program is None
     monkeypatch.setenv("CI", "1")
     assert not share.display()
 
@@ -160,7 +162,7 @@ def test_scenes_lead_from_the_vehicle_to_what_is_known_and_to_the_gains(tmp_path
     run_page(job)
 
 
-def test_what_was_tuned_is_told_in_plain_numbers():
+def test_what_was_tuned_is_reported_in_plain_numbers():
     pipe = io.BytesIO()
     pipe.flush = lambda: None
 

@@ -102,7 +102,7 @@ def test_the_newest_question_replaces_the_one_before(folder):
 
 
 @pytest.mark.parametrize("gains", [[1.0], ["x", 1, 1, 1], [1e999, 1, 1, 1], None, {"a": 1}])
-def test_what_are_no_gains_is_refused(folder, gains):
+def test_what_are_not_gains_is_refused(folder, gains):
     async def job(one):
         assert (await one.ask("lap", gains=gains, route="run"))["code"] == "web.not-understood"
 

@@ -13,11 +13,17 @@ from contextlib import contextmanager
 
 import pytest
 
+from baqueano.diagnostics import StopReason
+from baqueano.drive import stop_of
+from baqueano.runs import read_run
 from baqueano.web.feed import HEAD
+from benchmarks.processes import before_others
 from tests.web.page_client import WAIT_S, Browser, run_page
+from tests.web.vanishing import vanishing
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="sockets of the file system, signals")
 START_S = 90.0  # of two Pythons on a busy machine
+TRIES = 4
 
 
 @contextmanager
@@ -77,14 +83,16 @@ class Watcher:
         self.line.close()
 
 
-async def driving(port, moves):
-    """Drive by hand as a browser does, a beat for each picture, until the page has gone; `moves` is set meanwhile."""
+async def driving(port, moves, via=None):
+    """Drive by hand as a browser does, a beat for each picture, until the page has gone; `moves` is set meanwhile. The
+    packets go `via` another port."""
     from websockets.asyncio.client import connect
 
     host = f"127.0.0.1:{port}"
     async with connect(
-        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
-    ) as line:
+        f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None,
+        host="127.0.0.1", port=via or port,
+    ) as line:  # fmt: skip
         one, n, seen = Browser(line), 0, 0
         await one.say("hello", lang="en", name="ana")
         await one.next("hello")
@@ -100,6 +108,12 @@ async def driving(port, moves):
                     moves.set()
                 hearing = asyncio.ensure_future(line.recv())
                 if not isinstance(data, bytes):
+                    if (
+                        json.loads(data).get("state") == "STOPPED" and not moves.is_set()
+                    ):  # the machine stood still
+                        await one.say("clear")
+                        await one.say("take")
+                        await one.say("mission", kind="drive")
                     continue
             n += 1
             await one.say("beat", n=n, seen=seen, u=[0.5, 0.0, 0.0])
@@ -138,6 +152,77 @@ def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, how):
         watcher.close()
 
 
+def test_rt13_a_browser_whose_packets_vanish_loses_the_vehicle_within_half_a_second(tmp_path):
+    """Neither end is told: no end of the connection, no error. Who watches through another line goes on."""
+    path = tmp_path / "door"
+    with before_others(), program(
+        "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
+        "--routes", str(tmp_path),
+    ):  # fmt: skip
+        watcher = Watcher(path)
+        with program(
+            "baqueano", "serve", "--robot", str(path), "--no-browser", "--runs", str(tmp_path)
+        ) as page:
+            port = port_of(page)
+
+            async def job():
+                moves = asyncio.Event()
+                async with vanishing(port) as line:
+                    drives = asyncio.create_task(driving(port, moves, line.port))
+                    await asyncio.wait_for(moves.wait(), WAIT_S)
+                    await asyncio.to_thread(watcher.state, "MANUAL")
+                    line.unplug()
+                    state, _ = await asyncio.to_thread(watcher.state, "STOPPED")
+                    assert state["why"]["code"] == "operator.silent"
+                    assert 300.0 <= state["why"]["figures"]["silent_ms"] <= 500.0
+                    assert not drives.done()  # nobody has told the browser
+                    drives.cancel()
+                    await asyncio.gather(drives, return_exceptions=True)
+
+            run_page(job)
+        watcher.close()
+    run = read_run(max(tmp_path.glob("*.mcap")))
+    assert stop_of(run).code == StopReason.HOLDER_SILENT
+    assert run.applied[:, 0].max() > 0.4
+    assert not run.applied[-1].any()
+
+
+class StoppedItself(Exception):
+    """Nobody has said stop."""
+
+
+async def expected(one, kind, where):
+    """Return the next word of a kind for which this is true; StoppedItself where the vehicle stops before."""
+
+    def ends(word):
+        return (word["is"] == kind and where(word)) or word.get("state") == "STOPPED"
+
+    word = await one.next(kind, "state", where=ends)
+    if word.get("state") == "STOPPED":
+        raise StoppedItself(word["sentence"])
+    return word
+
+
+async def lesson(one):
+    """Take the wheel, teach a ring and go along it until the third lap."""
+    await one.say("take")
+    await one.say("mission", kind="teach", name="ring", shape="circle", size_m=0.3, speed_m_s=0.3)
+    assert (await expected(one, "route", lambda word: word["x"]))["closed"]
+    routes = await expected(one, "routes", lambda word: word["routes"])
+    assert routes["routes"][0]["name"] == "ring"
+    assert one.frames
+    await expected(one, "state", lambda word: word["state"] == "READY")
+    await one.say("mission", kind="repeat", route="ring", laps=0)
+    state = await expected(one, "state", lambda w: w["mission"] == {"kind": "repeat", "route": "ring"})
+    assert state["state"] == "MISSION"
+    await expected(one, "state", lambda word: (word["lap"] or 0) >= 2)
+
+
+async def ready_again(one):
+    await one.say("clear")
+    await one.next("state", where=lambda word: word["state"] == "READY")
+
+
 def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
     with program(
         "baqueano", "serve", "--vehicle", "small", "--no-browser", "--pace", "20", "--runs", "runs", cwd=tmp_path,
@@ -156,24 +241,20 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
                 await one.say("hello", lang="en")
                 await one.next("hello")
                 beating = asyncio.create_task(beats(one))
-                await one.say("take")
-                await one.say("mission", kind="teach", name="ring", shape="circle", size_m=0.3, speed_m_s=0.3)
-                assert (await one.next("route", where=lambda word: word["x"]))["closed"]
-                routes = await one.next("routes", where=lambda word: word["routes"])
-                assert routes["routes"][0]["name"] == "ring"
-                assert one.frames
-                await one.say("mission", kind="repeat", route="ring", laps=0)
-                state = await one.next(
-                    "state", where=lambda w: w["mission"] == {"kind": "repeat", "route": "ring"}
-                )
-                assert state["state"] == "MISSION"
-                await one.next("state", where=lambda word: (word["lap"] or 0) >= 2)
+                for left in reversed(range(TRIES)):
+                    try:
+                        await lesson(one)
+                        break
+                    except StoppedItself:  # the machine stood still for longer than the lease
+                        last = max((tmp_path / "runs").glob("*.mcap"), key=lambda path: path.name)
+                        assert stop_of(read_run(last)).code == StopReason.HOLDER_SILENT
+                        assert left, "the lease was lost at each try"
+                        await ready_again(one)
                 await one.say("stop")
                 await one.next("state", where=lambda word: word["state"] == "STOPPED")
-                runs = await one.next("runs", where=lambda word: len(word["runs"]) == 2)
+                runs = await one.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
                 assert {run["kind"] for run in runs["runs"]} == {"teach", "repeat"}
-                await one.say("clear")
-                await one.next("state", where=lambda word: word["state"] == "READY")
+                await ready_again(one)
                 beating.cancel()
 
         run_page(job)

@@ -3,8 +3,8 @@
 import pytest
 
 from tests.web.chromium import CHROMIUM
+from tests.web.screens import PAGE, opened, until
 from tests.web.scripted import Scripted
-from tests.web.test_page import PAGE, opened, until
 
 TUNE = f"{PAGE}.screens.tune"
 

@@ -63,7 +63,7 @@ def test_the_command_of_a_tick_is_that_of_the_tick_in_every_phase(phase_ms):
 
 
 @pytest.mark.parametrize("phase_ms", [1, 2])
-def test_what_was_foretold_wrongly_comes_right_and_nothing_adds_up(phase_ms):
+def test_what_was_predicted_wrongly_comes_right_and_nothing_adds_up(phase_ms):
     told, true = driven(UNEQUAL, phase_ms, on_the_way_ms=4)  # three late
     behind = 0.01 * np.cumsum(told - true, axis=0)
     assert np.max(np.abs(told - true)) > 0.1
@@ -71,7 +71,7 @@ def test_what_was_foretold_wrongly_comes_right_and_nothing_adds_up(phase_ms):
     assert np.max(np.abs(behind[18::20])) < 1e-9, "none where the command has held for a while"
 
 
-def test_a_vehicle_that_is_stopped_is_not_foretold_to_move():
+def test_a_vehicle_that_is_stopped_is_not_predicted_to_move():
     applied = AppliedDuties()
     applied.update(0, (0.0, 0.0), (0.0, 0.0), False)
     applied.begin(0)

@@ -10,6 +10,8 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, note, stop
 from baqueano.errors import UsageError
 from baqueano.sensors import Encoders, Imu, Mark, Wheels
+from baqueano.sensors.imu_filter import low_pass_hz
+from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Command, measured_ns, sensor_slots
 from baqueano.worlds.robot import Body, Robot, Sample, Telemetry
 from tests.codes import refused
@@ -86,6 +88,17 @@ def test_samples_since_the_last_tick_are_averaged():
     assert ("imu_temperature", 10 * MS) in [(name, t_ns) for name, t_ns, _ in robot.new_channels()]
 
 
+def test_what_the_low_pass_of_the_file_explains_is_not_in_the_stamps_too():
+    """The estimators take their sum for the age, and a fit has the filter in h."""
+    total_s = []
+    for imu in (Imu(), Imu(low_pass_hz=low_pass_hz(3)), Imu(low_pass_hz=100.0)):
+        chip = Chip(Sample(8 * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0))
+        slot = Robot(sensors(imu=imu), Line(), chip, Body()).read(10 * MS)[0].sensors.imu
+        total_s.append(slot.age_s + low_pass_s(imu))
+    assert total_s == pytest.approx([0.0068] * 3)
+    assert 0.5 / (np.pi * low_pass_hz(3)) == pytest.approx(Chip.delay_s[1])
+
+
 def test_a_drive_that_ended_within_a_tick_leaves_nothing_to_the_next():
     robot = Robot(sensors(imu=Imu()), Line(telemetry(5)), None, Body())
     robot.read(10 * MS)
@@ -115,7 +128,7 @@ def test_who_looks_all_day_and_records_nothing_hears_each_event_once_and_nothing
     assert robot.battery_v == 7.4
 
 
-def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_heard_once():
+def test_wheels_roll_as_far_as_their_counts_and_a_mark_is_received_once():
     line = Line(telemetry(10))
     body = Body(wheel_radius_m=0.03, counts_per_turn=60.0)
     robot = Robot(sensors(wheels=Wheels(track_m=0.1), mark=Mark()), line, None, body)
@@ -139,7 +152,7 @@ def test_a_speed_of_encoders_is_half_as_old_as_the_time_that_was_counted():
     assert measured_ns(34 * MS, said) == 20 * MS
 
 
-def test_counts_that_wrap_are_no_leap():
+def test_counts_that_wrap_are_not_a_leap():
     line = Line(telemetry(10, counts=((1 << 31) - 2, 3 - (1 << 31))))
     robot = Robot(sensors(wheels=Wheels(track_m=0.1)), line, None, Body("two_wheels", 0.03, 60.0))
     robot.read(10 * MS)
@@ -191,7 +204,7 @@ def test_an_encoder_that_fell_silent_is_named_once_until_it_has_counted_again():
     assert robot.new_events() == []
 
 
-def test_a_silent_link_and_a_stopped_firmware_are_told():
+def test_a_silent_link_and_a_stopped_firmware_are_reported():
     line = Line(telemetry(10))
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     robot.read(10 * MS)

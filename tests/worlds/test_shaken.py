@@ -162,7 +162,7 @@ def test_the_twin_is_the_same_until_the_fault():
         ({"kind": "earthquake"}, "shake.kind"),
     ],
 )
-def test_what_is_no_fault_is_refused(words, code):
+def test_what_is_not_a_fault_is_refused(words, code):
     with refused(code, UsageError):
         world(shake=[words])
 

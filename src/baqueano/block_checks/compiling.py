@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from baqueano.block_checks.motion import DT_S, moving
-from baqueano.block_checks.rooms import TICK_NS, a_sensor, heard
+from baqueano.block_checks.rooms import TICK_NS, a_sensor, slots_at
 from baqueano.block_checks.source import place
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.diagnostics import Diagnostic, Severity, note
@@ -64,7 +64,7 @@ def _arguments(room: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[An
     """One tick in the middle of a circle."""
     estimate = Estimate(5 * TICK_NS, np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.0, 0.5]), 1e-4 * np.eye(6))
     reference = Reference(5 * TICK_NS, np.array([0.12, 0.21, 0.35]), estimate.nu, 0.0)
-    tick = Tick(5 * TICK_NS, np.full(n, 0.3), heard(sensors, 4))
+    tick = Tick(5 * TICK_NS, np.full(n, 0.3), slots_at(sensors, 4))
     state = block.init()
     return {
         "vehicle": (state, np.full(getattr(block, "commands", n), 0.3), DT_S, np.zeros(3)),

@@ -68,7 +68,7 @@ def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
     estimate = None
     for k in range(70):
         t_ns += TICK_NS
-        belief, estimate = _believe(trial, belief, Tick(t_ns, u, heard(sensors, k)), CIRCLE)
+        belief, estimate = _believe(trial, belief, Tick(t_ns, u, slots_at(sensors, k)), CIRCLE)
     assert estimate is not None
     before = np.trace(estimate.cov[:2, :2])
     none = silent({name: s.size for name, s in sensors._asdict().items()})
@@ -84,7 +84,7 @@ def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
         belief, estimate = _believe(trial, belief, Tick(t_ns, u, slots), when)
     belief, _ = _believe(trial, belief, Tick(t_ns, u, none), REPEATED)
     t_ns += 15 * TICK_NS  # longer, and the firmware has stopped the motors
-    _believe(trial, belief, Tick(t_ns, u, heard(sensors, 0)), note("when.gap"))
+    _believe(trial, belief, Tick(t_ns, u, slots_at(sensors, 0)), note("when.gap"))
 
 
 def _believe(trial: Trial, belief: Tree, tick: Tick, when: Diagnostic) -> tuple[Tree, Estimate]:
@@ -101,7 +101,7 @@ def _believe(trial: Trial, belief: Tree, tick: Tick, when: Diagnostic) -> tuple[
     return belief, estimate
 
 
-def heard(sensors: SensorBlocks, k: int) -> Any:
+def slots_at(sensors: SensorBlocks, k: int) -> Any:
     """Return the readings of the sensors in a circle at 0.3 m/s."""
     psi = wrap(TURN * DT_S * (k + 1))
     motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, TURN]), np.zeros(3), np.zeros(2))
@@ -288,7 +288,7 @@ def _let_through(
     trial: Trial, sensors: SensorBlocks, state: Tree, k: int, u: np.ndarray, eta: float, when: Diagnostic
 ) -> tuple[Tree, np.ndarray]:
     t_ns = (k + 1) * TICK_NS
-    tick = Tick(t_ns, np.zeros(len(u)), heard(sensors, k))
+    tick = Tick(t_ns, np.zeros(len(u)), slots_at(sensors, k))
     estimate = Estimate(t_ns, np.array([eta, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
     state, command = trial.step(when, state, Command(t_ns, u), tick, estimate)
     if not isinstance(command, Command):
@@ -321,7 +321,7 @@ def _answers(trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: i
         eta, nu = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi]), np.array([0.25, 0.0, TURN])
         estimate = Estimate(t_ns, eta, nu, 1e-6 * np.eye(6))
         reference = Reference(t_ns, eta + np.array([0.02, 0.01, 0.15]), nu, 0.0)
-        tick = Tick(t_ns, np.full(n, 0.2), heard(sensors, k))
+        tick = Tick(t_ns, np.full(n, 0.2), slots_at(sensors, k))
         inputs = {
             "estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
             "supervisor": (Command(t_ns, np.full(n, 0.2)), tick, estimate),

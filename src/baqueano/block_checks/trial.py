@@ -86,7 +86,7 @@ class Trial:
     def expect(
         self, what: str, value: object, shape: tuple[int, ...], when: Diagnostic, verb: str = "step"
     ) -> np.ndarray:
-        """An array of a shape, finite; GaveUp if it is no such thing."""
+        """An array of a shape, finite; GaveUp for anything else."""
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):

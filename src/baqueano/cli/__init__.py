@@ -9,6 +9,7 @@ from copy import copy
 import click
 
 from baqueano import __version__, language
+from baqueano.language import marked as N_
 from baqueano.language import translated as _
 
 VERBS = {
@@ -20,17 +21,19 @@ VERBS = {
     "tune": "Find the controller's gains on the identified model.",
     "drive": "Drive by hand from this terminal, with keys or a game pad; write a run.",
     "teach": "Drive a path once and store it as a route.",
-    "route": "Draw, import, smooth, cut, join, turn round or speed up a route; check it before it is driven.",
-    "forecast": "Say before driving a route how well the vehicle will know its place.",
+    "route": (
+        "Draw, import, smooth, cut, join, reverse, scale or speed up a route; check it before a drive."
+    ),
+    "forecast": "Predict, before a drive, the uncertainty of the position along a route.",
     "repeat": "Drive a taught route again, for N laps or for ever.",
     "replay": "Send a run through the same blocks again, or through others.",
-    "compare": "Errors and consistency of one or more runs.",
+    "compare": "Show errors and consistency of one or more runs.",
     "runs": "List, show, cut, recover, import and export runs.",
     "serve": "Open the page of a vehicle in a browser: watch, drive, teach, repeat, stop.",
-    "view": "Open a run in a browser: map, strips, events, a ghost of another run.",
+    "view": "Open a run in a browser: map, time plots, events; compare it with another run.",
     "sweep": "Compare estimators, controllers and guides on the same simulated drives or recorded runs.",
     "report": "Write one self-contained HTML page about a run.",
-    "study": "Reproduce the paper's case studies; judge by recordings.",
+    "study": "Reproduce the paper's case studies; test with recordings.",
     "robot": "The real vehicle: from an empty card to a calibrated one; its service, state and runs.",
     "blocks": "List the blocks; check one of your own.",
 }
@@ -44,15 +47,24 @@ ROOMS = {  # of the verbs that do not stand beside this file
 
 WHOLE = 200  # letters: no first sentence is as long
 
+METAVARS = (
+    N_("TEXT"),
+    N_("INTEGER"),
+    N_("NUMBER"),
+    N_("FLOAT"),
+    N_("FILE"),
+    N_("FOLDER"),
+)  # what values are called
+USAGE = (N_("[OPTIONS]"), N_("COMMAND [ARGS]..."))  # of click's first line
 BACKENDS = ("auto", "c", "python", "numpy")
 
 
-def unknown(verb: str, known: list[str], ctx: click.Context) -> Exception:
-    """Return the error of a verb that is none."""
+def unknown(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
+    """Return the error for an unknown verb."""
     from baqueano.diagnostics import fault, nearest
     from baqueano.errors import UsageError
 
-    near = nearest(verb, known)
+    near = nearest(verb, verbs)
     fix = "" if "meant" in near.figures else f"{ctx.command_path} --help"
     code = "cli.no-such-verb" if fix else "cli.unknown-verb"
     return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=near))
@@ -64,7 +76,7 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The verb that was typed; UsageError with the nearest one where there is none."""
+        """The verb that was typed; UsageError with the nearest one for an unknown verb."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
             raise unknown(args[0], list(self.commands), ctx)
         return super().resolve_command(ctx, args)
@@ -95,12 +107,25 @@ def in_language(command: click.Command) -> click.Command:
     for param in command.params:
         if isinstance(param, click.Option):
             param.help = language.translated(param.help or "") or None
+            param.metavar = param.metavar or _metavar(param)
+    command.options_metavar = language.translated(command.options_metavar or "") or None
     if isinstance(command, click.Group):
+        command.subcommand_metavar = language.translated(command.subcommand_metavar)
         command.commands = {name: in_language(verb) for name, verb in command.commands.items()}
     return command
 
 
-class _Verbs(click.Group):
+def _metavar(option: click.Option) -> str | None:
+    """Return what help calls the value of an option; None where it lists the values."""
+    kind = option.type
+    if option.is_flag or option.count or isinstance(kind, click.Choice):
+        return None
+    if isinstance(kind, click.Path):
+        return language.translated("FILE" if kind.file_okay else "FOLDER")
+    return language.translated(kind.name.removesuffix(" range").upper())
+
+
+class _LazyVerbs(click.Group):
     """Finds a verb by `command_of`, so that --help imports none of them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -121,7 +146,7 @@ class _Verbs(click.Group):
             formatter.write_dl([(verb, _(says)) for verb, says in VERBS.items()])
 
 
-@click.group(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_LazyVerbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
 @click.option(
     "--lang",
@@ -132,7 +157,7 @@ class _Verbs(click.Group):
 @click.option(
     "--allow-blocks",
     is_flag=True,
-    help="Execute blocks that a run, or a vehicle file from elsewhere, names.",
+    help="Execute blocks that are named in a run, or in a vehicle file of another folder.",
 )
 @click.version_option(__version__, prog_name="baqueano")
 @click.pass_context
@@ -148,14 +173,16 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
         from baqueano.blocks import allowed
 
         ctx.with_resource(allowed())
-    for variable, known in (("BAQUEANO_BACKEND", BACKENDS), (language.VARIABLE, tuple(language.LANGUAGES))):
-        found = os.environ.get(variable) or known[0]
-        if found not in known:
+    for variable, choices in (("BAQUEANO_BACKEND", BACKENDS), (language.VARIABLE, tuple(language.LANGUAGES))):
+        setting = os.environ.get(variable) or choices[0]
+        if setting not in choices:
             from baqueano.diagnostics import fault
             from baqueano.errors import UsageError
 
             unset = f"unset {variable}"
-            raise UsageError(fault("cli.unknown-setting", unset, variable=variable, found=found, known=known))
+            raise UsageError(
+                fault("cli.unknown-setting", unset, variable=variable, found=setting, known=choices)
+            )
 
 
 def main(args: list[str] | None = None) -> None:
@@ -196,7 +223,7 @@ def _answered(args: list[str], before: list[str]) -> int:
 
     answered.clear()
     try:
-        code = baqueano.main(before + args, prog_name="baqueano", standalone_mode=False)
+        code = in_language(baqueano).main(before + args, prog_name="baqueano", standalone_mode=False)
         return code if isinstance(code, int) else 0
     except NoArgsIsHelpError as error:
         error.show()

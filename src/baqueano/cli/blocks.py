@@ -57,11 +57,15 @@ def which_estimator(file: "VehicleFile") -> Diagnostic:
 
 
 @command.command(
-    "check", help="Say what is wrong with BLOCK (file.py:Class, or a kind of ours), for its author."
+    "check", help="Check BLOCK (file.py:Class, or the name of a block), and explain what is wrong."
 )
 @click.argument("block")
 @click.option(
-    "--room", help="vehicle, sensor, estimator, guide, controller, supervisor; found by itself if left out."
+    "--room",
+    help=(
+        "Room of the block: vehicle, sensor, estimator, guide, controller or "
+        "supervisor; default: recognised by its methods."
+    ),
 )
 @options.vehicle
 @options.as_json
@@ -71,10 +75,10 @@ def check(
     from baqueano.errors import AnswerNo
     from baqueano.vehicle_file.checked import check
 
-    found = check(block, options.load_vehicle(vehicle or "small", settings), room)
-    answer(found, as_json)
-    if found.findings:
-        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(found.findings)))
+    report = check(block, options.load_vehicle(vehicle or "small", settings), room)
+    answer(report, as_json)
+    if report.findings:
+        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
     talk(note("cli.block-sound", block=block))
 
 
@@ -87,18 +91,18 @@ WORDS = {  # columns that are words; the others are typed
 class Listed:
     """Rows as they are."""
 
-    found: list["TableRow"]
+    findings: list["TableRow"]
     verdict: Verdict = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """The error as it was found."""
-        return self.found
+        return self.findings
 
     def table(self) -> str:
         """The same in columns; the verdict where nothing was found."""
-        if not self.found:
+        if not self.findings:
             return _(self.verdict)
-        cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.found]
+        cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.findings]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         return "\n".join(
             "  ".join(v.ljust(w) for v, w in zip(row, widths, strict=True)).rstrip() for row in cells

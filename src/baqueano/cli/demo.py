@@ -30,21 +30,21 @@ def free_folder() -> Path:
     "-o",
     "--out",
     type=click.Path(path_type=Path),
-    help="A folder; default: demo, or the next that is free, demo-2.",
+    help="Folder to write; default: demo, or the next free name, demo-2.",
 )
 @click.option(
     "--page/--no-page", "shown", default=None,
-    help="Show the drives in a browser, in motion. Default: where there is a display.",
+    help="Show the drives in a browser while they happen. Default: if there is a display.",
 )  # fmt: skip
 @click.option(
     "--pace", type=click.FloatRange(0.05, 50.0), default=4.0, show_default=True,
-    help="Simulated seconds that the page shows in a second.",
+    help="Simulated seconds per real second, on the page.",
 )  # fmt: skip
 @click.option(
     "--animation",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE.svg",
-    help="Also write fit and drive as a moving picture.",
+    help="Also write the fit and the drive as an animated picture.",
 )
 @options.seed
 @options.backend
@@ -58,20 +58,20 @@ def command(
     backend: str,
     as_json: bool,
 ) -> None:
-    from baqueano.cli.page.motion import in_motion
+    from baqueano.cli.page.motion import run_with_page
     from baqueano.report.animation import picture_file
     from baqueano.report.page import save_text
     from baqueano.study.demo import demo
 
     moves = None if animation is None else picture_file(animation)
     out = out or free_folder()
-    with in_motion(out, shown, pace) as motion:
+    with run_with_page(out, shown, pace) as motion:
         with steps() as begin:
-            found = demo(out, seed, backend, begin, motion.show, motion.tuned)
-        answer(found, as_json)
+            result = demo(out, seed, backend, begin, motion.show, motion.tuned)
+        answer(result, as_json)
         with busy(note("cli.drawing")):
-            page = found.page().save(out / "report.html")
+            page = result.page().save(out / "report.html")
             if moves is not None:
-                save_text(moves, found.animation(backend))
-        motion.say(note("web.demo-done", verdict=str(found.verdict)))
+                save_text(moves, result.animation(backend))
+        motion.say(note("web.demo-done", verdict=str(result.verdict)))
     talk(note("cli.demo", page=page, program=typed_here()))

@@ -19,7 +19,7 @@ from baqueano.printable import typed
 NO, USAGE, BAD_FILE = 1, 2, 3
 
 
-class Interrupted(BaqueanoError):
+class Interruption(BaqueanoError):
     """Ctrl-C ended a drive; what was recorded is whole."""
 
     exit_code = INTERRUPTED
@@ -33,20 +33,20 @@ class CommandError(NamedTuple):
     code: int
 
     @property
-    def said(self) -> str:
+    def sentence(self) -> str:
         """Return why it ended and what to type next, as it is typed."""
-        said = (text(one, argument=Option) for one in (self.why, self.next) if one is not None)
-        return (". " if self.why.fix else " ").join(said)
+        parts = (text(one, argument=Option) for one in (self.why, self.next) if one is not None)
+        return (". " if self.why.fix else " ").join(parts)
 
     @property
     def paragraph(self) -> str:
         """Return the text for stderr."""
-        return f"baqueano: {self.said}"
+        return f"baqueano: {self.sentence}"
 
     def to_json(self) -> dict[str, object]:
         """Return it for --json: code, figures, the text, what to type next, and the exit code."""
         after = {} if self.next is None else {"next": self.next.to_json()}
-        return self.why.to_json() | {"text": self.said} | after | {"exit_code": self.code}
+        return self.why.to_json() | {"text": self.sentence} | after | {"exit_code": self.code}
 
 
 def command_error(error: BaseException, args: list[str]) -> CommandError:

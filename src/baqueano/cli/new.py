@@ -4,6 +4,7 @@ import click
 
 from baqueano.cli.terminal import talk, tell
 from baqueano.diagnostics import note
+from baqueano.printable import quoted, typed
 
 
 @click.command(help="Make the project folder NAME: vehicle file, blocks of your own, and a notebook.")
@@ -12,7 +13,7 @@ from baqueano.diagnostics import note
     "--vehicle",
     default="small",
     show_default=True,
-    help="The file to begin with: a path, or one of the garage.",
+    help="Vehicle file to copy: a path, or a name of the garage.",
 )
 def command(name: str, vehicle: str) -> None:
     from baqueano.project import new
@@ -23,4 +24,4 @@ def command(name: str, vehicle: str) -> None:
     tell(note("cli.new", folder=folder, blocks=(*BLOCKS, NOTEBOOK)))
     if load(folder / "vehicle.toml").guessed:
         talk(note("cli.guesses"))
-    talk(note("cli.next-new", name=name))
+    talk(note("cli.next-new", cd=quoted("cd", name), fix=typed("experiment")))

@@ -22,11 +22,11 @@ TO_ALLOW = ("block.elsewhere", "block.in-run")
 SHOWN = 5  # files of a folder that are named
 
 
-def next_line(said: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
+def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
     """Return what to type next; None where the error says it.  args: the command line, without `baqueano`."""
     if code not in (USAGE, BAD_FILE):
         return None
-    causes = list(_causes(said))
+    causes = list(_causes(message))
     for cause in causes:
         if (again := _put_right(cause, args)) is not None:
             return fault("next.put-right", typed(*again))
@@ -34,9 +34,9 @@ def next_line(said: Diagnostic, code: int, args: list[str]) -> Diagnostic | None
         return fault("next.allow-blocks", typed(*args, "--allow-blocks"))
     missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
     for path in missing:
-        if (found := _nearest(path)) is not None and str(path) in args:
-            again = [str(found) if Path(arg) == path else arg for arg in args]
-            return fault("next.near-file", typed(*again), meant=found)
+        if (near_path := _nearest(path)) is not None and str(path) in args:
+            again = [str(near_path) if Path(arg) == path else arg for arg in args]
+            return fault("next.near-file", typed(*again), meant=near_path)
     if code == USAGE and (again := _with_points(args)) != args:
         return fault("next.decimal-comma", typed(*again))
     if any(cause.fix for cause in causes):
@@ -51,21 +51,25 @@ def next_line(said: Diagnostic, code: int, args: list[str]) -> Diagnostic | None
     return fault("next.runs", typed("runs", "ls")) if "runs" in rooms else None
 
 
-def _causes(said: Diagnostic) -> Iterator[Diagnostic]:
+def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
     """Yield it, and what it says of others."""
-    yield said
-    for figure in said.figures.values():
+    yield message
+    for figure in message.figures.values():
         if isinstance(figure, Diagnostic):
             yield from _causes(figure)
 
 
 def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
     """Return the command with what was meant in the place of what was found; None where nothing is near it."""
-    found, near = str(cause.figures.get("found", "")), cause.figures.get("near")
+    unknown, near = str(cause.figures.get("found", "")), cause.figures.get("near")
     meant = near.figures.get("meant") if isinstance(near, Diagnostic) else None
     for k, arg in enumerate(args):
-        if found and meant is not None and found in (arg, *arg.split(":"), *arg.split("="), Path(arg).name):
-            return [*args[:k], arg.replace(found, str(meant), 1), *args[k + 1 :]]
+        if (
+            unknown
+            and meant is not None
+            and unknown in (arg, *arg.split(":"), *arg.split("="), Path(arg).name)
+        ):
+            return [*args[:k], arg.replace(unknown, str(meant), 1), *args[k + 1 :]]
     return None
 
 

@@ -25,32 +25,35 @@ ROUTES = Path("routes")
 as_json = click.option("--json", "as_json", is_flag=True, help="One JSON object with rows and a verdict.")
 seed = click.option(
     "--seed", type=numbers.count_or_none, default=0, show_default=True,
-    help="All randomness of a simulation comes from it.",
+    help="Seed of the random numbers.",
 )  # fmt: skip
 backend = click.option(
     "--backend",
     type=click.Choice(BACKENDS),
     default="auto",
     show_default=True,
-    help="How blocks are computed; 'numpy' runs them as they are written.",
+    help="How blocks are computed: compiled with C, with Python, or as they are written ('numpy').",
 )
 runs_folder = click.option(
-    "--runs", "folder", default="runs", show_default=True, help="The folder in which runs are numbered."
+    "--runs", "folder", default="runs", show_default=True, help="Folder of the numbered runs."
 )
 out = click.option(
-    "-o", "--out", type=click.Path(path_type=Path), help="Where to write; default: the next run."
+    "-o", "--out", type=click.Path(path_type=Path), help="File to write; default: the next run."
 )
 shake = click.option(
     "--shake",
     multiple=True,
     metavar="WHEN: WHAT",
-    help='A fault of the simulation, "12 s: push 0.3 N s left" or "3-6 s: cut imu"; again for more.',
+    help=(
+        'A fault of the simulation: "12 s: push 0.3 N s left" or "3-6 s: cut imu". Repeat the '
+        "option for more faults."
+    ),
 )
 page = click.option("--report", "page", type=click.Path(path_type=Path), help="Also write an HTML report.")
 update = click.option("--update", is_flag=True, help="Write the result into the vehicle file.")
 
 
-class Grouped(click.Command):
+class GroupedCommand(click.Command):
     """A command whose help shows its options under headings: `groups` {heading: names of options}."""
 
     def __init__(self, *args: Any, groups: dict[str, tuple[str, ...]], **more: Any) -> None:
@@ -77,14 +80,17 @@ vehicle = together(
         "--vehicle",
         "vehicle",
         metavar="FILE|NAME",
-        help="A vehicle file, or one of the garage (case-study-1, small, car). Else vehicle.toml or small.",
+        help=(
+            "A vehicle file, or a name of the garage (case-study-1, small, car). Default: "
+            "vehicle.toml, else small."
+        ),
     ),
     click.option(
         "--set",
         "settings",
         multiple=True,
         metavar="KEY=VALUE",
-        help="Win over the file: --set model.mass_kg=0.7",
+        help="Value to use instead of that of the file: --set model.mass_kg=0.7",
     ),
 )
 robot = click.option(
@@ -92,8 +98,8 @@ robot = click.option(
     default="simulated",
     show_default=True,
     metavar="simulated[:FILE|NAME]|emulated|HOST|here",
-    help="What is driven: a simulation of the vehicle file, or of another file as the truth; its firmware and drivers "
-    "on an emulated board; a vehicle by ssh; the vehicle on which this is typed.",
+    help="Vehicle to drive: a simulation of the vehicle file, or of another file; its firmware "
+    "on an emulated board; a vehicle by ssh; or this computer (here).",
 )
 
 
@@ -144,9 +150,10 @@ def naming(file: "VehicleFile", folder: str = "runs") -> list[str]:
     return vehicle + _runs_in(folder)
 
 
-def naming_own(folder: str) -> list[str]:
-    """Return the same options where a run alone is known, and not its vehicle file."""
-    vehicle = [] if OWN_FILE.exists() else ["--vehicle", "FILE"]
+def naming_own(folder: str, run: "Run | None" = None) -> list[str]:
+    """Return the same options where a run alone is known, and not its vehicle file; a `run` that holds one brings it
+    to a replay."""
+    vehicle = [] if OWN_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
     return vehicle + _runs_in(folder)
 
 
@@ -192,7 +199,7 @@ def find_route(name: str) -> "Route":
 
     path = route_path(name)
     if not path.is_file():
-        stored = sorted(found.stem for found in ROUTES.glob("*.csv"))
+        stored = sorted(file.stem for file in ROUTES.glob("*.csv"))
         there = note("cli.routes", stored=", ".join(stored)) if stored else note("cli.no-routes")
         raise FileError(
             fault("cli.route-absent", typed("teach", name), found=name, missing=path, there=there)
@@ -207,19 +214,19 @@ def route_path(name: str) -> Path:
     return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
 
 
-def own_block(file: "VehicleFile", room: str, kind: str | None) -> str | None:
-    """`kind` of --estimator, --guide or --controller, which can be loaded."""
+def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | None:
+    """`kind` of --estimator, --guide or --controller, which can be loaded; `file` is None without one."""
     from baqueano.blocks import resolve
     from baqueano.errors import FileError
 
     if kind is not None:
         try:
-            resolve(room, kind, None if file.path is None else file.path.parent)
+            resolve(room, kind, file.path.parent if file is not None and file.path is not None else None)
         except FileError as error:
             raise FileError(
                 fault(
                     "cli.own-block",
-                    typed("blocks", "check", kind),
+                    typed("blocks", "check", kind) if ":" in kind else typed("blocks", "ls"),
                     room=room,
                     kind=kind,
                     cause=error.diagnostic,
@@ -230,7 +237,7 @@ def own_block(file: "VehicleFile", room: str, kind: str | None) -> str | None:
 
 def ended(run: "Run", path: Path) -> None:
     """Raises what stopped a drive, if something did; the run is on disk."""
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop
@@ -240,7 +247,7 @@ def ended(run: "Run", path: Path) -> None:
     if why is None:
         return
     if why.code == StopReason.INTERRUPTED:
-        raise Interrupted(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
+        raise Interruption(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
     raise SafetyStop(fault("cli.stopped", typed("runs", "show", path), cause=why, path=path))
 
 
@@ -256,11 +263,11 @@ def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
     from baqueano.runs import read_run
     from baqueano.runs.folder import find_all
 
-    found = [read_run(path) for name in names for path in find_all(name, folder)]
-    for run in found:
+    loaded = [read_run(path) for name in names for path in find_all(name, folder)]
+    for run in loaded:
         for cause in run.notes:
             talk(note("cli.run-note", run=run.name, cause=cause))
-    return found
+    return loaded
 
 
 def kept(vehicle: "VehicleFile", update: bool) -> None:

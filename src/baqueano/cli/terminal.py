@@ -49,14 +49,14 @@ def plain_letters(*streams: TextIO) -> None:
             reconfigure(errors="baqueano")
 
 
-def talk(said: Diagnostic | str) -> None:
+def talk(message: Diagnostic | str) -> None:
     """A line for the person who waits; never part of the result."""
-    _print(text(said), sys.stderr)
+    _print(text(message), sys.stderr)
 
 
-def tell(said: Diagnostic | str) -> None:
+def tell(message: Diagnostic | str) -> None:
     """A result, on stdout. A reader that has gone away (`| head`, a terminal that hung up) does not end the work."""
-    _print(text(said), sys.stdout)
+    _print(text(message), sys.stdout)
 
 
 def _print(line: str, stream: TextIO) -> None:
@@ -76,22 +76,22 @@ def _print(line: str, stream: TextIO) -> None:
 def answer(
     result: Any, as_json: bool, more: list["TableRow"] | None = None, **beside: list["TableRow"]
 ) -> None:
-    """Print a result: its table for people, or one JSON object with `rows`, `more` after them, `verdict`, the `reasons`
-    for it where the result has them, and rows of another kind `beside`."""
+    """Print a result: its table for people, or one JSON object. The object has `rows`, `more` after them, `verdict`,
+    `reasons` where the result has them, and rows of another kind `beside`."""
     if not as_json:
         tell(result.table())
         return
     import json
 
-    reply = {"rows": [_known(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
+    reply = {"rows": [_finite(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
         reply["reasons"] = [row_of(one) if isinstance(one, Diagnostic) else one for one in result.reasons]
-    reply |= {name: list(map(_known, rows)) for name, rows in beside.items()}
+    reply |= {name: list(map(_finite, rows)) for name, rows in beside.items()}
     answered.append(json.dumps(reply, allow_nan=False))
     tell(answered[-1])
 
 
-def _known(row: "TableRow") -> "JsonObject":
+def _finite(row: "TableRow") -> "JsonObject":
     """NumPy numbers as Python's; NaN and infinity, which JSON has not, as null."""
     import numpy as np
 
@@ -149,9 +149,9 @@ class Say:
         self.text, self.stopped = "", False
         self._before: Any = None
 
-    def __call__(self, said: Diagnostic | str) -> bool:
+    def __call__(self, message: Diagnostic | str) -> bool:
         if not self.stopped:
-            self.text = text(said)
+            self.text = text(message)
         from baqueano.drive.interrupt import ours
 
         if self._before is None and ours():
@@ -179,8 +179,8 @@ def busy(label: Diagnostic | str) -> Iterator[Say]:
 
     def count() -> None:
         while not done.wait(0.5 if person else EVERY_S):
-            said = f"  {say.text}" if say.text else ""
-            line = f"{label}  {time.monotonic() - start:.0f} s{said}"
+            suffix = f"  {say.text}" if say.text else ""
+            line = f"{label}  {time.monotonic() - start:.0f} s{suffix}"
             _rewrite(line) if person else talk(line)
 
     _rewrite(label) if person else talk(label)

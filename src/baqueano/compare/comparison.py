@@ -1,7 +1,7 @@
 """Runs → figures: how far each estimate and each vehicle was off, and whether the filter knew it.
 
 One row per run: errors of the estimate against the truth (errors.py), of the vehicle against its reference, how evenly
-it drove (evenness.py), NEES and NIS (filter_consistency.py), where it may be at the end (corridor.py). What a run does
+it drove (evenness.py); NEES and NIS (filter_consistency.py), where it may be at the end (corridor.py). What a run does
 not hold is not known (NaN), never 0. With two runs or more of the same route, each row also says how far that run's
 vehicle was from the first run's path.
 """
@@ -17,6 +17,7 @@ from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
 from baqueano.compare.divergence import NoCovariance, diverged_s, no_covariance, until_diverged
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
+from baqueano.compare.laps import Lap, laps_of
 from baqueano.compare.table import WIDTH, table
 from baqueano.contracts.result import Result, shortened
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
@@ -70,6 +71,7 @@ class RunComparison:
     refusals: tuple[
         Refusals, ...
     ] = ()  # how often the estimator refused each number; none: it does not count
+    laps: tuple[Lap, ...] = ()  # of a route that comes back
 
     @property
     def verdict(self) -> str:
@@ -95,6 +97,7 @@ class RunComparison:
         row |= self.consistency.row()
         for one in self.refusals:
             row |= {f"refused_{one.name}": one.refused, f"arrived_{one.name}": one.arrived}
+        row |= {"laps": len(self.laps)}
         row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "diverged_s": self.diverged_s}
         return row | corridor_row(self.corridor)
 
@@ -118,7 +121,18 @@ class RunComparison:
         if self.no_covariance is not None:
             return (text(note("compare.no-covariance", **self.no_covariance._asdict())),)
         own = () if self.corridor is None else (self.corridor.sentence,)
-        return (*own, self.consistency.sentence)
+        return (*self._of_laps(), *own, self.consistency.sentence)
+
+    def _of_laps(self) -> tuple[str, ...]:
+        """Return how the laps went, of more than one."""
+        if len(self.laps) < 2:
+            return ()
+        first, last, worst = self.laps[0], self.laps[-1], max(self.laps, key=lambda lap: lap.max_m)
+        figures = {"first_cm": first.rms_m, "last_cm": last.rms_m, "most_cm": worst.max_m}
+        figures |= {"gap_cm": max(lap.gap_m for lap in self.laps)}
+        figures = {name: 100.0 * m for name, m in figures.items()}
+        of = {"laps": len(self.laps), "worst": worst.number, "seconds": last.duration_s}
+        return (text(note("compare.laps", **figures, **of)),)
 
 
 NOT_DEFINITE, DIVERGED = "not definite", "diverged"
@@ -159,6 +173,10 @@ class Comparison(Result):
     def rows(self) -> list["TableRow"]:
         """Return a flat row per run."""
         return [judged.row() for judged in self.runs]
+
+    def laps(self) -> list["TableRow"]:
+        """Return a flat row per lap of each run, for routes that come back."""
+        return [{"run": judged.name, **lap.row()} for judged in self.runs for lap in judged.laps]
 
     @property
     def verdict(self) -> Verdict:
@@ -267,7 +285,7 @@ def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) 
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
         across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
         **_commanded(run), consistency=filter_consistency(run, alignment),
-        refusals=refusals_of(run.events), corridor=corridor_of(run), diverged_s=lost_s,
+        refusals=refusals_of(run.events), laps=laps_of(run), corridor=corridor_of(run), diverged_s=lost_s,
         no_covariance=no_covariance(run))  # fmt: skip
 
 

@@ -6,9 +6,9 @@
     N = n / (1 + 2 Σ_k ρ_k),   ρ the autocorrelation of NEES_t, summed to its first value below 0.05     (4)
 
 Bar-Shalom, Li & Kirubarajan 2001, section 5.4. N counts independent samples. Where it is below FEW, the mean of a
-series hides its slow part: then (4) about the mean that is expected, 1, counts too. The interval of ρ̄ is the wider
-of (3) and of a circular block bootstrap, with blocks of at least 2 n/N samples (Politis & Romano 1992). Over M runs
-with different seeds, (3) with N = M is exact at each time. A block of S of a silent sensor is left out.
+series hides its slow part: then (4) about the mean that is expected, 1, counts too. The interval of ρ̄ is the wider of
+(3) and of a circular block bootstrap (Politis & Romano 1992). Its blocks have at least 2 n/N samples. Over M runs with
+different seeds, (3) with N = M is exact at each time. A block of S of a silent sensor is left out.
 """
 
 from typing import NamedTuple
@@ -133,11 +133,13 @@ def _bootstrap(
     length = min(max(length, 1, n // BLOCKS), max(n // 4, 1))
     first = np.random.default_rng(0).integers(0, n, (DRAWS, n // length))
 
-    def drawn(series: np.ndarray) -> np.ndarray:
+    def block_sums(series: np.ndarray) -> np.ndarray:
         total = np.concatenate([[0.0], np.cumsum(np.concatenate([series, series[:length]]))])
         return np.sum(total[first + length] - total[first], axis=1)
 
-    low, high = np.quantile(drawn(squared) / drawn(freedom), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm])
+    low, high = np.quantile(
+        block_sums(squared) / block_sums(freedom), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm]
+    )
     return float(low), float(high)
 
 

@@ -3,8 +3,8 @@
     position   (p − p̂)ᵀ P_p⁻¹ (p − p̂) ≤ χ²₂,  an ellipse of the area π χ²₂ √det P_p                       (1)
     across     ± 1.96 √(nᵀ P_p n),  n to the left of the heading;   heading   ± 1.96 σ_ψ                   (2)
 
-χ²₂ = 5.991 and 1.96 belong to 95 %. A heading with σ_ψ above LOST_RAD is none: from then on the vehicle is lost, the
-ellipse is no region any more, and the corridor ends.
+χ²₂ = 5.991 and 1.96 belong to 95 %. A heading with σ_ψ above LOST_RAD is unusable: from then on the vehicle is lost,
+the ellipse no longer bounds a region, and the corridor ends.
 """
 
 from typing import NamedTuple
@@ -83,14 +83,16 @@ def corridor_of(run: Run) -> Corridor | None:
     return corridor(seconds(log.t_ns, run.t_ns[0]), log.eta, log.cov, _lap_s(run))
 
 
-def corridor_row(found: Corridor | None) -> dict[str, float]:
+def corridor_row(corridor: Corridor | None) -> dict[str, float]:
     """Return the last half-widths, flat, SI; NaN without a corridor, or once the vehicle is lost."""
     names = ("corridor_across_m", "corridor_area_m2", "corridor_heading_rad")
-    if found is None:
+    if corridor is None:
         return dict.fromkeys((*names, "lost_s"), float("nan"))
-    is_bounded = len(found.t_s) > 0 and not np.isfinite(found.lost_s)
-    last = [x[-1] if is_bounded else np.nan for x in (found.across_m, found.area_m2, found.heading_rad)]
-    return dict(zip(names, map(float, last), strict=True)) | {"lost_s": found.lost_s}
+    is_bounded = len(corridor.t_s) > 0 and not np.isfinite(corridor.lost_s)
+    last = [
+        x[-1] if is_bounded else np.nan for x in (corridor.across_m, corridor.area_m2, corridor.heading_rad)
+    ]
+    return dict(zip(names, map(float, last), strict=True)) | {"lost_s": corridor.lost_s}
 
 
 def _lap_s(run: Run) -> float:

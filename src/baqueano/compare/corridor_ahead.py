@@ -62,7 +62,7 @@ class CorridorAhead(Result):
         return out
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         lines = []
         for lap in range(1, self.laps + 1):
             k = self._tick(lap)

@@ -19,7 +19,7 @@ ROUNDING = 1e-9  # of the largest eigenvalue
 
 
 class NoCovariance(NamedTuple):
-    """The ticks of a run whose covariance is none."""
+    """Return the ticks of a run with an invalid covariance."""
 
     ticks: int
     of: int

@@ -47,19 +47,19 @@ class Limits(NamedTuple):
 UNKNOWN = Pace(float("nan"), float("nan"), float("nan"))
 
 
-def pace(t_ns: np.ndarray, speed: np.ndarray, asked: np.ndarray, after_s: float = AFTER_S) -> Pace:
-    """Return (1) and (2) of a forward speed (N,) against the `asked` one (N,) at the same times [m/s].
+def pace(t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: float = AFTER_S) -> Pace:
+    """Return (1) and (2) of a forward speed (N,) against the `speed_ref` one (N,) at the same times [m/s].
 
     The first `after_s` seconds are left out. NaN where no speed was asked for: it was not a drive along a route.
     """
     if not len(t_ns):
         return UNKNOWN
-    e = speed - asked
+    e = speed - speed_ref
     late = seconds(t_ns, t_ns[0]) >= after_s
     finite = late & np.isfinite(e)
-    if not np.any(asked[finite]):
+    if not np.any(speed_ref[finite]):
         return UNKNOWN
-    scale = float(np.mean(np.abs(asked[finite])))
+    scale = float(np.mean(np.abs(speed_ref[finite])))
     return Pace(rms(e[late]), rms(e[late]) / scale, rms(about_mean(t_ns, e)[late]) / scale)
 
 
@@ -78,8 +78,8 @@ def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.nd
 def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
     """Return how often per second the forward command (N,) changes its sign.  (3)
 
-    Within ± `DEAD_BAND` of the largest command of the drive it has none: a pause, or noise around exactly 0, is not a
-    change, and forwards, 0, forwards is not one either; forwards, 0, backwards is one.
+    Within ± `DEAD_BAND` of the largest command of the drive its sign counts as zero: a pause, or noise around exactly
+    0, is not a change, and forwards, 0, forwards is not one either; forwards, 0, backwards is one.
     """
     finite = np.isfinite(forward)
     t_ns, forward = t_ns[finite], forward[finite]

@@ -173,5 +173,5 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
     )  # fmt: skip
 
 
-def _all(known: list[tuple[str, Band]], word: str) -> bool:
-    return bool(known) and all(band.verdict == word for _, band in known)
+def _all(bands: list[tuple[str, Band]], word: str) -> bool:
+    return bool(bands) and all(band.verdict == word for _, band in bands)

@@ -36,16 +36,16 @@ class TableLine(NamedTuple):
     error: bool = False  # a smaller one is better
 
 
-def table(found: "Comparison") -> str:
+def table(comparison: "Comparison") -> str:
     """Return the figures that are known of at least one run of a block."""
     sections = [
-        (title, [(line.label, line.unit, [_cell(line.of(one)) for one in found.runs]) for line in lines])
-        for title, lines in _sections(found)
+        (title, [(line.label, line.unit, [_cell(line.of(one)) for one in comparison.runs]) for line in lines])
+        for title, lines in _sections(comparison)
     ]
     rows = [row for _, lines in sections for row in lines if any(cell != "-" for cell in row[2])]
     label_width = max((len(label) for label, _, _ in rows), default=0) + 2
     unit = max((len(unit) for _, unit, _ in rows), default=0)
-    heads = [wrap(one.name, COLUMN) or [""] for one in found.runs]
+    heads = [wrap(one.name, COLUMN) or [""] for one in comparison.runs]
     wide = [
         max(LEAST_COLUMN, *map(len, head), *(len(cells[k]) for _, _, cells in rows))
         for k, head in enumerate(heads)
@@ -68,14 +68,14 @@ def table(found: "Comparison") -> str:
     return "\n\n".join(blocks)
 
 
-def sections_of(found: "Comparison") -> "list[JsonObject]":
+def sections_of(comparison: "Comparison") -> "list[JsonObject]":
     """Return the figures that are known of at least one run, for a page: {title, rows: [{label, unit, cells, best}]};
     `best` is the column of the smallest error, None where a smaller figure is not a better one."""
     sections: list[JsonObject] = []
-    for title, lines in _sections(found):
+    for title, lines in _sections(comparison):
         rows: list[JsonObject] = []
         for line in lines:
-            values = [line.of(one) for one in found.runs]
+            values = [line.of(one) for one in comparison.runs]
             cells = [_cell(value) for value in values]
             if any(cell != "-" for cell in cells):
                 rows.append(
@@ -89,10 +89,10 @@ def sections_of(found: "Comparison") -> "list[JsonObject]":
 def _best(line: TableLine, values: Sequence[Any]) -> int | None:
     """Return the column of the smallest error."""
     numbers = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
-    known = sorted((value, k) for k, value in enumerate(numbers) if value is not None)
-    if not line.error or len(known) < 2 or known[0][0] == known[1][0]:
+    ranked = sorted((value, k) for k, value in enumerate(numbers) if value is not None)
+    if not line.error or len(ranked) < 2 or ranked[0][0] == ranked[1][0]:
         return None
-    return known[0][1]
+    return ranked[0][1]
 
 
 def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
@@ -106,8 +106,8 @@ def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
         first = last
 
 
-def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
-    over = _("over {over_s:g} s", over_s=found.over_s)
+def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
+    over = _("over {over_s:g} s", over_s=comparison.over_s)
     yield (
         "",
         [
@@ -116,7 +116,7 @@ def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
         ],
     )
     yield (
-        _(ALIGNED[found.alignment]),
+        _(ALIGNED[comparison.alignment]),
         [
             TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, True),
             TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, True),
@@ -129,9 +129,9 @@ def _sections(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
             TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, True),
         ],
     )
-    if found.of_drives:
+    if comparison.of_drives:
         yield from _of_the_vehicle()
-    yield from _of_the_filter(found)
+    yield from _of_the_filter(comparison)
 
 
 def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
@@ -167,8 +167,8 @@ def _paces(name: str) -> list[TableLine]:
     ]
 
 
-def _of_the_filter(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
-    channels = max((len(one.consistency.channels) for one in found.runs), default=0)
+def _of_the_filter(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
+    channels = max((len(one.consistency.channels) for one in comparison.runs), default=0)
     yield (
         _("NEES, 1 if consistent"),
         [
@@ -194,9 +194,9 @@ def _of_the_filter(found: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
             TableLine(_("correlation at lag 1"), "", lambda j: j.consistency.correlation),
         ],
     )
-    names = dict.fromkeys(one.name for judged in found.runs for one in judged.refusals)
+    names = dict.fromkeys(one.name for judged in comparison.runs for one in judged.refusals)
     yield _("refused by the estimator"), [TableLine(k, "", lambda j, k=k: _refused(j, k)) for k in names]
-    verdicts = [one.verdict for one in found.runs if one.verdict != "not reported"]
+    verdicts = [one.verdict for one in comparison.runs if one.verdict != "not reported"]
     yield _("covariance"), [TableLine(_("verdict"), "", lambda j: _(j.verdict))] if verdicts else []
 
 

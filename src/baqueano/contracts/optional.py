@@ -4,6 +4,7 @@ A class of yours needs the methods of its room's protocol (blocks.py, vehicles/v
 """
 
 import dataclasses
+from collections.abc import Iterator
 
 from baqueano.contracts.values import Tree
 
@@ -28,14 +29,25 @@ NEUTRAL: dict[str, object] = {
     "stacks_innovations": False,  # whether its innovations are those of the sensors in `use`, one after the other
     # of a guide
     "laps": None,  # how often it goes round
+    "joined": None,  # its state where the vehicle joins its route at a time of it; it has begun so much before
+    "want": None,  # takes the pace that somebody wants, while it is driven
     # of any block
-    "as_written": False,  # it asks a person or a clock, so its step is never compiled
+    "as_written": False,  # it asks a person, a clock or a library, so its step is never compiled
+    "goes_around": (),  # names of its fields with the blocks that it goes around, and of their states in its own
+    "says": None,  # state → the Diagnostic that the run is to hold of this tick, or None; it never has one
 }
 
 
 def of(block: object, name: str) -> Tree:
     """Return what the block has of this name, else what stands for it; KeyError for a name that is not above."""
     return getattr(block, name, NEUTRAL[name])
+
+
+def nested(block: object) -> Iterator[Tree]:
+    """Yield the block and those that it goes around, from outside to inside."""
+    yield block
+    for name in of(block, "goes_around"):
+        yield from nested(getattr(block, name))
 
 
 def is_dynamic(vehicle: object) -> bool:

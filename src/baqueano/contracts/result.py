@@ -6,7 +6,7 @@ draws stands in `report`, above all results, and is loaded by its name when some
 
 from collections.abc import Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
@@ -21,6 +21,18 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 LINES, LETTERS = 12, 110  # of a short print
+
+
+class Tabular(Protocol):
+    """Anything with rows and a table: a Result, or a NamedTuple, which takes the methods of one."""
+
+    def rows(self) -> list["TableRow"]:
+        """Return flat dicts, one for each row."""
+        ...
+
+    def table(self) -> str:
+        """Return the whole, for people."""
+        ...
 
 
 class Result:
@@ -47,12 +59,12 @@ class Result:
         lines = self.table().splitlines()
         return shortened([], lines, []) if len(lines) > LINES else in_lines(map(_cut, lines))
 
-    def _repr_html_(self) -> str:
+    def _repr_html_(self: Tabular) -> str:
         """Return the card that a notebook shows."""
         return import_module("baqueano.report.card").html_of(self)
 
     def plot(
-        self,
+        self: Tabular,
         kind: str = "",
         *,
         ax: "Axes | None" = None,
@@ -67,7 +79,7 @@ class Result:
         """
         return import_module("baqueano.report.plots").plot(self, kind, ax or figure, width)
 
-    def to_pandas(self) -> Any:
+    def to_pandas(self: Tabular) -> Any:
         """Return the rows as a pandas DataFrame. UsageError, with what to type, where pandas is not installed."""
         return pandas().DataFrame(self.rows())
 

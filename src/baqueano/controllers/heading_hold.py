@@ -128,8 +128,8 @@ class HeadingHold:
         e = 0.0 if isnan(psi_r) else float(wrap(psi_r - psi))
         u = u.copy()
         u[-1], sum_e = self._turn(e, state.sum, r, dt_s, v, abs(float(u[0])))
-        held = HeadingHoldState(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, unseen)
-        return held, command._replace(u=u)
+        after = HeadingHoldState(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, unseen)
+        return after, command._replace(u=u)
 
     def _turn(
         self, e: float, sum_e: float, r: float, dt_s: float, v: float, speed: float

@@ -48,13 +48,17 @@ class Lqr(ModelFollower):
 
     e_max: np.ndarray = parameter(
         "m, m, rad",
-        "errors ahead, beside and of the course that matter alike",
+        "errors ahead, beside and of the course with the same weight",
         low=1e-4,
         shape=(3,),
         default=(0.1, 0.05, 0.3),
     )
     change_max: np.ndarray = parameter(
-        "m/s, rad/s", "changes of speed and turn worth such errors", low=1e-4, shape=(2,), default=(0.1, 1.0)
+        "m/s, rad/s",
+        "changes of speed and turn with the same weight as those errors",
+        low=1e-4,
+        shape=(2,),
+        default=(0.1, 1.0),
     )
 
     def memory(self) -> np.ndarray:

@@ -160,8 +160,9 @@ class ModelFollower:
         """Return the command (n,) with which the model keeps to the reference."""
         eta_r, nu_r, eta, nu = reference.eta, reference.nu, estimate.eta, estimate.nu
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 1.0 / self.rate_hz)
-        nu_f_dot = np.clip((nu_r - state.nu) / SMOOTHING_S, -FASTEST, FASTEST)
-        nu_f = state.nu + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
+        nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # it begins with the velocity that the vehicle has
+        nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -FASTEST, FASTEST)
+        nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
         way = 0.25 * self.late_s * (nu + 2.0 * nu_f + nu_r)
         eta_p = eta + map_from_body(eta[2] + 0.5 * way[2]) @ way  # (1)
         e = pose_error(eta_r, eta_p)

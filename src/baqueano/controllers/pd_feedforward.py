@@ -37,7 +37,9 @@ class PdFeedforward(ModelFollower):
 
     k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
     k_chi: float = parameter("1/s", "turn per error of the course e_χ", low=0.0, high=20.0, default=4.0)
-    join_m: float = parameter("m", "way L in which the path is joined", low=0.01, high=10.0, default=0.25)
+    join_m: float = parameter(
+        "m", "distance L within which the vehicle joins the path", low=0.01, high=10.0, default=0.25
+    )
 
     def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""

@@ -37,7 +37,7 @@ class PurePursuit(ModelFollower):
     """
 
     k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
-    look_ahead_m: float = parameter("m", "way L to the point, at rest", low=0.01, high=10.0, default=0.1)
+    look_ahead_m: float = parameter("m", "distance L to the point, at rest", low=0.01, high=10.0, default=0.1)
     look_ahead_s: float = parameter("s", "what each m/s adds to L", low=0.0, high=10.0, default=0.3)
 
     def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:

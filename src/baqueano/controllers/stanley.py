@@ -42,7 +42,9 @@ class Stanley(ModelFollower):
     axle_m: float = parameter(
         "m", "way l from the vehicle to its front axle", low=0.01, high=10.0, default=0.15
     )
-    soft_m_s: float = parameter("m/s", "v_soft: calms it at low speed", low=1e-3, high=10.0, default=0.05)
+    soft_m_s: float = parameter(
+        "m/s", "v_soft: makes the steering softer at low speed", low=1e-3, high=10.0, default=0.05
+    )
     steepest_rad: float = parameter("rad", "largest δ", low=0.01, high=1.5, default=0.8)
 
     def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:

@@ -1,8 +1,9 @@
-"""Gains that the holder changes while the vehicle drives: taken between two ticks, and written into the run. So are,
-with its first tick, the blocks that a mission took in place of those of its vehicle file.
+"""Gains, and the pace, that the holder changes while the vehicle drives: taken between two ticks, and written into the
+run. So are, with its first tick, the blocks that a mission took in place of those of its vehicle file.
 
-Only numbers of the controller can be set; the limits of the supervisor clip whatever it asks for. A changed controller
-runs as it is written, in some 0.1 ms a tick: to compile it would hold up the loop.
+Only numbers of the controller can be set, and `guide.pace` of a repetition, from 0 to 1: at 0 the vehicle brakes and
+waits, at 1 it goes on. The limits of the supervisor clip whatever a controller asks for. A changed controller runs as
+it is written, in some 0.1 ms a tick: to compile it would hold up the loop.
 """
 
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.frames.descriptions import numbers_in
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from baqueano.signals import Command, Estimate, Reference
 
 SOURCE, SWAP, ROOM = "set", "swap", "controller"
+PACE, WHO = "guide.pace", "holder"
 
 
 class Adjustable:
@@ -73,10 +76,13 @@ class Adjusting(Observer):
         self._operator, self._tell = operator, tell
         self._blocks = dict(blocks or {})  # in place of the file's, not yet told
         self._controller = Adjustable(None)
+        self._want: Callable[[str, float], None] | None = None
+        self._pace = 1.0
         operator.changes()  # of before this drive
 
     def begin(self, blocks: "Blocks") -> "Blocks":
         self._controller = Adjustable(blocks.controller)
+        self._want = optional.of(blocks.guide, "want")
         return blocks._replace(controller=self._controller)
 
     def events(self) -> list[LastLine]:
@@ -86,9 +92,23 @@ class Adjusting(Observer):
             lines.append((SWAP, str(Severity.INFO), note("door.swapped", room=room, kind=kind)))
         for path, value in self._operator.changes():
             try:
-                what, level = self._controller.change(path, value), Severity.INFO
+                what, level = self._change(path, value), Severity.INFO
             except Invalid as error:
                 what, level = error.diagnostic, Severity.WARNING
             self._tell({"is": "event", "level": str(level), "said": what})
             lines.append((SOURCE, str(level), what))
         return lines
+
+    def _change(self, path: str, value: object) -> Diagnostic:
+        """Return the message of a change that is in force. ValueError for what cannot be set."""
+        if path != PACE or self._want is None:
+            return self._controller.change(path, value)
+        try:
+            pace = float(value)  # pyright: ignore[reportArgumentType]
+        except (TypeError, ValueError, OverflowError):
+            pace = float("nan")
+        if not 0.0 <= pace <= 1.0:
+            raise Invalid(fault("door.guide-pace", found=repr(value)[:80]))
+        self._want(WHO, pace)
+        before, self._pace = self._pace, pace
+        return note("door.set", path=path, before=str(before), now=str(pace))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from baqueano.diagnostics import fault
 from baqueano.door.guests import Guest
+from baqueano.door.wire import encoded
 from baqueano.errors import Invalid
 from baqueano.runs.folder import is_name
 
@@ -23,7 +24,7 @@ class RunFiles:
     def __init__(self, folder: Path, ring: Callable[[], object]) -> None:
         self.folder, self._ring = folder, ring
         self._written: str | None = None  # the run that is being written
-        self._names: list[str] = []
+        self._list = b""
         self._looked_s = float("-inf")
         self._fetches = threading.BoundedSemaphore(MOST_FETCHES)
 
@@ -31,13 +32,13 @@ class RunFiles:
         """Look again at the next request; the run of this name is being written."""
         self._written, self._looked_s = written, float("-inf")
 
-    def names(self) -> list[str]:
-        """Return the runs that are whole, or will never be: not the one that is written just now."""
+    def list(self) -> bytes:
+        """Return the names of the runs that are whole, or will never be, encoded: not of the one that is written."""
         if time.monotonic() - self._looked_s > FRESH_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
-            self._names = sorted(name for name in paths if is_name(name) and name != self._written)
-            self._looked_s = time.monotonic()
-        return self._names
+            names = sorted(name for name in paths if is_name(name) and name != self._written)
+            self._list, self._looked_s = encoded({"is": "runs", "runs": names}), time.monotonic()
+        return self._list
 
     def fetch(self, guest: Guest, name: str, stays: Callable[[Guest], bool]) -> None:
         """Send a run in pieces, the next when the one before has gone; the last has `left` 0, of an empty run too."""

@@ -33,6 +33,7 @@ class Guest:
         self.line = line
         self.lines: deque[bytes] = deque()
         self.dropped = 0  # lines since one was answered
+        self.answered = -1  # the number, of all lines, of the last one that was
         self.columns: tuple[int, ...] | None = None  # of the frames that it asked for; None: all
         self.names: tuple[str, ...] | None = None  # the same by name
         self.hz, self.turn = 0.0, 0  # frames a second; the last one's number in the time of the door

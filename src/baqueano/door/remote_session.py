@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 from baqueano.door.ssh import answer, shown
+from baqueano.language import translated as _
 
 BEAT_S = 0.5
 SILENCE_S = 2.0  # a Wi-Fi loses half a second now and then
@@ -86,7 +87,7 @@ def attended(say: Callable[[str], object]) -> Iterator[None]:
 
     def look() -> None:
         if _silent(over):
-            say("the user of this is gone: it ends")
+            say(_("the connection to the user is gone: this command ends"))
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGHUP)
 
     before = {number: signal.signal(number, gone) for number in (signal.SIGHUP, signal.SIGTERM)}

@@ -7,11 +7,11 @@
 
 `why`, `said` and `about` are diagnostics (wire.py), but for the `why` of a `no`, a sentence. `door` is the version of
 the words: a mission of another one is refused, a stop never is. Every connection receives the events of every drive;
-its owner knows its `id`. A new connection gets the last state at once. The service decodes a mission when it is
-driven, so a refusal costs the driver no tick. Only the user of the service and its group can open the socket; from
-elsewhere use ssh (remote.py), or the pipes of a child process (pipes.py). Each turn of the door reads from everybody,
-takes the stops, and answers the other lines in equal shares. A wrong line is answered by `no` and ends nothing. A
-client that does not read what is sent to it is dropped.
+its owner knows its `id`. A new connection gets the last state at once. The service decodes a mission when it is driven,
+so a refusal costs the driver no tick. Only the user of the service and its group can open the socket; from elsewhere
+use ssh (remote.py), or the pipes of a child process (pipes.py). Each turn of the door reads from everybody, takes the
+stops, sends what is told, and answers the other lines in equal shares. A wrong line is answered by `no` and ends
+nothing. A client that does not read what is sent to it is dropped.
 """
 
 import json
@@ -43,14 +43,13 @@ MOST_GUESTS = 32
 FOR_STOPS = 4  # more connections, for SHORT_S each: a stop is taken though all other places are occupied
 SHORT_S, STOPPED_S = 1.0, 15.0  # until a stop is said; after it, until the vehicle was seen to stand
 SHARE = 128  # lines that are answered in a turn, of all guests together
+TURN_S = 0.002  # then no more of them are: a stop, or what is told, waits no longer
 LONGEST_ID = 64  # letters
 LOOK_S = 5.0  # at the longest: what is told wakes the door
 BREATH_S = 0.001  # after a turn with many lines: the loop's thread comes first
 SENT_AHEAD = 16 << 10  # bytes that the system takes for one who does not read: frames in there grow old
 HIDDEN_S = 0.3  # silence of a page that drives, which stops the vehicle
-Words = Mapping[
-    str, Callable[[object, "JsonObject"], "JsonObject | None"]
-]  # who says it, and what; the answer
+Word = Callable[[object, "JsonObject"], "JsonObject | None"]  # who says it, and what; the answer
 
 
 class Door:
@@ -58,7 +57,7 @@ class Door:
     of the service itself, each with what it does in the door's thread."""
 
     def __init__(
-        self, path: Path | None, operator: "Operator", folder: Path, words: Words | None = None
+        self, path: Path | None, operator: "Operator", folder: Path, words: Mapping[str, Word] | None = None
     ) -> None:
         self.path, self.operator, self.frames = path, operator, Frames()
         self._words, self._files = dict(words or {}), RunFiles(folder, self._ring)
@@ -67,7 +66,7 @@ class Door:
         self._state: JsonObject = {}  # the last one sent
         self._told: deque[JsonObject] = deque()
         self._coming: deque[socket.socket] = deque()
-        self._busy = 0  # lines that were answered in the last turn
+        self._busy, self._number = 0, 0  # lines that were answered in the last turn; in all
         self._done = threading.Event()
         self._listener = None if path is None else _listening(path)
         self._bell, self._ear = socket.socketpair()
@@ -110,7 +109,8 @@ class Door:
     def _work(self) -> None:
         while not self._done.is_set():
             ready = self._selector.select(self._patience())
-            self._tell_all()
+            if self._tell_all():
+                self._send_all()
             for key, _ in ready:
                 if key.fileobj is self._listener:
                     self._accept()
@@ -123,13 +123,11 @@ class Door:
                 self._seat(self._coming.popleft())
             self._answer_all()
             self._show_all()
-            for guest in list(self._guests):
-                self._send(guest)
+            self._send_all()
             for guest in [one for one, until in self._until.items() if time.monotonic() > until]:
                 self._turn_away(guest)
         self._tell_all()
-        for guest in list(self._guests):
-            self._send(guest)
+        self._send_all()
 
     def _patience(self) -> float:
         """Return how long nothing may happen [s]."""
@@ -143,7 +141,9 @@ class Door:
         now = time.monotonic()
         return max(0.0, (int(now * fastest) + 1) / fastest - now)
 
-    def _tell_all(self) -> None:
+    def _tell_all(self) -> bool:
+        """Put what was told before each guest; True if something was."""
+        before = len(self._told)
         while self._told:
             message = self._told.popleft()
             if message["is"] in ("state", "done"):
@@ -155,6 +155,7 @@ class Door:
             line = encoded(message)
             for guest in self._guests:
                 guest.send_line(line)
+        return before > 0
 
     def _accept(self) -> None:
         assert self._listener is not None
@@ -211,16 +212,18 @@ class Door:
 
     def _answer_all(self) -> None:
         """Answer lines in equal shares."""
-        self._busy, busy = 0, [guest for guest in self._guests if guest.lines]
-        for guest in busy:
-            if guest in self._until:
-                self._turn_away(guest)
-                continue
-            number = min(len(guest.lines), max(1, SHARE // len(busy)))
-            self._busy += number
-            for _ in range(number):
-                self._answer(guest, guest.next())
-            if guest.dropped and not guest.lines:
+        for guest in [one for one in self._until if one.lines]:
+            self._turn_away(guest)
+        self._busy, end_s = 0, time.monotonic() + TURN_S
+        busy = deque(sorted((one for one in self._guests if one.lines), key=lambda one: one.answered))
+        while busy and self._busy < SHARE and (time.monotonic() < end_s or not self._busy):
+            guest = busy.popleft()
+            self._busy, guest.answered = self._busy + 1, self._number
+            self._number += 1
+            self._answer(guest, guest.next())
+            if guest.lines:
+                busy.append(guest)
+            elif guest.dropped:
                 self._refuse(guest, note("door.too-many", Severity.ERROR, dropped=guest.dropped), 1)
                 guest.dropped = 0
 
@@ -251,7 +254,7 @@ class Door:
             "end": lambda: self.operator.end(guest),
             "stop": lambda: self._stop(guest, _reason(said.get("why"))),
             "clear": lambda: setattr(self.operator, "clear_asked", True),
-            "runs": lambda: guest.say({"is": "runs", "runs": self._files.names()}),
+            "runs": lambda: guest.send_line(self._files.list()),
             "fetch": lambda: self._files.fetch(guest, str(said["run"]), self._stays),
             "watch": lambda: self._watch(guest, said),
             "set": lambda: self._set(guest, said),
@@ -336,6 +339,10 @@ class Door:
     def _stays(self, guest: Guest) -> bool:
         """Return True while somebody is there, who is told more."""
         return guest in self._guests and not self._done.is_set()
+
+    def _send_all(self) -> None:
+        for guest in list(self._guests):
+            self._send(guest)
 
     def _send(self, guest: Guest) -> None:
         try:

@@ -1,8 +1,8 @@
 """A time budget for blocks that run as they are written: one that hangs ends with the name of its line.
 
 A compiled block is straight arithmetic and cannot hang; Python text can. An alarm of the system interrupts it
-between two instructions of Python, so a block that is stuck inside C (a call of a library, a huge matrix) is named
-only when it comes back: until then nothing is sent, and the dead man of the firmware has long stopped the motors.
+between two instructions of Python. So a block that is stuck inside C is named only when it comes back (a call of a
+library, a huge matrix): until then nothing is sent, and the dead man of the firmware has long stopped the motors.
 """
 
 import signal
@@ -10,10 +10,11 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from baqueano.contracts.values import Tree
 from baqueano.errors import FromOutside
+from baqueano.language import translated as _
 
 BUDGET_S = 0.1  # ten ticks: a third of the dead man's patience
 AGAIN_S = 0.02  # for a block that swallows the first alarm
@@ -28,6 +29,8 @@ class TooLong(FromOutside):
 @dataclass(frozen=True, slots=True, eq=False)
 class BudgetedBlock:
     """A block whose step ends within `budget_s`, by TimeoutError if need be."""
+
+    goes_around: ClassVar[tuple[str, ...]] = ("block",)
 
     block: Any
     budget_s: float = BUDGET_S
@@ -60,7 +63,7 @@ def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value
         finally:
             running = False  # an alarm from here on is too late; one before this line is held below
     except TooLong as alarm:
-        text = f"it took longer than {1e3 * seconds:.0f} ms"
+        text = _("it took longer than {ms:.0f} ms", ms=1e3 * seconds)
         raise TimeoutError(text).with_traceback(alarm.__traceback__) from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

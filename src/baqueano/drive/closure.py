@@ -18,7 +18,8 @@ import numpy as np
 
 from baqueano.contracts.blocks import Sensor
 from baqueano.contracts.optional import has_field
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
@@ -33,8 +34,8 @@ MOST_TURNS = 4  # of a lap
 REST_S, LEAST_S = 1.0, 1.0  # without a command before it counts as standing; of that, so much
 
 
-@dataclass(frozen=True)
-class Closure:
+@dataclass(frozen=True, repr=False)
+class Closure(Result):
     """The motion of a run between its first mark and its last."""
 
     gyro: str  # name of the IMU
@@ -45,6 +46,16 @@ class Closure:
     values: dict[str, object]  # of the vehicle file: path → value
     travelled: dict[str, float]  # sensor of speed → metres by its scale in the vehicle file
     length_m: float | None
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per scale."""
+        rows: list[TableRow] = [
+            {"name": f"sensors.{self.gyro}.gyro_scale", "value": self.scale, "sd": self.sd}
+        ]
+        others = {path: value for path, value in self.values.items() if not path.endswith("gyro_scale")}
+        return rows + [
+            {"name": path, "value": str(value), "sd": float("nan")} for path, value in others.items()
+        ]
 
     def table(self) -> str:
         """In words, with what to type."""
@@ -81,7 +92,8 @@ class Closure:
 def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closure:
     """The scales by the marks of `run`, for the vehicle of `file`; of the wheels where `length_m` is given.
 
-    AnswerNo where there is no such mark, IMU or rest, or where the turns between the marks are not whole or cancel.
+    AnswerNo where such a mark, the IMU or a rest is missing. The same where the turns between the marks are not whole
+    or cancel.
     """
     marks = marks_of(run)
     if len(marks) < 2:
@@ -118,7 +130,7 @@ def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
 
 
 def _whole(turned_rad: float, name: str) -> int:
-    """k of a lap. AnswerNo where it is none."""
+    """k of a lap. AnswerNo for another."""
     turns = round(turned_rad / (2.0 * np.pi))
     left_rad = abs(turned_rad - 2.0 * np.pi * turns)
     if abs(turns) > MOST_TURNS or left_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
@@ -142,10 +154,10 @@ def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
 
 def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: int) -> float:
     """∫ (z − b) dt between two times, by trapezia."""
-    known = np.isfinite(channel.z[:, column])
-    t_s = seconds(channel.t_ns[known], channel.t_ns[0])
+    finite = np.isfinite(channel.z[:, column])
+    t_s = seconds(channel.t_ns[finite], channel.t_ns[0])
     ends = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
-    z = channel.z[known, column] - bias
+    z = channel.z[finite, column] - bias
     inside = (t_s > ends[0]) & (t_s < ends[1])
     t = np.concatenate([ends[:1], t_s[inside], ends[1:]])
     heights = np.interp(t, t_s, z)
@@ -166,13 +178,13 @@ def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
 
 def _travelled(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
     """Metres by each sensor of speed, with its scale in the vehicle file."""
-    found = {}
+    distances = {}
     for name, sensor in file.sensors._asdict().items():
         if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):
             scales = np.atleast_1d(_speed_scale(name, sensor)[1])
             each = [_integral(run.sensors[name], k, 0.0, from_ns, to_ns) / s for k, s in enumerate(scales)]
-            found[name] = float(np.mean(each))
-    return found
+            distances[name] = float(np.mean(each))
+    return distances
 
 
 def _rounded(value: float) -> float:

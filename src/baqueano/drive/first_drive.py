@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
 from baqueano.controllers import CarefulController
 from baqueano.diagnostics import Diagnostic, fault, joined
 from baqueano.drive.first_drive_pulses import GROWTH, SEEN, STEP, Careful
@@ -46,7 +48,7 @@ class Pulse(NamedTuple):
     v: float  # the largest speed, signed [m/s]
     turn: float  # [rad]
     seen_v: float  # v in standard deviations
-    seen: float  # the larger of v and turn in standard deviations
+    significance: float  # the larger of v and turn in standard deviations
 
 
 WHEELS = {
@@ -55,8 +57,8 @@ WHEELS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstDrive:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FirstDrive(Result):
     """The result of a first drive.
 
     Attributes
@@ -95,7 +97,19 @@ class FirstDrive:
     @property
     def moved(self) -> int:
         """Pulses that moved the vehicle."""
-        return sum(p.seen > SEEN for p in self.pulses)
+        return sum(p.significance > SEEN for p in self.pulses)
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per pulse."""
+        return [
+            {
+                "command": " ".join(f"{x:g}" for x in p.u),
+                "v_m_s": p.v,
+                "turn_rad": p.turn,
+                "moved": p.significance > SEEN,
+            }
+            for p in self.pulses
+        ]
 
     def table(self) -> str:
         """Sentences."""
@@ -103,9 +117,9 @@ class FirstDrive:
             _("{pulses} pulses, {moved} of them moved the vehicle", pulses=len(self.pulses), moved=self.moved)
         ]
         if np.isfinite(self.gain_along):
-            lines.append(_("along: {times:.2g} times as strong as the file says", times=self.gain_along))
+            lines.append(_("along: {times:.2g} times the gain in the file", times=self.gain_along))
         if np.isfinite(self.gain_about):
-            lines.append(_("about z: {times:.2g} times as strong as the file says", times=self.gain_about))
+            lines.append(_("about z: {times:.2g} times the gain in the file", times=self.gain_about))
         return "\n".join([*lines, *texts((*self.still, *self.wiring))])
 
 
@@ -127,7 +141,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
     Raises
     ------
     UsageError
-        Where the file has no sensor imu, or no finite [command] limit above 0.
+        Where the file lacks a sensor imu, or a finite [command] limit above 0.
 
     Notes
     -----
@@ -181,13 +195,13 @@ def felt(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     pulses = pulses_of(run)
     at = np.array([_first_moved(pulses, way) for way in ways])
     still = tuple(
-        _nothing_moved(_said(way, vehicle_file), max(_levels(pulses, way), default=0.0))
+        _nothing_moved(_way_words(way, vehicle_file), max(_levels(pulses, way), default=0.0))
         for way, level in zip(ways, at, strict=True)
         if not np.isfinite(level)
     )
-    found = [_gains(run, pulses, file) for file in (with_dead_zones(vehicle_file, ways, at), vehicle_file)]
-    late = found[1][1] < found[0][1]
-    along, about = found[late][0]
+    fits = [_gains(run, pulses, file) for file in (with_dead_zones(vehicle_file, ways, at), vehicle_file)]
+    late = fits[1][1] < fits[0][1]
+    along, about = fits[late][0]
     wiring = _wiring(pulses, ways) if two_wheels(vehicle_file) else ()
     return FirstDrive(run, pulses, wiring, still, along, about, at, late)
 
@@ -205,8 +219,8 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
         nu, var = log.nu[rows], np.maximum(np.diagonal(log.cov[rows], axis1=1, axis2=2), 1e-18)
         turned = log.eta[rows, 2] - log.eta[max(a - 1, 0), 2]
         seen_v = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
-        seen = max(seen_v, float(np.max(np.abs(turned) / np.sqrt(var[:, 2]))))
-        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turned), seen_v, seen))
+        significance = max(seen_v, float(np.max(np.abs(turned) / np.sqrt(var[:, 2]))))
+        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turned), seen_v, significance))
     return tuple(out)
 
 
@@ -260,17 +274,17 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
     on = np.any(run.applied != 0.0, axis=1).astype(int)
     begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
     psi = np.unwrap(truth.eta[:, 2])
-    said = []
+    simulated = []
     for a, b in zip(begin, end, strict=True):
         rows = slice(a, b + round(AFTER_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
-        said.append([_largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])])
-    seen, gains, left = np.array([p.seen > SEEN for p in pulses], bool), [], 0.0
+        simulated.append([_largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])])
+    significant, gains, left = np.array([p.significance > SEEN for p in pulses], bool), [], 0.0
     for x, y in zip(
-        np.reshape(said, (-1, 2)).T, ([p.v for p in pulses], [p.turn for p in pulses]), strict=True
+        np.reshape(simulated, (-1, 2)).T, ([p.v for p in pulses], [p.turn for p in pulses]), strict=True
     ):
         y = np.array(y)
-        power = float(x[seen] @ x[seen])
-        gain = float(x[seen] @ y[seen]) / power if power > 1e-12 else float("nan")
+        power = float(x[significant] @ x[significant])
+        gain = float(x[significant] @ y[significant]) / power if power > 1e-12 else float("nan")
         gains.append(gain)
         left += float(np.sum((y - _or_zero(gain) * x) ** 2) / max(np.sum(y**2), 1e-12))
     return (gains[0], gains[1]), left
@@ -281,7 +295,7 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
     turn, both, var = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
         for wheel, forward in enumerate((ways[0], ways[2])):
-            if p.seen > SEEN and _along(p.u, forward):
+            if p.significance > SEEN and _along(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn * np.sign(p.u @ forward) * side
                 both[wheel] += p.v * p.turn * side  # v goes with the turn: the large pulses count most
@@ -302,7 +316,7 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
 
 def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
     """The smallest part of `way` (n,) that moved the vehicle, NaN if none did."""
-    return min(_levels([p for p in pulses if p.seen > SEEN], way), default=float("nan"))
+    return min(_levels([p for p in pulses if p.significance > SEEN], way), default=float("nan"))
 
 
 def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:
@@ -321,7 +335,7 @@ def _along(u: np.ndarray, way: np.ndarray) -> bool:
     return bool(abs(abs(u @ way) - np.linalg.norm(u) * np.linalg.norm(way)) < 1e-6 * (u @ u + way @ way))
 
 
-def _said(way: np.ndarray, vehicle_file: VehicleFile) -> str:
+def _way_words(way: np.ndarray, vehicle_file: VehicleFile) -> str:
     if two_wheels(vehicle_file):
         w = vehicle_file.vehicle.drivetrain.mix(way)
         return WHEELS["left" if w[0] else "right", "forward" if w.sum() > 0.0 else "backward"]

@@ -5,10 +5,10 @@
     level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SEEN sd      (1)
 
 A pulse ends at once where |v| or |ω| passes its limit. A direction is done after such a pulse, after
-ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest
-level is next, so that forward and backward, left and right take turns around one spot; one that leads back to
-the spot goes before, and one that leads away waits for those of which nobody knows yet. Levels are parts of
-[command] limit; directions are those of the channels, of a car the throttle with the wheel straight, left and right.
+ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest level is
+next. So forward and backward, left and right take turns around one spot; one that leads back to the spot goes before,
+and one that leads away waits for those of which nobody knows yet. Levels are parts of [command] limit; directions are
+those of the channels, of a car the throttle with the wheel straight, left and right.
 
 `CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both know when it is
 done.
@@ -40,7 +40,7 @@ class Pulses(NamedTuple):
     gone: np.ndarray  # (D, 2) where each last took it, along and across its heading
     done: np.ndarray  # (D,) bool
     at: np.ndarray  # (3,) pose at the begin of the pulse
-    seen: float  # the most that v and Δψ of this pulse were in standard deviations
+    significance: float  # the most that v and Δψ of this pulse were in standard deviations
     cut: bool  # it reached a limit
 
 
@@ -82,11 +82,13 @@ class Careful:
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turned = abs(estimate.eta[2] - state.at[2])
-        seen = max(v / max(sd_v, 1e-9), turned / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
+        significance = max(v / max(sd_v, 1e-9), turned / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
         cut = v > max(self.speed_m_s, SEEN * sd_v) or omega > self.turn_rad_s + SEEN * sd_omega
         if state.now < 0 and state.last < 0:
             return state
-        return state._replace(seen=max(state.seen, float(seen)), cut=state.cut or bool(cut))
+        return state._replace(
+            significance=max(state.significance, float(significance)), cut=state.cut or bool(cut)
+        )
 
     def _judged(self, state: Pulses, estimate: Estimate) -> Pulses:
         """The last pulse, taken into account."""
@@ -96,7 +98,7 @@ class Careful:
         level, moved, gone, done = (x.copy() for x in (state.level, state.moved, state.gone, state.done))
         shift = estimate.eta[:2] - state.at[:2]
         c, s = np.cos(state.at[2]), np.sin(state.at[2])
-        if state.seen > SEEN:
+        if state.significance > SEEN:
             moved[k] += 1.0
             gone[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
         done[k] |= state.cut or moved[k] >= ENOUGH or level[k] >= 1.0
@@ -119,4 +121,4 @@ class Careful:
             order = np.where(closer < 0.0, np.inf, order)
         k = int(np.argmin(order))
         at = estimate.eta.copy()
-        return state._replace(now=k, since_ns=estimate.t_ns, at=at, seen=0.0, cut=False)
+        return state._replace(now=k, since_ns=estimate.t_ns, at=at, significance=0.0, cut=False)

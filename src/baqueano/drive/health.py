@@ -58,9 +58,9 @@ class Health:
             self._sensors is not None and self._sensors.suspect
         ):  # a fit to readings of a broken sensor helps nobody
             self._forget()
-        said = self.check(tick.t_ns, estimate)
-        model = [] if said is None else [(SOURCE, "warning", said)]
-        return [*model, *((SENSORS_SOURCE, str(one.said.severity), one.said) for one in noticed)]
+        misfit = self.check(tick.t_ns, estimate)
+        model = [] if misfit is None else [(SOURCE, "warning", misfit)]
+        return [*model, *((SENSORS_SOURCE, str(one.message.severity), one.message) for one in noticed)]
 
     def _forget(self) -> None:
         self._window.clear()
@@ -69,7 +69,7 @@ class Health:
     def last_lines(self) -> list[Line]:
         """Return the events of the end."""
         counts = () if self._sensors is None else self._sensors.refusals
-        beyond = [(SOURCE, "warning", said) for said in self.beyond()]
+        beyond = [(SOURCE, "warning", message) for message in self.beyond()]
         return [*beyond, *([(REFUSED, "info", counted(counts))] if counts else [])]
 
     def beyond(self) -> tuple[Diagnostic, ...]:

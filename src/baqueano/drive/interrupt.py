@@ -10,17 +10,17 @@ from types import FrameType
 @contextmanager
 def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
     """The same ticks, until Ctrl-C: then KeyboardInterrupt, before the next one."""
-    asked = False
+    interrupted = False
 
     def ask(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
+        nonlocal interrupted
+        interrupted = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def ticks() -> Iterator[int]:
         for t_ns in ticking:
             yield t_ns
-            if asked:
+            if interrupted:
                 raise KeyboardInterrupt
 
     if not ours():

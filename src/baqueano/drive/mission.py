@@ -6,7 +6,7 @@ double with all its digits, the text of the vehicle file and of the blocks that 
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from baqueano.blocks import read
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.drive.first_drive import careful_drive
+from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.verbs import experiment, lesson, repeat
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
@@ -45,12 +46,19 @@ class Mission:
     laps: int = 1  # 0: for ever
     hold: bool = True  # by hand: the heading, where the vehicle has a gyro
     blocks: dict[str, str] = field(default_factory=dict)  # room → "file.py:Class" in place of the file's own
+    start: tuple[
+        float, ...
+    ] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; else where the route begins
+    precautions: JsonObject = field(default_factory=dict)  # of a repetition, as Precautions.to_json
     vehicle: str = ""  # text of the vehicle file, once it is packed
     texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise UsageError(fault("mission.kind", kind=self.kind, known=KINDS))
+        if len(self.start) not in (0, 3):
+            raise UsageError(fault("mission.damaged", kind="ValueError", error=f"start = {self.start!r:.80}"))
+        Precautions.of_json(self.precautions)
         for kind, name in (("experiment", "u"), ("repeat", "route")):
             if self.kind == kind and getattr(self, name) is None:
                 raise UsageError(fault("mission.lacks", kind=kind, name=name))
@@ -58,26 +66,29 @@ class Mission:
     def json(self) -> str:
         """Return a line of JSON."""
         route = None if self.route is None else {k: _listed(v) for k, v in self.route._asdict().items()}
+        unusual = {"start": list(self.start), "precautions": self.precautions}
         return json.dumps(
             {
                 "format": FORMAT, "kind": self.kind, "vehicle": self.vehicle, "u": _listed(self.u), "route": route,
                 "laps": self.laps, "hold": self.hold, "blocks": self.blocks, "texts": self.texts,
+                **{name: value for name, value in unusual.items() if value},
             },
             allow_nan=False,
         )  # fmt: skip
 
     @classmethod
     def of_json(cls, text: str) -> "Mission":
-        """The inverse of `json`; UsageError where it is none."""
+        """The inverse of `json`; UsageError for anything else."""
         try:
-            said = json.loads(text, parse_constant=_finite, parse_float=_finite)
-            if said.pop("format") != FORMAT:
+            document = json.loads(text, parse_constant=_finite, parse_float=_finite)
+            if document.pop("format") != FORMAT:
                 raise UsageError(fault("mission.version"))
-            route, u = said.pop("route"), said.pop("u")
-            for name, value in said.items():
+            route, u = document.pop("route"), document.pop("u")
+            for name, value in document.items():
                 _check(name, value)
+            document["start"] = tuple(map(float, document.get("start", ())))
             return cls(
-                **said,
+                **document,
                 u=None if u is None else np.atleast_2d(np.array(u, dtype=float)),
                 route=None if route is None else _route(route),
             )
@@ -137,7 +148,10 @@ def perform(
                 raise UsageError(fault("mission.no-driver"))
             return lesson(vehicle_file, driver, mission.hold, mission.kind, **options)
     assert mission.route is not None
-    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **options)
+    care = Precautions.of_json(mission.precautions)
+    given = {field.name: getattr(care, field.name) for field in fields(care)}
+    given |= {"eta": np.array(mission.start)} if mission.start else {}
+    return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(given | options))
 
 
 def unpacked(mission: Mission, folder: Path) -> VehicleFile:
@@ -161,7 +175,7 @@ def _kinds(data: JsonObject) -> list[str]:
 
 
 def _finite(number: str) -> float:
-    """Return a number of JSON; ValueError for NaN and Infinity, which JSON has not, and for what has no double."""
+    """Return a number of JSON; ValueError for NaN and Infinity, and for what does not fit a double."""
     value = float(number)
     if not abs(value) < float("inf"):
         raise ValueError(f"{number} is not finite")
@@ -174,14 +188,15 @@ def _check(name: str, value: object) -> None:
     right = {
         "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_LAPS,
         "hold": isinstance(value, bool), "blocks": of_texts, "texts": of_texts,
+        "start": isinstance(value, list), "precautions": isinstance(value, dict),
     }  # fmt: skip
     if not right.get(name, isinstance(value, str)):
         raise ValueError(f"{name} = {value!r:.80}")
 
 
-def _route(said: JsonObject) -> Route:
-    t_s, eta, nu = (np.array(said[name], dtype=float) for name in ("t_s", "eta", "nu"))
-    return Route(t_s, eta, nu, bool(said["closed"]))
+def _route(document: JsonObject) -> Route:
+    t_s, eta, nu = (np.array(document[name], dtype=float) for name in ("t_s", "eta", "nu"))
+    return Route(t_s, eta, nu, bool(document["closed"]))
 
 
 def _listed(x: object) -> object:

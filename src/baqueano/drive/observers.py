@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -78,6 +78,8 @@ class WatchdogState(NamedTuple):
 @dataclass(frozen=True, slots=True, eq=False)
 class Watchdog:
     """Stops for the reasons of `supervisor` and for those of the observers. Latched like those."""
+
+    goes_around: ClassVar[tuple[str, ...]] = ("supervisor",)
 
     supervisor: Supervision
     observers: Sequence[Observer]

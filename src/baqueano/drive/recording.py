@@ -1,12 +1,16 @@
 """The recorder of a drive: each tick, the messages of the world and the monitor, and the end."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 
+from baqueano.contracts import optional
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.drive.health import Health
 from baqueano.drive.observers import Observer
-from baqueano.loop import Record, World
+from baqueano.errors import named
+from baqueano.loop import Blocks, Record, World
 from baqueano.runs.in_memory import RunSink
 from baqueano.signals import seconds
 
@@ -26,6 +30,7 @@ class Recording:
     health: Health
     observers: Sequence[Observer]
     begun_ns: int
+    says: dict[str, Callable[[Tree], Diagnostic | None]] = field(default_factory=dict)  # by room
     ticks: int = 0
     logged: bool = True  # the disk takes the run
 
@@ -41,7 +46,7 @@ class Recording:
     def tick(self, record: Record) -> None:
         """Write a record of the loop."""
         sink, t_ns = self.sink, record.tick.t_ns
-        sink.record(record)
+        sink.record(record._replace(states=None))
         for truth_ns, motion in self.world.new_truths():
             sink.truth(truth_ns, motion)
         for name, channel_ns, z in self.world.new_channels():
@@ -51,10 +56,12 @@ class Recording:
             self._event(event_ns, "warning", SHAKE_SOURCE if ours else HARDWARE_SOURCE, one)
         for source, level, one in self.health.lines(record.tick, record.estimate):
             self._event(t_ns, level, source, one)
+        for room in tuple(self.says):
+            self._ask(room, record)
         for _ in range(sum(one.marked() for one in self.observers)):
             self._event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
-        for source, level, said in [line for one in self.observers for line in one.events()]:
-            self._event(t_ns, level, source, said)
+        for source, level, message in [line for one in self.observers for line in one.events()]:
+            self._event(t_ns, level, source, message)
         self._show(record)
         self.ticks, self.last_ns = self.ticks + 1, t_ns
 
@@ -65,8 +72,21 @@ class Recording:
     def end(self, why: Diagnostic | None) -> None:
         """The last events; `why` the vehicle was stopped, None if nothing stopped it."""
         lines = [line for one in self.observers for line in one.ended(why)]
-        for source, level, said in (*self.health.last_lines(), *lines):
-            self.sink.event(self.last_ns, level, source, said)
+        for source, level, message in (*self.health.last_lines(), *lines):
+            self.sink.event(self.last_ns, level, source, message)
+
+    def _ask(self, room: str, record: Record) -> None:
+        """Write what a block says of its state; one that raises is not asked again."""
+        state, t_ns = getattr(record.states, room, None), record.tick.t_ns
+        if state is None:  # it was replaced after a fault
+            return
+        try:
+            one = self.says[room](state)
+        except Exception as error:
+            del self.says[room]
+            one = note("drive.says-failed", Severity.WARNING, room=room, error=named(error))
+        if one is not None:
+            self._event(t_ns, "warning" if one.severity == Severity.WARNING else "info", room, one)
 
     def _event(self, t_ns: int, level: str, source: str, what: Diagnostic | str) -> None:
         self.sink.event(t_ns, level, source, what)
@@ -85,3 +105,31 @@ class Recording:
             one.look(shown)
             if self.ticks % PROGRESS_EVERY == 0:
                 one.progress(seconds(record.tick.t_ns, self.begun_ns))
+
+
+def spoken(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
+    """Return by room what tells of a state what its blocks say, those inside of others too."""
+    sayings = {room: tuple(_sayings(block)) for room, block in blocks._asdict().items()}
+    return {room: partial(_first, says) for room, says in sayings.items() if says}
+
+
+def _sayings(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
+    """Yield `says` of a block and of those inside, for the state of the outermost."""
+    if (
+        inner := getattr(block, "block", None)
+    ) is not None:  # timed, compiled: with the state of the one inside
+        yield from _sayings(inner)
+        return
+    if (own := optional.of(block, "says")) is not None:
+        yield own
+    for name in optional.of(block, "goes_around"):
+        for says in _sayings(getattr(block, name)):
+            yield partial(_of_part, says, name)
+
+
+def _of_part(says: Callable[[Tree], Diagnostic | None], name: str, state: Tree) -> Diagnostic | None:
+    return says(getattr(state, name))
+
+
+def _first(sayings: Sequence[Callable[[Tree], Diagnostic | None]], state: Tree) -> Diagnostic | None:
+    return next((one for says in sayings if (one := says(state)) is not None), None)

@@ -18,7 +18,7 @@ from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.observers import Observer, Watchdog
-from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording
+from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, spoken
 from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.loop import Blocks
 from baqueano.monitor import Watching
@@ -37,7 +37,7 @@ class Conditions:
     """The recorder and the options of a drive.
 
     The world is a simulation of `truth` (a vehicle file; by default that which the file of the drive names, itself if
-    none) with the noise of `seed`, for `duration_s` at most, unless another `world` and its clock `ticking` are given.
+    none) with the noise of `seed`, for `duration_s` at most. Another `world` and its clock `ticking` may be given.
     `shake` are the faults that happen to it, as `worlds.Fault` or in words ("12 s: push 0.3 N s left"); an empty list
     gives the undisturbed twin of a shaken run, bit for bit up to its first fault.
     `eta` (3,) [m, rad] is the pose at the start; (6,) of a vehicle that is moving then, with its velocity. `backend`:
@@ -88,7 +88,7 @@ def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, s
     """Return what a run says of the blocks that are not ours, "controller" and its text as "controller.text"; and a
     message for each whose text Python does not know."""
     rooms = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
-    own = {room: block for room, block in rooms.items() if not is_ours(type(block))}
+    own = {room: part for room in rooms for part in optional.nested(rooms[room]) if not is_ours(type(part))}
     texts = {room: source_text(type(block)) for room, block in own.items()}
     unknown = [
         note("drive.text-unknown", room=room, block=type(own[room]).__name__)
@@ -172,7 +172,7 @@ def drive(
     ticking = given.clock_of(vehicle_file)
 
     def driven(sink: RunSink) -> None:
-        recording = Recording(sink, world, health, observers, _first_ns(ticking))
+        recording = Recording(sink, world, health, observers, _first_ns(ticking), spoken(blocks))
         start, elsewhere = initial_pose_for(blocks.estimator, given.start)
         recording.begin([*world.notes, *unknown, *notes, *([] if elsewhere is None else [elsewhere])])
         _run(blocks, ticking, start, recording)

@@ -21,7 +21,7 @@ def smoothed(
     run: Run, vehicle_file: VehicleFile, estimator: Estimator, start: np.ndarray, backend: str = "auto"
 ) -> Run:
     """Return the run with the estimates of `estimator` smoothed over its ticks, from the pose `start` (3,), or pose and
-    velocity (6,). UsageError for an estimator that is no Kalman filter, or that cannot be compiled."""
+    velocity (6,). UsageError for an estimator other than a Kalman filter, or one that cannot be compiled."""
     sizes = {name: sensor.size for name, sensor in vehicle_file.sensors._asdict().items()}
     given, _ = initial_pose_for(estimator, start)
     belief = estimator.init(

@@ -7,9 +7,13 @@ import numpy as np
 
 from baqueano.blocks import allowed
 from baqueano.contracts.blocks import Controller, Guide, OwnBlock
+from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
 from baqueano.controllers import Hand, Schedule
 from baqueano.diagnostics import fault
 from baqueano.drive.by_hand.heading_gains import holding
+from baqueano.drive.safety.precautions import Precautions
+from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, FileError, UsageError
 from baqueano.guides import Idle, Playback
@@ -99,6 +103,18 @@ class TeachResult(NamedTuple):
     def __repr__(self) -> str:
         return f"{self.route!r}\n{self.run!r}"
 
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per topic of the run."""
+        return self.run.rows()
+
+    def table(self) -> str:
+        """Return the route, and the content of the run."""
+        return f"{self.route!r}\n{self.run.table()}"
+
+    _repr_html_ = Result._repr_html_
+    plot = Result.plot
+    to_pandas = Result.to_pandas
+
 
 def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> TeachResult:
     """Drive as `driver` directs, and keep the estimated path as a route.
@@ -167,7 +183,10 @@ def repeat(
     vehicle_file: VehicleFile, route: Route, laps: int = 1, *, estimator: OwnBlock | None = None,
     guide: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
-    """Repeat a route from the pose at which it begins, with the blocks of the file.
+    """Repeat a route, with the blocks of the file.
+
+    The route is judged before anything moves (`routes.examine`). The vehicle begins at its start, or at the pose `eta`;
+    it then drives onto the route first. While it drives, a doubtful estimate slows and stops it.
 
     Parameters
     ----------
@@ -181,7 +200,11 @@ def repeat(
         In place of the file's: a kind of ours, "file.py:Class", a class, which is made with what the file holds, or a
         block as it is. The run records the text of those that are not ours.
     **options : object
-        Keywords of `drive` and of its `Conditions`: `path`, `seed`, `truth`, `world`, …
+        `check`: False to judge no route; `anyway`: also one that is too fast or has gaps; `room`: stop before the
+        vehicle may leave it; `lead_in`: False to begin with the route wherever the vehicle stands; `way_back`: drive
+        back to the start afterwards; `caution`: False to go on with a doubtful estimate; `patience_s`: after which a
+        vehicle that is stuck is given
+        up. Keywords of `drive` and of its `Conditions`: `path`, `seed`, `eta`, `truth`, `world`, …
 
     Returns
     -------
@@ -190,6 +213,8 @@ def repeat(
 
     Raises
     ------
+    AnswerNo
+        Where the route jumps, has a gap or a wall in its way, or is faster than the vehicle.
     FileError
         Where the file lacks gains or noise: `tune` and `identify` find them.
     UsageError
@@ -203,13 +228,21 @@ def repeat(
     >>> print(f"{run.duration_s:.1f} s, {np.ptp(run.truth.eta[:, 0]):.1f} m wide")
     9.4 s, 0.6 m wide
     """
+    care, options = Precautions.of(options)
+    options = {"eta": route.eta[0], "backend": "auto"} | options
+    if care.check:
+        measured = not vehicle_file.guessed or (vehicle_file.path is None and options.get("world") is None)
+        how = {"measured": measured, "anyway": care.anyway, "backend": options["backend"]}
+        warnings_of(route, vehicle_file, care.room, **how)
     blocks = Blocks(
         vehicle_file.estimator(estimator),
         with_laps(vehicle_file.guide(route, guide), laps),
         vehicle_file.controller(controller),
         vehicle_file.supervisor(),
     )
-    return drive(blocks, vehicle_file, "repeat", **({"eta": route.eta[0]} | options))
+    led = care.around(blocks.guide, route, vehicle_file, np.asarray(options["eta"]), blocks.estimator)
+    options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
+    return drive(blocks._replace(guide=led), vehicle_file, "repeat", **options)
 
 
 def replay(

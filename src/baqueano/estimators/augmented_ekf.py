@@ -92,7 +92,7 @@ class AugmentedEkf:
     use: tuple[str, ...] = ("imu",)
     speed_from: tuple[str, ...] = ()
     gate_sigma: float = parameter(
-        "1", "a number further off than this loses its weight", low=1.0, default=4.0
+        "1", "a number further from its prediction than this loses its weight", low=1.0, default=4.0
     )
     disturbance_std: np.ndarray = parameter(
         "m/s², rad/s² (kinematic: m/s, rad/s)", "σ_d of what the model does not explain, forward and turning",
@@ -154,12 +154,12 @@ class AugmentedEkf:
         model_nu = np.where(still, 0.0, model_nu)
         before = belief.gap, belief.place_doubt
 
-        def seen(x: Gaussian, still: bool) -> Value:
+        def correct(x: Gaussian, still: bool) -> Value:
             if not np.any(layout(self).moving[:, FORWARD[0]]):
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
             return corrected(self, x, before, effort, nu_dot, tick, still, row.dt_s)
 
-        x, innovations = either(still, lambda: seen(_at_rest(x), True), lambda: seen(x, False))
+        x, innovations = either(still, lambda: correct(_at_rest(x), True), lambda: correct(x, False))
         quiet_s = np.where(innovations.refused > 0.0, 0.0, quiet_s)
         overruled = np.abs(x.mean[6:SCALES]) > self.gate_sigma * self.disturbance_std
         against = np.where(overruled, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)

@@ -19,7 +19,7 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirrored
-from baqueano.estimators.kalman import moved
+from baqueano.estimators.kalman import boxplus
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
 from baqueano.estimators.readings.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
@@ -110,6 +110,6 @@ class Complementary:
         J, V = map_from_body(eta[2] + 0.5 * dt_s * omega), np.diag(self.velocity_std**2)
         F = jacobian(lambda eta: eta + map_from_body(eta[2] + 0.5 * dt_s * omega) @ (dt_s * nu))(eta)
         cov = mirrored(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))
-        eta, bias = moved(eta, J @ (dt_s * nu)), belief.bias + learnt * omega
+        eta, bias = boxplus(eta, J @ (dt_s * nu)), belief.bias + learnt * omega
         belief = chosen(row.new, ComplementaryBelief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief)
         return belief, Estimate(tick.t_ns, belief.eta, belief.nu, block_diagonal([belief.cov, V]))

@@ -13,6 +13,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
+from baqueano.language import translated as _
 
 ROUNDING = 1e-14  # of a variance
 
@@ -109,4 +110,4 @@ def _worst_pair(P: np.ndarray) -> tuple[int, int]:
 
 def _offer(P: np.ndarray) -> str:
     rows = ", ".join("[" + ", ".join(f"{x:.6g}" for x in row) + "]" for row in nearest_covariance(P))
-    return f"The nearest valid matrix is [{rows}]"
+    return _("The nearest valid matrix is [{rows}]", rows=rows)

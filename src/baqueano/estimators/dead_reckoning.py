@@ -1,6 +1,7 @@
 """Dead reckoning: the gyro turns, the wheels travel, and the model says what no sensor does.
 
-Over a tick of δ, with the effort e, f the model's ν one tick on, J at the tick's mean heading, d the age of a reading:
+A tick lasts δ, with the effort e; f is the model's ν one tick on, J taken at the tick's mean heading, d the age of a
+reading:
 
     ν̄ = f(ν₋, (1 + s_v) e) + w                                                                            (1)
     ν = ν̄ + L ((z + n − h(0) − b)/(1 + s) − H ν̄)      for each reading z that came                        (2)
@@ -23,7 +24,7 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
-from baqueano.estimators.kalman import moved
+from baqueano.estimators.kalman import boxplus
 from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import UncertainNumber, age_s, arrived, scale_std, uncertain
 from baqueano.estimators.readings.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
@@ -175,4 +176,4 @@ class DeadReckoning:
             nu, n = replaced(reading, sensor, slot, nu, bias - n[:m], scale), n[m:]
         nu = self.vehicle.init(eta, nu).nu
         way = 0.5 * dt_s * (before + nu) + ages_s * (nu - before) + 0.5 * since_s * (nu - modelled)
-        return np.concatenate([moved(eta, map_from_body(eta[2] + 0.5 * way[2]) @ way), nu, x[6:9]])
+        return np.concatenate([boxplus(eta, map_from_body(eta[2] + 0.5 * way[2]) @ way), nu, x[6:9]])

@@ -25,7 +25,7 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
-from baqueano.estimators.kalman import Gaussian, correct, moved, predict
+from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.estimators.pauses import FilterRow, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.readings.gate import gate
 from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
@@ -106,7 +106,7 @@ class Ekf:
     rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
     mode: str = "default"
     gate_sigma: float = parameter(
-        "1", "a measurement further off than this is left out", low=0.0, default=4.0
+        "1", "a measurement further from its prediction than this is left out", low=0.0, default=4.0
     )
     use: tuple[str, ...] = ("imu",)
     disturbance_time_s: float = parameter(
@@ -215,7 +215,7 @@ class Ekf:
         update = correct(cov, y, H, Q)
         limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
         take = came if limit == INF else came & (np.sum(update.e**2) <= limit)
-        mean = np.where(take, moved(mean, update.move), mean)
+        mean = np.where(take, boxplus(mean, update.move), mean)
         S = mirrored(H @ cov @ H.T + Q)
         y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
         return mean, np.where(take, update.cov, cov), y, S, w

@@ -106,7 +106,7 @@ def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray
     return np.array(values), np.stack(rows), np.array(q)
 
 
-def moved(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
+def boxplus(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
     """Return mean + move (n,), its heading wrapped.  States that begin with a pose are a manifold only there."""
     x = mean + move
     return np.concatenate([x[:HEADING], np.array([wrap(x[HEADING])]), x[HEADING + 1 :]])

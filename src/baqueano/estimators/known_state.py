@@ -4,12 +4,13 @@
 like any other sensor and estimator, so a loop with perfect pose is the same loop. No vehicle has them.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from baqueano.signals import Estimate, Tick
+from baqueano.signals import Estimate, Motion, Tick
 
 
 class KnownStateBelief(NamedTuple):
@@ -47,3 +48,34 @@ class KnownState:
         slot = getattr(tick.sensors, self.sensor)
         z = np.where(slot.has > 0.0, slot.z, belief.z)
         return KnownStateBelief(z), Estimate(tick.t_ns, z[:3], z[3:], np.zeros((6, 6)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateOfWorld:
+    """Take the state from the simulated world itself, where no sensor of the vehicle shows it.
+
+    Parameters
+    ----------
+    now : callable
+        () → Motion of the vehicle at the last tick.
+
+    Examples
+    --------
+    >>> still = Motion(np.arange(3.0), np.zeros(3), np.zeros(3), np.zeros(2))
+    >>> exact = StateOfWorld(lambda: still)
+    >>> exact.step(exact.init(), Tick(0, np.zeros(3), ()))[1].eta
+    array([0., 1., 2.])
+    """
+
+    as_written: ClassVar[bool] = True
+
+    now: Callable[[], Motion]
+
+    def init(self) -> tuple[()]:
+        """Return nothing: it remembers nothing."""
+        return ()
+
+    def step(self, belief: tuple[()], tick: Tick) -> tuple[tuple[()], Estimate]:
+        """Return the state of the world, with a covariance of zero."""
+        motion = self.now()
+        return belief, Estimate(tick.t_ns, motion.eta, motion.nu, np.zeros((6, 6)))

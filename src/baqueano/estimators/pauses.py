@@ -17,8 +17,8 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
+from baqueano.vehicles.rk4 import ROW_S
 
-ROW_S = 0.02  # longest step of an integrator: half of what the stiffest vehicle of the garage bears
 ROW_NS = round(ROW_S * NANOSECONDS)
 HELD_S = 1.0  # after so much prediction without a tick nobody knows where the vehicle is
 JITTER = 1.25  # periods
@@ -101,8 +101,8 @@ def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
 
 
 def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return by how much the pose (3, 3) is less certain for what a row lasts beyond the longest one, in which a state
-    (η, ν, …) is not predicted."""
+    """Return the covariance (3, 3) that the pose gains in the part of a row beyond the longest one. A state (η, ν, …)
+    is not predicted there."""
     way = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
     return np.diag(np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), FARTHEST))
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.estimators.covariance import root
-from baqueano.estimators.kalman import Gaussian, moved
+from baqueano.estimators.kalman import Gaussian, boxplus
 
 
 class Spread(NamedTuple):
@@ -34,6 +34,6 @@ def spread(f: Callable[[np.ndarray], np.ndarray], x: Gaussian) -> Spread:
     """Return what f makes of the points around the mean of x.  (1, 2)"""
     L, n = root(x.cov), len(x.mean)
     steps = [np.sqrt(float(n)) * L[:, i] for i in range(n)]
-    p, q = (np.stack([f(moved(x.mean, sign * step)) for step in steps], axis=1) for sign in (1.0, -1.0))
+    p, q = (np.stack([f(boxplus(x.mean, sign * step)) for step in steps], axis=1) for sign in (1.0, -1.0))
     m = np.sum(p + q, axis=1) / (2.0 * n)
     return Spread(m, (p - q) / (2.0 * np.sqrt(n)), (0.5 * (p + q) - m[:, None]) / np.sqrt(n), L)

@@ -21,7 +21,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator
 from baqueano.contracts.values import Tree
 from baqueano.estimators.covariance import mirrored
-from baqueano.estimators.kalman import HEADING, moved
+from baqueano.estimators.kalman import HEADING, boxplus
 from baqueano.geometry import wrap
 from baqueano.signals import Slot, Tick
 from baqueano.symbolic import jacobian, scan
@@ -88,7 +88,7 @@ def backward(passed: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
     for k in reversed(range(len(C))):
         gap = mean[k + 1] - passed.ahead[k + 1]
         gap[HEADING] = wrap(gap[HEADING])
-        mean[k] = moved(mean[k], C[k] @ gap)
+        mean[k] = boxplus(mean[k], C[k] @ gap)
         cov[k] = mirrored(alone[k] + C[k] @ cov[k + 1] @ C[k].T)
     return mean, cov
 

@@ -22,7 +22,7 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
-from baqueano.estimators.kalman import Gaussian, correct, moved
+from baqueano.estimators.kalman import Gaussian, boxplus, correct
 from baqueano.estimators.pauses import FilterRow, chosen, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.readings.gate import gate
 from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
@@ -84,7 +84,7 @@ class Unscented:
     )
     rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
     gate_sigma: float = parameter(
-        "1", "a measurement further off than this is left out", low=0.0, default=4.0
+        "1", "a measurement further from its prediction than this is left out", low=0.0, default=4.0
     )
     use: tuple[str, ...] = ("imu",)
     disturbance_time_s: float = parameter(
@@ -151,7 +151,7 @@ class Unscented:
             self.process_noise_cov * (row.dt_s * self.rate_hz),
         ]
         cov = mirrored(spread_points.odd @ spread_points.odd.T + spread_points.even @ spread_points.even.T)
-        return Gaussian(moved(centre, spread_points.mean), cov + block_diagonal(noise))
+        return Gaussian(boxplus(centre, spread_points.mean), cov + block_diagonal(noise))
 
     def _correct(
         self, name: str, x: Gaussian, slot: Slot
@@ -174,7 +174,7 @@ class Unscented:
         Q = mirrored(sensor.cov + spread_points.even @ spread_points.even.T)
         update = correct(np.eye(9), y, spread_points.odd, Q)
         take = came & (np.sum(update.e**2) <= gate(self.gate_sigma, len(y)))
-        mean = np.where(take, moved(x.mean, spread_points.root @ update.move), x.mean)
+        mean = np.where(take, boxplus(x.mean, spread_points.root @ update.move), x.mean)
         cov = np.where(take, mirrored(spread_points.root @ update.cov @ spread_points.root.T), x.cov)
         y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
         return Gaussian(mean, cov), y, mirrored(spread_points.odd @ spread_points.odd.T + Q), w

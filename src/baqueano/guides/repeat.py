@@ -21,13 +21,15 @@ from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
 from baqueano.parameter import documented, parameter
-from baqueano.signals import Estimate, Reference, seconds
+from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
+
+BEFORE = -1
 
 
 class RepeatState(NamedTuple):
     """The start time of the route."""
 
-    start_ns: int  # -1 before the first tick
+    start_ns: int  # BEFORE the first tick; one that joined its route may have a start below 0
 
 
 @documented
@@ -84,11 +86,15 @@ class Repeat:
 
     def init(self) -> RepeatState:
         """Not begun."""
-        return RepeatState(-1)
+        return RepeatState(BEFORE)
+
+    def joined(self, t_ns: Value, tau_s: Value) -> Tree:
+        """Return the state of a vehicle that joins the route at its time `tau_s`."""
+        return RepeatState(t_ns - np.rint(tau_s * NANOSECONDS))
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
         """Return the pose and velocity of the teacher at this time.  (1)"""
-        start_ns: Value = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
+        start_ns: Value = np.where(state.start_ns == BEFORE, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
         laps = self.laps if self.closed else 1

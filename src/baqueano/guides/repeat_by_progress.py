@@ -64,6 +64,10 @@ class RepeatByProgress(Repeat):
         """Return the state before the first tick."""
         return ProgressState(-1, 0.0)
 
+    def joined(self, t_ns: Value, tau_s: Value) -> Tree:
+        """Return the state of a vehicle that joins the route at its time `tau_s`."""
+        return ProgressState(t_ns, tau_s)
+
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the reference as far as the vehicle has come.  (4)"""
         period, laps = self.t_s[-1], self.laps if self.closed else 1

@@ -3,11 +3,15 @@
 s(θ) = ∫ |p′| dθ,  t = s / v,  ψ = atan2(p′_y, p′_x),  ν_ψ = κ v,  κ = (p′_x p″_y − p′_y p″_x) / |p′|³   (1)
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.geometry import map_from_body, wrap
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
 
 ON_THE_SPOT_RAD = 0.5
 SHORTEST = 1e-3  # part of its time that a sample keeps
@@ -43,6 +47,20 @@ class Route(NamedTuple):
             length_m = float(np.sum(np.hypot(*np.diff(self.eta[:, :2], axis=0).T)))
         kind = "closed" if self.closed else "open"
         return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {kind})"
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per pose."""
+        names = ("t_s", "x_m", "y_m", "psi_rad", "v_x_m_s", "v_y_m_s", "yaw_rate_rad_s")
+        numbers = np.column_stack([self.t_s, self.eta, self.nu])
+        return [dict(zip(names, map(float, row), strict=True)) for row in numbers]
+
+    def table(self) -> str:
+        """Return its size, in words."""
+        return repr(self)
+
+    _repr_html_ = Result._repr_html_
+    plot = Result.plot
+    to_pandas = Result.to_pandas
 
 
 def route_of_curve(

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from baqueano.diagnostics import Diagnostic, Severity, fault
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import CHANNEL, TRUTH, with_truth
 from baqueano.identify.data.hand_measurements import with_tape
@@ -214,14 +214,13 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
     return only
 
 
-def unused(runs: Sequence[Run], file: "VehicleFile") -> list[str]:
-    """A sentence on each sensor of the runs that takes no part, and how it would."""
+def unused(runs: Sequence[Run], file: "VehicleFile") -> list[Diagnostic]:
+    """Name each sensor of the runs that the vehicle file does not describe, and what to write into the file."""
     read: dict[str, Channel] = {}
     for run in runs:
         read |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
     return [
-        f"the run has '{name}', the vehicle file {file.name} has not: it is not used. To use it, write into the file: "
-        f'[sensors.{name}] and below it kind = "{_kind(name, channel)}"'
+        note("use.not-in-file", sensor=name, vehicle=file.name, kind=_kind(name, channel))
         for name, channel in read.items()
         if name not in file.sensors._fields and name not in NO_MOTION
     ]

@@ -21,7 +21,7 @@ from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import imu_only
 from baqueano.identify.covariance.scale_uncertainty import covariance_by_zeros
-from baqueano.identify.data.record import beginning
+from baqueano.identify.data.record import first_rows
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import PATH, best_search_of_all, bounds_of, duty_step
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
@@ -100,7 +100,7 @@ def identify(
     runs = [runs] if isinstance(runs, Run) else list(runs)
     own = residuals is not Residuals
     if own and options.gyro_leads:
-        raise UsageError(fault("led.others", others=["residuals"]))
+        raise UsageError(fault("imu-only.others", others=["residuals"]))
     if not own and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
         how = {"options": options, "solver": solver, "say": say}
         return imu_only.fit_imu_only(runs, vehicle_file, free, use, **how)
@@ -225,6 +225,6 @@ def _begin(task: Task, parameters: Parameters) -> np.ndarray:
     rows = [max(ENOUGH, len(record.dt_s) // PART) for record in records]
     if all(len(record.dt_s) <= n for record, n in zip(records, rows, strict=True)):
         return task.first
-    first = [beginning(record, n) for record, n in zip(records, rows, strict=True)]
+    first = [first_rows(record, n) for record, n in zip(records, rows, strict=True)]
     part = type(task.problem)(parameters.blocks, task.problem.shape, first, task.problem.scan.backend)
     return search(task._replace(problem=part), task.first, rough=True).solution.theta

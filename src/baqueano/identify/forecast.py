@@ -5,8 +5,8 @@
     η: the pose after AHEAD_S, seen from where these began: every second of the runs of the fit           (3)
 
 P is the covariance of the fit. (1) is the linear answer: from LOST_RAD of heading on the vehicle may be anywhere, and
-that is said instead of a distance. What was not seen in the runs has no error here, and neither has the floor, the
-battery or a start that was not met: the forecast is the least that a drive will be off.
+that is said instead of a distance. Not counted: what the runs did not show, the floor, the battery, and a start that
+was not met: the forecast is the least that a drive will be off.
 
 The lap is driven by the model with the recommended controller and a known pose; its commands are then given to the
 model again, in open loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
@@ -103,7 +103,7 @@ class Forecast(Result):
         return "\n".join(self.sentences)
 
 
-class _Driven(NamedTuple):
+class _ModelDrive(NamedTuple):
     """The model along a drive."""
 
     t_s: np.ndarray  # (N,)
@@ -134,7 +134,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     Raises
     ------
     UsageError
-        Where the fit is refused, or has no parameter of the model with a known error.
+        Where the fit is refused, or lacks a parameter of the model with a known error.
 
     Examples
     --------
@@ -189,12 +189,12 @@ def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
     return scan(step, start, np.zeros(1 + blocks.model.commands), theta, backend=fit.backend)
 
 
-def _driven(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _Driven:
+def _driven(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _ModelDrive:
     eta, slopes = kernel.sensitivities(np.ascontiguousarray(np.column_stack([dt_s, u])), theta)
-    return _Driven(np.cumsum(dt_s), np.asarray(eta), np.asarray(slopes), u)
+    return _ModelDrive(np.cumsum(dt_s), np.asarray(eta), np.asarray(slopes), u)
 
 
-def _as_the_runs(driven: Sequence[_Driven], cov: np.ndarray) -> Ahead:
+def _as_the_runs(driven: Sequence[_ModelDrive], cov: np.ndarray) -> Ahead:
     """Return the root mean square over the windows of the runs.  (3)"""
     longest_s = max(float(one.t_s[-1] - one.t_s[0]) for one in driven)
     ahead_s = min(AHEAD_S, 0.999 * longest_s)
@@ -214,13 +214,13 @@ def _as_the_runs(driven: Sequence[_Driven], cov: np.ndarray) -> Ahead:
     return Ahead(note("forecast.as-the-runs"), ahead_s, float(np.mean(ways)), position2**0.5, heading2**0.5)
 
 
-def _whole(drive: Diagnostic, one: _Driven, cov: np.ndarray) -> Ahead:
+def _whole(drive: Diagnostic, one: _ModelDrive, cov: np.ndarray) -> Ahead:
     position2, heading2 = _squares(one, 0, len(one.u) - 1, cov)
     way = float(np.sum(np.hypot(*np.diff(one.eta[:, :2], axis=0).T)))
     return Ahead(drive, float(one.t_s[-1]), way, position2**0.5, heading2**0.5)
 
 
-def _squares(one: _Driven, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
+def _squares(one: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
     """Return the variances of position and heading of the pose at row j, seen from that at row i.  (2)"""
     J = map_from_body(one.eta[i, 2])
     change = one.slopes[j] - one.slopes[i]
@@ -231,7 +231,7 @@ def _squares(one: _Driven, i: int, j: int, cov: np.ndarray) -> tuple[float, floa
     return float(max(square[0] + square[1], 0.0)), float(max(square[2], 0.0))
 
 
-def _drawn(driven: Sequence[_Driven]) -> Any:
+def _drawn(driven: Sequence[_ModelDrive]) -> Any:
     """Draw a lap at the speed of the runs: the median of that at which they move."""
     speed = np.concatenate(
         [np.hypot(*np.diff(one.eta[:, :2], axis=0).T) / np.maximum(np.diff(one.t_s), 1e-9) for one in driven]

@@ -74,17 +74,16 @@ def fit_imu_only(
     `free`, `solver` and of `options` those in GOES_WITH as in `identify`, which does this by itself for a car with an
     IMU alone. `use` names the IMU,
     else the file's only one. `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1;
-    left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError where there is no
-    IMU.
+    left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError without an IMU.
     """
     if others := _others(options):
-        raise UsageError(fault("led.others", others=others))
+        raise UsageError(fault("imu-only.others", others=others))
     imu = _imu(vehicle_file, use)
     scales = scales_of(vehicle_file, imu, tolerance or {})
     data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
     if not can_be_gyro_aided(data.blocks):
         kind = type(data.file.vehicle).__name__
-        raise UsageError(fault("led.no-dynamics", vehicle=data.file.name, kind=kind))
+        raise UsageError(fault("imu-only.no-dynamics", vehicle=data.file.name, kind=kind))
     zero = zero_of(data.file, imu) if acts_alone(data.file.vehicle) else 0.0
     wanted = _wanted(data.blocks, free, options, imu)
     parameters = unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
@@ -141,8 +140,8 @@ def _followed(task: Task, end: Search) -> Search:
 
 def _still(before: np.ndarray, end: Search) -> bool:
     """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
-    moved = end.solution.theta - before
-    return float(moved @ information(end.problem, end.solution.theta).bread @ moved) < STILL**2
+    step = end.solution.theta - before
+    return float(step @ information(end.problem, end.solution.theta).bread @ step) < STILL**2
 
 
 def _with_all_errors(
@@ -199,8 +198,8 @@ def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
     if use is not None and len(use) == 1 and use[0] in names:
         return use[0]
     if use is not None:
-        raise UsageError(fault("led.not-an-imu", vehicle=file.name, known=names, use=list(use)))
-    raise UsageError(fault("led.which-imu", vehicle=file.name, known=names))
+        raise UsageError(fault("imu-only.not-an-imu", vehicle=file.name, known=names, use=list(use)))
+    raise UsageError(fault("imu-only.which-imu", vehicle=file.name, known=names))
 
 
 def _wanted(blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
@@ -222,8 +221,10 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
     turn = "baqueano runs calibrate RUN --update"
     never = (
-        note("seen.gyro-scale", fix=turn, subject=imu, at=float(sensor.gyro_scale), percent=gyro),
-        note("seen.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel),
+        note("identifiability.gyro-scale", fix=turn, subject=imu, at=float(sensor.gyro_scale), percent=gyro),
+        note(
+            "identifiability.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel
+        ),
     )
     fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
     return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, fitted_to))

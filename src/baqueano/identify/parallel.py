@@ -1,9 +1,8 @@
 """The same work on each run of a fit, on all cores where that pays.
 
-Kernels and NumPy's long loops let go of the interpreter's lock, so threads do. Two threads of many short NumPy calls
-do not: they hand the lock to and fro, and take longer than one after the other. So of one run only what is one long
-call goes `ahead`, beside them. Work that is given to threads must not give work to them again: all might wait for each
-other.
+Kernels and long NumPy calls release the GIL, so threads speed them up. Many short NumPy calls do not: two threads
+exchange the lock all the time, and take longer than one. So within one run only a single long call goes `ahead` in a
+thread. Work inside a thread must not start other work in the threads: all could wait for each other.
 """
 
 import os
@@ -31,14 +30,14 @@ def ahead(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
     """`work`, one long call, has begun on another core, where that pays; what is returned waits for its end."""
     if rows < ENOUGH:
         return work
-    begun = Event()
+    running = Event()
 
     def begin() -> R:
-        begun.set()
+        running.set()
         return work()
 
     end = _pool().submit(begin).result
-    begun.wait()  # else short calls here might keep it waiting for the lock
+    running.wait()  # else short calls here might keep it waiting for the lock
     return end
 
 
@@ -50,8 +49,8 @@ def in_cache(n: int, operations: int) -> Iterator[slice]:
 
 
 def gram(x: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1. A copy, for of one and the same array
-    NumPy asks its library for half the product, which takes it three times as long for so few columns."""
+    """Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1. It takes a copy. Of one and the same
+    array NumPy asks its library for half the product, three times as slow for so few columns."""
     out = np.zeros((x.shape[1], x.shape[1]))
     for at in in_cache(len(x), out.size):
         out += (x[at].copy() if weight is None else x[at] * weight[at, None]).T @ x[at]

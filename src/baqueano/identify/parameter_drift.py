@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
@@ -75,8 +76,8 @@ class ParameterChange(NamedTuple):
         return note(code, Severity.WARNING, subject=self.name, **details, **runs, unit=self.unit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ParameterHistory:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ParameterHistory(Result):
     """Parameters run by run."""
 
     names: tuple[str, ...]  # (p,)
@@ -143,13 +144,13 @@ class ParameterHistory:
     def _sentences(self) -> list[str]:
         out = [f"- {text(one.message)}" for one in self.moved]
         out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
-        still = _("nothing moved beyond its error bars over {runs} runs", runs=len(self.runs))
-        moved = _("{moved} parameters moved", moved=len(self.moved)) if self.moved else still
-        return [*out, f"{_(self.verdict)}: {moved}"]
+        still = _("no parameter changed beyond its error bars over {runs} runs", runs=len(self.runs))
+        summary = _("{moved} parameters changed", moved=len(self.moved)) if self.moved else still
+        return [*out, f"{_(self.verdict)}: {summary}"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wear:
+class Drift:
     """Parameters of a `ParameterHistory` that moved; its rows are those alone."""
 
     followed: ParameterHistory
@@ -169,7 +170,7 @@ class Wear:
         ]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         return "\n".join(self.followed._sentences())
 
 
@@ -260,9 +261,9 @@ def _smoothed(
         G = np.linalg.solve(P_ahead, P).T
         x_s, P_s = back[0]
         back.insert(0, (x + G @ (x_s - x_ahead), P + G @ (P_s - P_ahead) @ G.T))
-    begun = np.maximum.accumulate(np.isfinite(single), axis=0)
+    started = np.maximum.accumulate(np.isfinite(single), axis=0)
     ever = np.tile(np.isfinite(single).any(axis=0), (K, 1))
-    return _columns([s[1] for s in states], begun), states[-1][1][1], _columns(back, ever)
+    return _columns([s[1] for s in states], started), states[-1][1][1], _columns(back, ever)
 
 
 def _columns(states: list[tuple[np.ndarray, np.ndarray]], names: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -362,4 +363,4 @@ def _when(run: "Run") -> str:
 
 
 def _with_error(value: float, sd: float) -> str:
-    return _("not seen") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"
+    return _("not identifiable") if not np.isfinite(value) else f"{number(value):.4g} ± {number(sd):.1g}"

@@ -2,11 +2,11 @@
 
 The simulation's answer is where the second search begins: it has seen what the data show, and found the noise of
 the sensors. What it held stays held. Channels and verdict are still those of the simulation with the new numbers:
-a prediction over one step is no evidence for a model.
+a prediction over one step does not support a model.
 
 Of a fit by simulation error the second search is a test. The errors of its parameters know of the colour of what is
-left (covariance/); colour and size are a doubt because a model that lacks something leaves them too. They
-are none where a floor that moves explains them (result/objective_choice.py).
+left (covariance/); colour and size are a doubt because a model that lacks something leaves them too. They are dropped
+where process noise explains them (result/objective_choice.py).
 """
 
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
     )
     if first.search.stopped or not moves or not only_autocorrelated(basis):
         return fit_of(first, basis)
-    second = by_innovations(first)
+    second = search_prediction_error(first)
     if not second.end.search.solution.converged:
         return fit_of(first, basis)
     fit = fit_of(first._replace(floor=second.choice.explains), basis)
@@ -69,7 +69,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
     stopped it."""
     if first.search.stopped:
         return fit_of(first)
-    second = by_innovations(first)
+    second = search_prediction_error(first)
     fit, floor = fit_of(second.end), second.likely.noise.floor
     paths = [f"{FLOOR}[{axis}]" for axis in second.axes]
     free = [described(first.blocks, path, {}) for path in paths]
@@ -111,7 +111,7 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     return cov
 
 
-def by_innovations(first: FinishedFit) -> PredictionErrorFit:
+def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     """Return the search by the second cost from where the first ended."""
     problem, theta, task = first.task.problem, first.search.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import batch_covariance, regress
@@ -55,14 +56,14 @@ class CalibratedNumber(NamedTuple):
     words: str  # in words
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Result):
     """Calibration of the sensors of a run against a truth."""
 
     run: str
     numbers: tuple[CalibratedNumber, ...]
     residuals: dict[str, float]  # what is left of the windows, by equation: rad, m
-    all_told: str = N_("the truth tells all")  # where nothing speaks against it
+    all_told: str = N_("the truth determines everything")  # where nothing speaks against it
 
     def value(self, name: str) -> float:
         """By its name; KeyError if it is not known."""
@@ -75,8 +76,7 @@ class Calibration:
         for one in self.numbers:
             if one.name.endswith("scale") and not one.half < LOOSE * one.value:
                 code = "calibration.turn-more" if "gyro" in one.name else "calibration.drive-further"
-                percent = 100 * one.half / one.value
-                out.append(note(code, Severity.WARNING, subject=one.name, percent=percent))
+                out.append(note(code, Severity.WARNING, "", one.name, percent=100 * one.half / one.value))
             if one.name == "clock.truth" and not one.half < CLOCK_LOOSE_S:
                 out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * one.half))
             if one.name == "clock.truth" and abs(one.value) > LARGEST_S - GRID_S:
@@ -99,18 +99,18 @@ class Calibration:
         ]  # fmt: skip
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         wide = max(len(one.name) for one in self.numbers)
         lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
         for one in self.numbers:
             was = "" if one.in_file is None else f"{number(one.in_file):.4g}"
-            values = f"{number(one.value):>10.4f} ± {number(one.half):>8.2g}"
-            lines.append(f"{one.name:{wide}}  {values}  {was:>8}  {one.unit}  {one.words}")
+            values = f"{number(one.value):>10.4f} ± {number(one.half):>8.2g}  {was:>8}"
+            lines.append(f"{one.name:{wide}}  {values}  {one.unit}  {one.words}")
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
-        """Return place and turn of the mark on the body and the shift of its clock, by the keys of a map
-        (runs/maps/mount.py), and half widths of their 95 % intervals. UsageError where the run shows none of them."""
+        """Return place and turn of the mark on the body and the shift of its clock, with half widths of their 95 %
+        intervals. The keys are those of a map (runs/maps/mount.py). UsageError where the run shows none of them."""
         origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car: ahead of the axle that does not slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
@@ -135,8 +135,8 @@ class Calibration:
 
 
 def scale_std_path(file: "VehicleFile", path: str) -> str | None:
-    """Return the key that says how well the scale at `path` is known, "sensors.imu.gyro_scale_std"; None of what is no
-    scale or has no such key."""
+    """Return the key that says how well the scale at `path` is known, "sensors.imu.gyro_scale_std"; None for anything
+    but a scale, or without such a key."""
     owner, _, field = path.rpartition(".")
     field_of_block = dict(parameters(get(file, owner)))[field]
     return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
@@ -191,8 +191,8 @@ class WindowRegression(NamedTuple):
 def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     """Scale and bias of the gyro, scale of the odometer, place of the mark, and the offset of the truth's clock.
 
-    `file` names the sensors. UsageError where the run has no pose from outside, none of these sensors, or is
-    too short.
+    `file` names the sensors. UsageError where the run is too short, or lacks a pose from outside or all of these
+    sensors.
     """
     gyro = channel_of(run, file, "gyro_scale", -1)
     odometer = channel_of(run, file, "scale", 0)
@@ -345,7 +345,7 @@ def _best(
 
 
 def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
-    x, _ = regress(slopes, y, rounds=3)
+    x, _ = regress(slopes, y, iterations=3)
     return float(np.mean(np.abs(y - slopes @ x)))
 
 
@@ -372,7 +372,7 @@ def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
 
 def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     block, path = getattr(file.sensors, name), f"sensors.{name}.gyro"
-    words = _("the truth turns {ratio:.4f} of what the gyro says", ratio=float(answer.x[0]))
+    words = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(answer.x[0]))
     return [
         _number(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), words),
         _number(answer, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
@@ -382,7 +382,7 @@ def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[Cali
 def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
     """The mark's place is told in the body's axes, x the way in which the wheels roll."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
-    words = _("the truth goes {ratio:.4f} of what the odometer says", ratio=float(np.hypot(*answer.x[:2])))
+    words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
 
     def turned(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))

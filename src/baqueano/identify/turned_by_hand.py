@@ -4,9 +4,9 @@
     b_j: the bias between rests j and j + 1, the mean of what z shows in these two
     cov G = s² σ_a² I + L diag(q) Lᵀ,   q_j = T_j² (var b_j + (b_{j+1} − b_j)²/12)                        (2)
 
-s and one constant by generalised least squares. a_k is how well a hand puts the vehicle back on its mark, ANGLE_STD_RAD
-or, where the rests scatter by more than they do once in a hundred times, what they say; L sums up, T_j is how long a
-turn took, and a bias that moved from rest to rest is known no better than a uniform distribution between the two.
+s and one constant by generalised least squares. a_k is how well a hand puts the vehicle back on its mark,
+ANGLE_STD_RAD. Where the rests scatter by more than they do once in a hundred times, it is their scatter; L sums up, and
+T_j is how long a turn took. A bias that moved from rest to rest is known as a uniform distribution between the two.
 
 A rest is REST_S or more in which the gyro scatters as little as at its quietest. N_k is the nearest whole number, as
 long as a scale off by TOLERANCE cannot make it another; otherwise somebody has to say how many turns it was. A rest in
@@ -59,8 +59,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark. `turns`: how many
     whole turns it was between two of them, either way; None: the nearest whole number.
 
-    UsageError where the run has no gyro, does not rest twice, was not turned by whole turns, or where the gyro was
-    silent or at the end of its range.
+    UsageError where the run lacks a gyro, two rests or whole turns. The same where the gyro was silent or saturated.
     """
     channel = channel_of(run, file, "gyro_scale", -1)
     if channel is None:
@@ -91,7 +90,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
                   float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
         {"heading_rad": float(np.std(angle[used] / scale - TAU * whole))},
-        N_("the turns tell all"),
+        N_("the turns determine everything"),
     )  # fmt: skip
 
 
@@ -122,8 +121,8 @@ def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> Non
 
 def turned_by_hand(run: Run) -> bool:
     """Return True where no command moved and nobody saw the pose: all that can have turned it is a hand."""
-    unseen = run.truth is None or not np.isfinite(run.truth.eta).any()
-    return unseen and not np.any(np.nan_to_num(run.applied))
+    without_truth = run.truth is None or not np.isfinite(run.truth.eta).any()
+    return without_truth and not np.any(np.nan_to_num(run.applied))
 
 
 def _rests(gyro: TruthSignal) -> list[Rest]:
@@ -164,24 +163,24 @@ def _whole(
     name: str, rests: list[Rest], angle: np.ndarray, turns: float | None
 ) -> tuple[np.ndarray, list[int]]:
     """Return whole turns N of the rests on the mark, from the first on, and which rests these are. UsageError where
-    there are none, or where nobody can say how many."""
+    none exist, or where their number is ambiguous."""
     whole, used, off = [0.0], [0], fault("turns.not-turned", run=name)
     for k in range(1, len(rests)):
-        moved = (angle[k] - angle[used[-1]]) / TAU
+        turned = (angle[k] - angle[used[-1]]) / TAU
         n = (
-            float(np.round(moved))
-            if turns is None or abs(moved) < 0.5
-            else float(np.copysign(abs(turns), moved))
+            float(np.round(turned))
+            if turns is None or abs(turned) < 0.5
+            else float(np.copysign(abs(turns), turned))
         )
-        most = TOLERANCE * max(abs(moved), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
+        most = TOLERANCE * max(abs(turned), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
         between: JsonObject = {"run": name, "from_s": rests[used[-1]].middle_s, "to_s": rests[k].middle_s}
-        if turns is None and abs(moved) > 0.5 and most > 0.5:
-            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=moved, **between))
-        if abs(moved - n) < most:
+        if turns is None and abs(turned) > 0.5 and most > 0.5:
+            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turned, **between))
+        if abs(turned - n) < most:
             whole.append(whole[-1] + n)
             used.append(k)
         else:
-            off = fault("turns.not-whole", turns=moved, expected=abs(n), **between)
+            off = fault("turns.not-whole", turns=turned, expected=abs(n), **between)
     if not np.ptp(whole) > 0.0:
         raise UsageError(off)
     return np.array(whole), used

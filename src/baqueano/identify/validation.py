@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
@@ -65,8 +66,8 @@ class Figure(NamedTuple):
         return self.error / self.noise if self.noise > 0.0 else float("nan")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Validation:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Validation(Result):
     """All channels of all unseen runs."""
 
     figures: tuple[Figure, ...]
@@ -89,7 +90,7 @@ class Validation:
     @property
     def sentence(self) -> str:
         """The verdict, over which horizon, and why."""
-        code = "unseen-runs.checked" if self.messages else "unseen-runs.carries-over"
+        code = "validation.checked" if self.messages else "validation.carries-over"
         return verdict_line(self.verdict, [*self.reasons, note(code, basis=self.basis)])
 
     def rows(self) -> list[TableRow]:
@@ -97,7 +98,7 @@ class Validation:
         return [figure._asdict() | {"times": figure.times} for figure in self.figures]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         lines = [
             f"{_('held out'):20} {_('channel'):14} {_('error'):>10}        {_('of noise'):>9} {_('explained'):>10} "
             f"{_('own runs'):>10}"
@@ -124,7 +125,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     """`fit` on `runs`. UsageError where it was made from one of them, or was refused."""
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
-        raise UsageError(fault("unseen-runs.refused-fit"))
+        raise UsageError(fault("validation.refused-fit"))
     again = [run.name for run in runs if run.name in fit.runs]
     if again:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
@@ -156,10 +157,10 @@ def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
     for k in fit.envelope.moved:
         count, name = pieces_of(runs, k), fit.envelope.names[k]
         if not count:
-            out.append(note("unseen-runs.still", Severity.UNKNOWN, subject=name, needed_s=needed_s))
+            out.append(note("validation.still", Severity.UNKNOWN, subject=name, needed_s=needed_s))
         elif count < ENOUGH_PIECES:
             details = {"pieces": count, "least": ENOUGH_PIECES, "needed_s": needed_s}
-            out.append(note("unseen-runs.too-few", Severity.UNKNOWN, subject=name, **details))
+            out.append(note("validation.too-few", Severity.UNKNOWN, subject=name, **details))
     return out
 
 
@@ -169,14 +170,14 @@ def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
     spans = [min(run.duration_s, POSE_S) if posed else run.duration_s for run in runs]
     least, most = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
     if all(rest) and not posed:
-        start = note("unseen-runs.from-standstill")
+        start = note("validation.from-standstill")
     elif any(rest):
-        start = note("unseen-runs.some-from-velocity", count=rest.count(False), of=len(rest))
+        start = note("validation.some-from-velocity", count=rest.count(False), of=len(rest))
     else:
-        start = note("unseen-runs.from-velocity")
+        start = note("validation.from-velocity")
     count = min((pieces_of(runs, k) for k in fit.envelope.moved), default=0.0)
     span = least if least == most else f"{least} … {most}"
-    return note("unseen-runs.basis", span_s=span, start=start, pieces=count)
+    return note("validation.basis", span_s=span, start=start, pieces=count)
 
 
 def _used(fit: Fit) -> tuple[str, ...]:
@@ -216,7 +217,7 @@ def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic
     chance = students(1.0 - 0.5 * CHANCE, np.inf) ** 2 * min(noise2, total) / blocks
     if not excess > chance:
         return None
-    return _about("unseen-runs.worse-than-mean", Severity.ERROR, figure, explained=100 * figure.explained)
+    return _about("validation.worse-than-mean", Severity.ERROR, figure, explained=100 * figure.explained)
 
 
 def _about(code: str, severity: Severity, figure: Figure, **figures: float | Diagnostic) -> Diagnostic:
@@ -231,9 +232,9 @@ def _against(figure: Figure, here: _ChannelError, own: np.ndarray) -> list[Diagn
     details = {
         "times": figure.times, "explained": 100 * max(figure.explained, 0.0), "of_own": 100 * figure.on_own_runs,
     }  # fmt: skip
-    worse = _about("unseen-runs.off", Severity.WARNING, figure, **details)
+    worse = _about("validation.off", Severity.WARNING, figure, **details)
     if here.square > WORSE * noise2 and (freedom < 1 or not min(len(here.g), len(own))):
-        return [_about("unseen-runs.off-perhaps", Severity.WARNING, figure, off=worse)]
+        return [_about("validation.off-perhaps", Severity.WARNING, figure, off=worse)]
     if here.square > WORSE * noise2:
         s = np.sqrt((len(here.g) * np.var(here.g) + len(own) * np.var(own)) / freedom)
         chance = students(1.0 - alpha, freedom) * s * np.sqrt(1.0 / len(here.g) + 1.0 / len(own))
@@ -247,7 +248,7 @@ def _against(figure: Figure, here: _ChannelError, own: np.ndarray) -> list[Diagn
     if here.g[k] > max(own.mean() + chance, own.max(), np.log(WORSE * noise2)):
         here_off, begin_s = float(np.exp(0.5 * here.g[k])), float(here.t_s[k])
         span = {"here": here_off, "from_s": begin_s, "to_s": begin_s + here.block_s}
-        return [_about("unseen-runs.off-once", Severity.WARNING, figure, **span)]
+        return [_about("validation.off-once", Severity.WARNING, figure, **span)]
     return []
 
 

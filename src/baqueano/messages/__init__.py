@@ -3,8 +3,8 @@
 A template is a format string over the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit` brings
 the space before it, so that `{x:.3g}{unit}` holds without one; `of_run` names the run among several, and stands before
 the sentence. `{arg[use]}` names an argument in the reader's notation, and `{arg[use]:{sensor}}` gives it that
-value. `{what:word}` is a figure of words, which are translated too. What has no template, or other figures, is shown
-by its code: another version said it.
+value. `{what:word}` is a figure of words, which are translated too. A message without a template, or with other
+figures, is shown by its code: another version said it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -62,7 +62,7 @@ class _Words(str):
         return language.translated(str(self)) if spec == "word" else format(str(self), spec)
 
 
-def text(said: "Diagnostic | str | None", argument: Callable[[str], object] = Argument) -> str:
+def text(message: "Diagnostic | str | None", argument: Callable[[str], object] = Argument) -> str:
     """Return the sentence of a diagnostic in the current language, "" of none. A text is returned as it is.
 
     `argument` writes the name of an argument for the reader, and its value behind the colon of a format.
@@ -71,35 +71,35 @@ def text(said: "Diagnostic | str | None", argument: Callable[[str], object] = Ar
     >>> text(stop(StopReason.UNO_SILENT, silent_ms=320.0))
     'the Uno has been silent for 320 ms'
     """
-    if said is None or isinstance(said, str):
-        return said or ""
-    figures = _rendered(said, argument)
+    if message is None or isinstance(message, str):
+        return message or ""
+    figures = _rendered(message, argument)
     run = figures.pop("of_run", "")
     before = f"{run}: " if run else ""
-    template = templates().get(str(said.code))
+    template = templates().get(str(message.code))
     try:
         if template is not None:
-            template = language.translated(template, str(said.code))
-            subject = said.subject.removeprefix("model.")
+            template = language.translated(template, str(message.code))
+            subject = message.subject.removeprefix("model.")
             sentence = template.format_map(
-                {"subject": subject, "fix": said.fix, "arg": _Arguments(argument)} | figures
+                {"subject": subject, "fix": message.fix, "arg": _Arguments(argument)} | figures
             )
             return before + sentence.replace("?.", "?")  # of a cause that asks
     except (KeyError, ValueError, TypeError, IndexError, AttributeError):  # figures of another version
         pass
     listed = ", ".join(f"{name} = {value}" for name, value in figures.items())
-    return f"{before}{said.code}{f' ({listed})' if listed else ''}{f'. Type: {said.fix}' if said.fix else ''}"
+    return f"{before}{message.code}{f' ({listed})' if listed else ''}{f'. Type: {message.fix}' if message.fix else ''}"
 
 
-def in_english(said: "Diagnostic | str | None") -> str:
+def in_english(message: "Diagnostic | str | None") -> str:
     """Return the English sentence of a diagnostic, as files have it."""
     with language.within("en"):
-        return text(said)
+        return text(message)
 
 
-def texts(found: "Iterable[Diagnostic | str]") -> list[str]:
+def texts(messages: "Iterable[Diagnostic | str]") -> list[str]:
     """Return the sentence of each."""
-    return [text(one) for one in found]
+    return [text(one) for one in messages]
 
 
 def ended(sentence: str) -> str:
@@ -111,13 +111,13 @@ def ended(sentence: str) -> str:
     return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
 
 
-def row_of(said: Diagnostic) -> dict[str, Any]:
+def row_of(message: Diagnostic) -> dict[str, Any]:
     """Return a diagnostic for JSON: code, figures, and the sentence as `text`."""
-    return said.to_json() | {"text": text(said)}
+    return message.to_json() | {"text": text(message)}
 
 
 def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherwise: str = "") -> str:
-    """Return a verdict and its reasons in one line, `otherwise` where there are none.
+    """Return a verdict and its reasons in one line, `otherwise` without any.
 
     >>> verdict_line(Verdict.WARN, ["the run is short", "the floor is soft"])
     'WARN: the run is short; the floor is soft'
@@ -127,18 +127,18 @@ def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherw
     return f"{word}: {sentences}" if sentences else word
 
 
-def grouped(found: Sequence[Diagnostic]) -> list[str]:
+def grouped(messages: Sequence[Diagnostic]) -> list[str]:
     """Return a sentence for each kind of message: those that differ in subject, run and numbers alone are one."""
     alike: dict[Any, list[Diagnostic]] = {}
-    for one in found:
+    for one in messages:
         alike.setdefault((one.severity, _kind(one)), []).append(one)
     return [text(_as_one(same)) for same in alike.values()]
 
 
-def _kind(said: Diagnostic) -> tuple[Any, ...]:
+def _kind(message: Diagnostic) -> tuple[Any, ...]:
     """Return the code, and the figures that are words."""
-    words = {k: v for k, v in said.figures.items() if isinstance(v, str | Diagnostic) and k != "of_run"}
-    return said.code, *((k, _kind(v) if isinstance(v, Diagnostic) else v) for k, v in words.items())
+    words = {k: v for k, v in message.figures.items() if isinstance(v, str | Diagnostic) and k != "of_run"}
+    return message.code, *((k, _kind(v) if isinstance(v, Diagnostic) else v) for k, v in words.items())
 
 
 def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:
@@ -154,7 +154,7 @@ def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:
     )
 
 
-def _rendered(said: Diagnostic, argument: Callable[[str], object]) -> dict[str, Any]:
+def _rendered(message: Diagnostic, argument: Callable[[str], object]) -> dict[str, Any]:
     """Return the figures as the language writes them, a cause among them as its sentence."""
     return {
         name: text(value, argument).rstrip(".")
@@ -164,5 +164,5 @@ def _rendered(said: Diagnostic, argument: Callable[[str], object]) -> dict[str, 
         else _Words(value)
         if isinstance(value, str)
         else language.number(value)
-        for name, value in said.figures.items()
+        for name, value in message.figures.items()
     }

@@ -59,10 +59,10 @@ def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
     >>> refusals_of(bq.simulate(bq.load("small"), np.zeros((10, 3))).events)
     ()
     """
-    said = [e.diagnostic.figures for e in events if e.source == REFUSED and e.diagnostic is not None]
+    refusals = [e.diagnostic.figures for e in events if e.source == REFUSED and e.diagnostic is not None]
     names = [
         (figures, key.removesuffix(OF_REFUSED))
-        for figures in said
+        for figures in refusals
         for key in figures
         if key.endswith(OF_REFUSED)
     ]

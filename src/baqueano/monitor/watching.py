@@ -21,7 +21,7 @@ from baqueano.symbolic import compiled
 class Notice(NamedTuple):
     """A line of the run."""
 
-    said: Diagnostic
+    message: Diagnostic
     finding: Finding | None = None  # that began or got worse
 
 

@@ -9,8 +9,8 @@ Number c disagrees with the model. Two hypotheses foretell the others, r ~ N(0, 
 g is c alone, or all that fails with it, whichever tells more: both wheels slip, or one. (1) is the distance of the
 others alone; (2) that with a prior that was widened by G Gᵀ: by how much the velocity is off if the model is. (3) is
 kinematics alone, of a wheel, a gyro, a_y by ν_x ν_ψ: a model that is in doubt tells no acceleration. So an
-accelerometer that disagrees has no witness. The log odds of a reading are half the difference; readings that follow
-one another err alike, and INDEPENDENT_HZ of them count. Where no other number tells, it stays unknown.
+accelerometer that disagrees stands alone. The log odds of a reading are half the difference; readings that follow one
+another err alike, and INDEPENDENT_HZ of them count. Where no other number tells, it stays unknown.
 """
 
 import numpy as np
@@ -23,26 +23,26 @@ MOST = 10.0  # that one reading may say
 
 
 def log_odds(
-    r: np.ndarray, S: np.ndarray, G: np.ndarray, heard: np.ndarray, groups: tuple[tuple[int, ...], ...]
+    r: np.ndarray, S: np.ndarray, G: np.ndarray, arrived: np.ndarray, groups: tuple[tuple[int, ...], ...]
 ) -> np.ndarray:
     """Return per number the log odds (m,) that a second adds: above 0 the sensor is off, below 0 the model.
 
-    r (m,) are readings less the model's, S (m, m) their covariance, G (m, m) as in (3); `heard` (m,) is 1 for what may
-    witness.
+    r (m,) are readings less the model's, S (m, m) their covariance, G (m, m) as in (3); `arrived` (m,) is 1 for what
+    may witness.
     """
     m = len(r)
-    pairs = heard[:, None] * heard[None, :]
-    W = np.linalg.solve(S * pairs + np.diag(1.0 - heard), np.eye(m))
-    w = W @ (r * heard)
-    q = np.sum(r * heard * w)
+    pairs = arrived[:, None] * arrived[None, :]
+    W = np.linalg.solve(S * pairs + np.diag(1.0 - arrived), np.eye(m))
+    w = W @ (r * arrived)
+    q = np.sum(r * arrived * w)
     odds = []
     for c, group in enumerate(groups):
         off, sets = [], [(c,), group] if len(group) > 1 else [(c,)]
         for some in sets:
             k = list(some)
-            off.append(q - _quadratic(W[k][:, k], w[k]) + np.sum(heard[k]))
+            off.append(q - _quadratic(W[k][:, k], w[k]) + np.sum(arrived[k]))
         k = list(group)
-        wide = heard[:, None] * G[:, k]
+        wide = arrived[:, None] * G[:, k]
         model = q - _quadratic(np.eye(len(k)) + wide.T @ W @ wide, wide.T @ w)
         sensor: Sensor = off[0] if len(off) == 1 else np.minimum(off[0], off[1])
         odds.append(INDEPENDENT_HZ * np.clip(0.5 * (model - sensor), -MOST, MOST))

@@ -2,15 +2,15 @@
 
 import re
 import zlib
-from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
 from baqueano.diagnostics import fault
-from baqueano.errors import BaqueanoError, UsageError
+from baqueano.errors import UsageError
 from baqueano.language import translated as _
+from baqueano.parameter import all_parameters
 from baqueano.printable import typed
 from baqueano.project.notebook import notebook
 from baqueano.vehicle_file import VehicleFile, load, parse
@@ -23,14 +23,10 @@ GUESSED = (
 )  # of the vehicles of the garage, what a person would write of them
 TRUTH = "simulated.toml"
 OFF = 0.15  # of each number of the vehicle that a simulation drives
-UNKNOWN = (  # without an experiment
-    "model.actuator_matrix", "model.friction.linear", "model.friction.coulomb", "model.drivetrain.dead_zone_forward",
-    "model.drivetrain.dead_zone_backward", "model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2",
-    "model.steering_gain", "model.cornering_drag",
-)  # fmt: skip
+FOUND_BY_A_FIT = ("fitted", "gain", "term")  # roles of parameters
 GUESSES = """{text}
 
-# Nobody measured your vehicle yet. `baqueano identify last --update` writes what it measures below this table.
+# {advice}
 [provenance.model]
 run = "baqueano new, from {name}"
 verdict = "GUESS"
@@ -87,13 +83,13 @@ def with_truth(file: VehicleFile) -> VehicleFile:
     text = file.text if "[simulation]" in file.text else f"{file.text}\n[simulation]\n"
     text = re.sub(r"^truth *=.*\n", "", text, flags=re.MULTILINE)
     text = text.replace(
-        "[simulation]\n", f'[simulation]\ntruth = "{TRUTH}"   # a fit is to find its numbers\n', 1
+        "[simulation]\n", f'[simulation]\ntruth = "{TRUTH}"   # {_("a fit should find its numbers")}\n', 1
     )
     return parse(text, file.label, file.path, file.layers, file.on_disk)
 
 
 def others_than(file: VehicleFile) -> VehicleFile:
-    """Return a vehicle whose motors and friction are others than the guesses: each number times exp N(0, OFF²).
+    """Return a vehicle that differs from the guesses in all that a fit finds: each number times exp N(0, OFF²).
 
     >>> mine = load("small")
     >>> other = others_than(mine)
@@ -102,11 +98,19 @@ def others_than(file: VehicleFile) -> VehicleFile:
     """
     draw, truth = np.random.default_rng(zlib.crc32(file.name.encode())), file.truth
     values: dict[str, object] = {}
-    for key in UNKNOWN:
-        with suppress(BaqueanoError):  # another kind of vehicle lacks the key
+    for key, p in all_parameters(truth.vehicle, "model"):
+        if p.role in FOUND_BY_A_FIT:
             guessed = np.asarray(truth.value(key), float)
-            values[key] = (guessed * np.exp(OFF * draw.standard_normal(guessed.shape))).round(6).tolist()
+            drawn = (guessed * np.exp(OFF * draw.standard_normal(guessed.shape))).round(6)
+            values[key] = np.clip(drawn, p.low, p.high).tolist()
     return truth.with_values(values)
+
+
+def explained(file: VehicleFile) -> VehicleFile:
+    """Return a file of guesses with its comments, and what it is about, in the current language."""
+    text = re.sub(r"# (.*)", lambda comment: f"# {_(comment[1])}", file.text)
+    text = re.sub(r'^about = "(.*)"', lambda about: f'about = "{_(about[1])}"', text, flags=re.MULTILINE)
+    return parse(text, file.label, file.path, file.layers, file.on_disk)
 
 
 def guess_of(vehicle: str | Path = "small") -> VehicleFile:
@@ -119,8 +123,11 @@ def guess_of(vehicle: str | Path = "small") -> VehicleFile:
     """
     file = load(vehicle)
     if file.path is None:
-        return load(GUESSED / file.label)
+        return explained(load(GUESSED / file.label))
     if not file.guessed or "model" in file.provenance:
         return file
-    text = GUESSES.format(text=file.text.rstrip("\n"), name=file.name)
+    advice = _(
+        "The vehicle is not measured yet. `baqueano identify last --update` writes measured values below."
+    )
+    text = GUESSES.format(text=file.text.rstrip("\n"), name=file.name, advice=advice)
     return parse(text, file.label, file.path, file.layers, file.on_disk)

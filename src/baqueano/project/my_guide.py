@@ -19,7 +19,7 @@ from baqueano.geometry import wrap
 from baqueano.signals import Estimate, Reference, seconds
 
 
-class Begun(NamedTuple):
+class GuideState(NamedTuple):
     """All that is carried from one tick to the next."""
 
     start_ns: int  # -1 before the first tick
@@ -36,11 +36,11 @@ class MyGuide:
     laps: int = 1
     ease_s: float = 1.0
 
-    def init(self) -> Begun:
+    def init(self) -> GuideState:
         """Not begun."""
-        return Begun(-1)
+        return GuideState(-1)
 
-    def step(self, state: Begun, estimate: Estimate) -> tuple[Begun, Reference]:
+    def step(self, state: GuideState, estimate: Estimate) -> tuple[GuideState, Reference]:
         """The pose and the velocity to be at now; done at the end of the last lap."""
         start_ns: Value = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
@@ -53,4 +53,4 @@ class MyGuide:
         nu = np.array(
             [np.where(done > 0.0, 0.0, pace * np.interp(at, self.t_s, self.nu[:, i])) for i in range(3)]
         )
-        return Begun(start_ns), Reference(estimate.t_ns, np.array([x, y, wrap(psi)]), nu, done)
+        return GuideState(start_ns), Reference(estimate.t_ns, np.array([x, y, wrap(psi)]), nu, done)

@@ -6,8 +6,8 @@ from baqueano.on_demand import on_demand
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
-    from baqueano.report.of_fit import report
+    from baqueano.report.fit_report import report
 
 __all__ = ["Page", "report"]
 
-__getattr__ = on_demand(__name__, {"of_fit": ("report",)})
+__getattr__ = on_demand(__name__, {"fit_report": ("report",)})

@@ -57,7 +57,7 @@ def at_width(figure: Figure, width: str | float | None) -> Figure:
     if width is None:
         return figure
     width_in, height_in = figure.get_size_inches()
-    part = _width_mm(width) * MM / width_in
+    part = width_mm(width) * MM / width_in
     square = any(axes.get_aspect() != "auto" for axes in figure.axes)
     figure.set_size_inches(part * width_in, height_in * (part if square else part**LOW))
     if part < NARROW:
@@ -65,7 +65,8 @@ def at_width(figure: Figure, width: str | float | None) -> Figure:
     return figure
 
 
-def _width_mm(width: str | float) -> float:
+def width_mm(width: str | float) -> float:
+    """Return a width in millimetres. UsageError for another name, or a number that is out of range."""
     if isinstance(width, str):
         if width not in WIDTHS_MM:
             raise UsageError(fault("front.width-unknown", found=width, near=nearest(width, WIDTHS_MM)))

@@ -7,18 +7,26 @@ from typing import TYPE_CHECKING
 
 from baqueano.compare import Comparison
 from baqueano.compare.corridor_ahead import CorridorAhead
-from baqueano.contracts.result import Result
+from baqueano.contracts.result import Tabular
 from baqueano.diagnostics import note
+from baqueano.drive import FirstDrive, TeachResult
+from baqueano.drive.closure import Closure
+from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
+from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.identify.result.fit_result import verdict_lines
+from baqueano.identify.sensor_calibration import Calibration
+from baqueano.identify.validation import Validation
 from baqueano.language import shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import text, texts
-from baqueano.report.of_fit import row_of
+from baqueano.report.fit_report import row_of
 from baqueano.report.page import TONES, cell
 from baqueano.runs import Run
+from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.tune import TuneResult
 from baqueano.vehicle_file.checked import CheckedBlock
+from baqueano.vehicle_file.file import VehicleFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +62,7 @@ class Card:
     lines: "Sequence[str]" = field(default=())
 
 
-def html_of(result: Result) -> str:
+def html_of(result: Tabular) -> str:
     """Return the card of a result as HTML without a script."""
     card, folded = card_of(result), html.escape(result.table())
     colour = COLOURS[TONES.get(card.verdict, "plain")]
@@ -84,8 +92,8 @@ def _table(rows: "Sequence[TableRow]") -> str:
 
 
 @singledispatch
-def card_of(result: Result) -> Card:
-    """Return what stands on the card of a result; of one that has none of its own, its rows."""
+def card_of(result: Tabular) -> Card:
+    """Return what stands on the card of a result; of one without such a card, its rows."""
     rows = result.rows()
     table_rows = rows if rows and len(rows[0]) <= COLUMNS else []
     return Card(type(result).__name__, str(getattr(result, "verdict", "")), table_rows)
@@ -155,3 +163,76 @@ def _of_forecast(result: Forecast) -> Card:
 @card_of.register(CorridorAhead)
 def _of_corridor(result: CorridorAhead) -> Card:
     return Card(text(note("front.card-forecast")), result.verdict, (), result.table().splitlines())
+
+
+@card_of.register(Route)
+def _of_route(result: Route) -> Card:
+    return Card(text(note("front.card-route")), "", (), (repr(result),))
+
+
+@card_of.register(TeachResult)
+def _of_taught(result: TeachResult) -> Card:
+    run = card_of(result.run)
+    return Card(text(note("front.card-route")), "", run.rows, (repr(result.route), *run.lines))
+
+
+@card_of.register(VehicleFile)
+def _of_vehicle(result: VehicleFile) -> Card:
+    return Card(text(note("front.card-vehicle", vehicle=result.name)), "", result.rows(), (repr(result),))
+
+
+@card_of.register(ImportedRun)
+def _of_import(result: ImportedRun) -> Card:
+    run = card_of(result.run)
+    return Card(
+        run.title, result.verdict, run.rows, [one.advice for one in result.noticed.doubts][:SENTENCES]
+    )
+
+
+@card_of.register(FirstDrive)
+def _of_first_drive(result: FirstDrive) -> Card:
+    return Card(
+        text(note("front.card-first-drive", run=result.run.name)), "", (), result.table().splitlines()
+    )
+
+
+@card_of.register(Closure)
+def _of_closure(result: Closure) -> Card:
+    rows = [row for row in result.rows() if row["sd"] == row["sd"]]
+    return Card(
+        text(note("front.card-closure")), "", rows, [one.strip() for one in result.table().splitlines()]
+    )
+
+
+@card_of.register(Calibration)
+def _of_calibration(result: Calibration) -> Card:
+    rows = [
+        {"name": one.name, "value": one.value, "± 95 %": one.half, "unit": one.unit} for one in result.numbers
+    ]
+    return Card(
+        text(note("front.card-calibration", run=result.run)), result.verdict, rows, texts(result.reasons)
+    )
+
+
+@card_of.register(Validation)
+def _of_validation(result: Validation) -> Card:
+    rows = [
+        {"run": one.run, "channel": one.channel, "error": one.error, "unit": shown_unit(one.unit),
+         "explained": f"{100.0 * one.explained:.1f} %"}
+        for one in result.figures
+    ]  # fmt: skip
+    return Card(text(note("front.card-validation")), result.verdict, rows, [result.sentence])
+
+
+@card_of.register(ParameterHistory)
+def _of_history(result: ParameterHistory) -> Card:
+    title = text(note("front.card-history", vehicle=result.last.file.name, runs=len(result.runs)))
+    rows = [
+        {"parameter": one.name.removeprefix("model."), "before": one.before, "after": one.after,
+         "unit": shown_unit(one.unit)}
+        for one in result.moved
+    ]  # fmt: skip
+    sentences = texts([one.message for one in result.moved]) or [
+        _("No parameter changed beyond its error bars.")
+    ]
+    return Card(title, result.verdict, rows, sentences[:SENTENCES])

@@ -41,7 +41,7 @@ def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
     """The rows of the `span_s` seconds, begun at a whole second, in which y (N, m) varies most; of all where it is
     not longer. Each channel counts about its mean there, in parts of its whole variance; what lies beyond its 1st and
-    99th percentile counts as no more, so that a spike is no motion.
+    99th percentile counts as these, so that a spike does not count as motion.
     """
     over_s = float(t_s[-1] - t_s[0]) - span_s
     y = y[:, np.isfinite(y).any(axis=0)]
@@ -228,9 +228,9 @@ COLOURS = {
     "estimate": MODEL,
     "truth": TRUTH,
     "reference": REFERENCE,
-    "asked for": REFERENCE,
+    "requested": REFERENCE,
 }
-THICK = {"asked for": 2.6, "reference": 2.0, "truth": 1.8}
+THICK = {"requested": 2.6, "reference": 2.0, "truth": 1.8}
 
 
 def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:

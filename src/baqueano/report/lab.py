@@ -66,13 +66,13 @@ def styled(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Give what a function draws the style of our figures, unless it draws onto the user's."""
 
     @wraps(draw)
-    def drawn(*args: P.args, **options: P.kwargs) -> Drawn:
+    def wrapper(*args: P.args, **options: P.kwargs) -> Drawn:
         if _TARGET.get() is not None:
             return draw(*args, **options)
         with matplotlib().rc_context(STYLE):
             return draw(*args, **options)
 
-    return drawn
+    return wrapper
 
 
 def panels(

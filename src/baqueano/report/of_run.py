@@ -13,7 +13,7 @@ from baqueano.language import translated as _
 from baqueano.monitor import REFUSED, Refusals
 from baqueano.printable import typed
 from baqueano.report import figures
-from baqueano.report.of_estimate import beside_each_other, errors, knows, paths, sentence_of_path
+from baqueano.report.estimate_report import beside_each_other, errors, knows, paths, sentence_of_path
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
 from baqueano.runs.show import show
@@ -48,7 +48,7 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     sections += refused(one.refusals)
     sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
     contents = show(run)
-    sections.append(Section(_("What the run holds"), "", [Table(contents.rows()), *_events(run)]))
+    sections.append(Section(_("Content of the run"), "", [Table(contents.rows()), *_events(run)]))
     kind = run.metadata.get("kind", "run")
     return Page(
         title=run.name,
@@ -70,7 +70,7 @@ def headlines(judged: dict, drove: bool = True) -> list[Headline]:
     estimate that is judged."""
     by, whose = ("pace_true", _("true"))
     if not np.isfinite(judged["pace_true_error"]):
-        by, whose = ("pace_estimate", _("as it believed"))
+        by, whose = ("pace_estimate", _("by the estimate"))
     of_vehicle = (
         ("across_true_rms_m", _("across the path, true"), _("rms"), 100, "cm"),
         (
@@ -110,7 +110,7 @@ def refused(counts: tuple[Refusals, ...]) -> list[Section]:
         for one in counts
     ]  # fmt: skip
     caption = _(
-        "A number that is too far from its prediction loses its weight. Sensors that were off for long are below."
+        "A number far from its prediction loses its weight. Sensors that disagreed for long are below."
     )
     return [Section(_("Refused readings"), caption, [Table(rows)])] if rows else []
 
@@ -123,7 +123,7 @@ def sensors_of(run: Run) -> Drawing:
         for k in range(channel.z.shape[1]):
             label = IMU[k] if name == "imu" and channel.z.shape[1] == 3 else f"{name}[{k}]"
             panels.append((label, {"measured": (t, channel.z[:, k])}))
-    return draw(figures.over_time(panels), _("What the sensors said."))
+    return draw(figures.over_time(panels), _("Measurements of the sensors."))
 
 
 def driving(run: Run, judged: dict) -> list[Section]:
@@ -142,7 +142,7 @@ def speed(run: Run) -> Drawing | None:
     if not curves:
         return None
     return draw(
-        figures.over_time([(_("forward speed [m/s]"), curves)], height_in=2.6), _("How fast it drove.")
+        figures.over_time([(_("forward speed [m/s]"), curves)], height_in=2.6), _("Speed during the run.")
     )
 
 
@@ -155,7 +155,7 @@ def _paces(judged: dict) -> list[Table | Drawing]:
             _("of the mean asked [%]"): 100.0 * judged[f"{name}_error"],
             _("uneven, about its 1 s mean [%]"): 100.0 * judged[f"{name}_uneven"],
         }
-        for name, whose in (("pace_true", _("true")), ("pace_estimate", _("as it believed")))
+        for name, whose in (("pace_true", _("true")), ("pace_estimate", _("by the estimate")))
         if np.isfinite(judged[f"{name}_error"])
     ]
     return (
@@ -165,7 +165,7 @@ def _paces(judged: dict) -> list[Table | Drawing]:
     )
 
 
-class _Channel(NamedTuple):
+class _CommandCurve(NamedTuple):
     """A command, or a wheel behind the mix."""
 
     name: str
@@ -190,12 +190,12 @@ def commands(run: Run) -> Section:
         })  # fmt: skip
     drawing = draw(
         figures.over_time(panels),
-        _("Asked for, applied, and sent to each wheel; red: at its limit or beyond."),
+        _("Requested, applied, and sent to each wheel; red: at its limit or beyond."),
     )
     return Section(_("Commands"), "", [drawing, Table(rows)])
 
 
-def _channels(run: Run) -> list[_Channel]:
+def _channels(run: Run) -> list[_CommandCurve]:
     """The commands that this vehicle has a use for, then its two wheels."""
     limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
     sent = run.applied if run.sent is None else run.sent
@@ -205,9 +205,9 @@ def _channels(run: Run) -> list[_Channel]:
     drawings = []
     for k in range(n):
         if limits.command[k] > 0.0 or run.applied[:, k].any():
-            curves = {} if run.requested is None else {"asked for": run.requested[:, k]}
+            curves = {} if run.requested is None else {"requested": run.requested[:, k]}
             drawings.append(
-                _Channel(
+                _CommandCurve(
                     names[k] + unit, curves | {"applied": run.applied[:, k]}, sent[:, k], limits.command[k]
                 )
             )
@@ -215,7 +215,7 @@ def _channels(run: Run) -> list[_Channel]:
         for name, w, limit in zip(
             (_("left wheel"), _("right wheel")), mix(limits.mixing, sent.T), limits.channel, strict=True
         ):
-            drawings.append(_Channel(name + unit, {"sent": w}, w, float(limit)))
+            drawings.append(_CommandCurve(name + unit, {"sent": w}, w, float(limit)))
     return drawings
 
 
@@ -234,4 +234,4 @@ def _events(run: Run) -> list[Table | Drawing]:
         for e in run.events
         if e.source != REFUSED
     ]
-    return [Table(rows, _("What was noticed."))] if rows else []
+    return [Table(rows, _("Events of the run."))] if rows else []

@@ -8,32 +8,42 @@ import numpy as np
 
 from baqueano.compare import Comparison
 from baqueano.compare.corridor_ahead import CorridorAhead
-from baqueano.contracts.result import Result
+from baqueano.contracts.result import Tabular
 from baqueano.diagnostics import fault, nearest
+from baqueano.drive import FirstDrive, TeachResult
+from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
+from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
+from baqueano.identify.parameter_drift import ParameterHistory
+from baqueano.identify.sensor_calibration import Calibration
+from baqueano.identify.validation import Validation
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.report import figures
+from baqueano.report.drift_report import curves, with_curves
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
+from baqueano.report.fit_report import label, short, where_most_moves
 from baqueano.report.lab import onto, panel, panels, styled
-from baqueano.report.of_fit import label, short, where_most_moves
 from baqueano.report.of_run import commands, errors, paths, sensors_of, speed
 from baqueano.report.page import Drawing, Table
 from baqueano.runs import Run
+from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import Ensemble
 from baqueano.tune import TuneResult
+from baqueano.tune.tuned import FACTORS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from baqueano.identify.result.fit_result import ChannelFit
     from baqueano.report.lab import Target
 
 Draw = Callable[[], "Figure | None"]  # None: the result does not hold it
 
 
 def plot(
-    result: Result, kind: str = "", target: "Target" = None, width: str | float | None = None
+    result: Tabular, kind: str = "", target: "Target" = None, width: str | float | None = None
 ) -> "Figure":
     """Draw `kind` of a result, else the first that it holds, onto `target` or a figure of `width`."""
     drawings = drawings_of(result)
@@ -51,7 +61,7 @@ def plot(
 
 
 @singledispatch
-def drawings_of(result: Result) -> dict[str, Draw]:
+def drawings_of(result: Tabular) -> dict[str, Draw]:
     """Return the drawings of a result by their names, the most telling first."""
     return {}
 
@@ -81,13 +91,58 @@ def _of_fit(result: Fit) -> dict[str, Draw]:
         return {}
     return {
         "estimates": lambda: figures.estimates(names, result.estimate[identified], result.sd[identified]),
-        "data": lambda: where_most_moves(channels)[0],
+        **_of_channels(channels),
+        "correlation": lambda: figures.correlation(names, result.correlation[np.ix_(identified, identified)]),
+    }
+
+
+def _of_channels(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
+    """Return the drawings of the channels of one run: data beside the model, and residuals."""
+    return {
+        "data": lambda: where_most_moves(list(channels))[0],
         "residuals": lambda: figures.residuals(
             np.stack([(one.measured - one.predicted) / one.sigma for one in channels], axis=1),
             [label(one) for one in channels],
         ),
-        "correlation": lambda: figures.correlation(names, result.correlation[np.ix_(identified, identified)]),
     }
+
+
+@drawings_of.register(Validation)
+def _of_validation(result: Validation) -> dict[str, Draw]:
+    explained = [one for one in result.channels if np.isfinite(one.explained)]
+    return _of_channels([one for one in explained if one.run == explained[0].run]) if explained else {}
+
+
+@drawings_of.register(TeachResult)
+@drawings_of.register(ImportedRun)
+@drawings_of.register(FirstDrive)
+def _of_its_run(result: TeachResult | ImportedRun | FirstDrive) -> dict[str, Draw]:
+    return _of_run(result.run)
+
+
+@drawings_of.register(Route)
+def _of_route(result: Route) -> dict[str, Draw]:
+    return {"path": lambda: way(result)}
+
+
+@drawings_of.register(Calibration)
+def _of_calibration(result: Calibration) -> dict[str, Draw]:
+    finite = [one for one in result.numbers if np.isfinite(one.half) and one.value != 0.0]
+    values, half = (np.array([getattr(one, name) for one in finite]) for name in ("value", "half"))
+    names = [one.name for one in finite]
+    return {"estimates": lambda: figures.estimates(names, values, half / 1.96)} if finite else {}
+
+
+@drawings_of.register(Closure)
+def _of_closure(result: Closure) -> dict[str, Draw]:
+    names, scale, sd = [f"{result.gyro}.gyro_scale"], np.array([result.scale]), np.array([result.sd])
+    return {"estimates": lambda: figures.estimates(names, scale, sd)}
+
+
+@drawings_of.register(ParameterHistory)
+def _of_history(result: ParameterHistory) -> dict[str, Draw]:
+    entries = with_curves(result)
+    return {"parameters": lambda: curves(result, entries)} if entries else {}
 
 
 @drawings_of.register(Comparison)
@@ -97,7 +152,7 @@ def _of_comparison(result: Comparison) -> dict[str, Draw]:
 
 @drawings_of.register(TuneResult)
 def _of_tuned(result: TuneResult) -> dict[str, Draw]:
-    return {"search": lambda: search(result)}
+    return {"search": lambda: search(result), "cost": lambda: cost_around(result)}
 
 
 @drawings_of.register(CorridorAhead)
@@ -124,7 +179,7 @@ def comparison(result: Comparison) -> "Figure":
     rows = np.arange(len(runs))[::-1]
     marks = (
         (_("across its path"), [one.across_true.rms_m for one in runs], TRUTH, "s"),
-        ("as it believed", [one.across_estimate.rms_m for one in runs], MODEL, "o"),
+        ("by the estimate", [one.across_estimate.rms_m for one in runs], MODEL, "o"),
         ("position off", [one.ate_m for one in runs], MEASURED, "D"),
     )
     for name, metres, colour, marker in marks:
@@ -166,6 +221,23 @@ def search(result: TuneResult) -> "Figure":
 
 
 @styled
+def cost_around(result: TuneResult) -> "Figure":
+    """Draw the cost around the optimum: one gain at a time is smaller and larger."""
+    figure, axes = panel((7.2, 3.6))
+    rows = [np.where(np.isfinite(row), row, np.nan) for row in result.around]
+    for gain, row in zip(result.gains, rows, strict=True):
+        axes.plot(FACTORS, 100.0 * (row - 1.0), "o-", ms=3, lw=1.5, label=gain.name)
+    axes.axvline(1.0, color=REFERENCE, lw=1)
+    axes.set_xscale("log")
+    axes.set_xticks(FACTORS, [f"{number(factor):g}" for factor in FACTORS], minor=False)
+    axes.minorticks_off()
+    axes.set_xlabel(_("gain over the tuned one"))
+    axes.set_ylabel(_("more cost [%]"))
+    axes.legend()
+    return figure
+
+
+@styled
 def corridor(result: CorridorAhead) -> "Figure":
     """Draw how far beside its path the vehicle may be, over time."""
     figure, axes = panel((7.2, 3.0))
@@ -176,6 +248,19 @@ def corridor(result: CorridorAhead) -> "Figure":
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel(_("time [s]"))
     axes.set_ylabel(_("across, 95 % [± cm]"))
+    return figure
+
+
+@styled
+def way(result: Route) -> "Figure":
+    """Draw the path of a route and its start."""
+    figure, axes = panel((7.2, 6.2))
+    axes.plot(result.eta[:, 0], result.eta[:, 1], color=REFERENCE, lw=1.6)
+    axes.plot(*result.eta[0, :2], "o", ms=6, color=MODEL, label=_("start"))
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.legend()
     return figure
 
 

@@ -1,7 +1,7 @@
 """`--robot emulated`: the real firmware on an emulated Uno, with the drivers of the vehicle, in a simulated body.
 
-The emulator is simavr, which is GPL: it is no part of the package and is used from the source tree alone, where
-tests/emulated holds what joins it to the rest.
+The emulator is simavr, which is GPL: it is not part of the package and is used from the source tree alone. There
+tests/emulated joins it to the rest.
 """
 
 import importlib

@@ -21,13 +21,13 @@ from baqueano.language import translated as _
 from baqueano.messages import verdict_line
 from baqueano.printable import in_lines, typed
 from baqueano.routes.capability import FASTEST_M_S, Capability
+from baqueano.routes.gaps import unknown_places
 from baqueano.routes.path import NAME, way
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
-JUMP_M = 0.1  # between two poses, beyond what the speed makes
 SMOOTH_S = 0.3  # over which an acceleration counts
 POSES = 600  # of a route that are judged
 OVER = 1.05  # a need that is larger by less is none
@@ -146,7 +146,8 @@ def examine(
     Returns
     -------
     RouteReport
-        REFUSED where a pose jumps, the vehicle is too slow, or a wall is in the way.
+        REFUSED where a number is none, a pose jumps, samples are missing, the vehicle is too slow, or a wall is in
+        the way.
 
     Notes
     -----
@@ -161,12 +162,12 @@ def examine(
     speed, turn = np.abs(route.nu[:, 0]), np.abs(route.nu[:, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = np.where(turn > 1e-9, speed / turn, np.inf)
-    findings, share = _jumps(route, s), float("nan")
+    findings, share = unknown_places(route, s), float("nan")
     if vehicle_file is not None and not findings:
         share, needs = _needs(route, s, Capability(vehicle_file, backend))
         findings = needs
     free_m = float("nan")
-    if room is not None:
+    if room is not None and np.isfinite(s[-1]):
         xy = moved(route._replace(eta=from_start(route.eta)), np.array(room.start)).eta[:, :2]
         free = np.min(room.free - np.abs(xy), axis=1)
         free_m, at = float(np.min(free)), int(np.argmin(free))
@@ -184,27 +185,6 @@ def examine(
         route, float(s[-1]), float(route.t_s[-1]), float(np.max(speed)), float(np.max(turn)),
         float(np.max(speed * turn)), float(np.min(radius)), share, free_m, tuple(findings),
     )  # fmt: skip
-
-
-def _jumps(route: Route, s: np.ndarray) -> list[Diagnostic]:
-    """Return where a pose lies further from the one before than its speed can make."""
-    step, dt_s = np.diff(s), np.diff(route.t_s)
-    speed = np.maximum(np.abs(route.nu[1:, 0]), np.abs(route.nu[:-1, 0]))
-    wrong = step > JUMP_M + 2.0 * speed * dt_s
-    if not wrong.any():
-        return []
-    k = int(np.argmax(wrong))
-    cut = typed("route", "cut", NAME, "--to", f"{s[k]:.2f}")
-    return [
-        fault(
-            "route.jump",
-            cut,
-            count=int(wrong.sum()),
-            at_m=float(s[k]),
-            at_s=float(route.t_s[k]),
-            gap_m=float(step[k]),
-        )
-    ]
 
 
 def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Diagnostic]]:

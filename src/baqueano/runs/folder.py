@@ -116,8 +116,8 @@ def _standing(runs: list[Path]) -> list[Path]:
 
 
 def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
-    """The runs that a name stands for: `find`'s one, all of a folder by its path, all that a name with * is like,
-    `3-28` by number, and `3-28:2` every second of those. Of a run that was recovered the recovered one counts."""
+    """The runs that a name stands for: `find`'s one, all of a folder by its path, all that match a name with *. `3-28`
+    counts by number, and `3-28:2` takes every second of those. Of a run that was recovered the recovered one counts."""
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():
         runs = sorted(path.glob("*.mcap"))

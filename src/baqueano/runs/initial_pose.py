@@ -1,7 +1,7 @@
 """The initial pose of a replay, as the run gives it.
 
 A run of ours tells its start. In somebody else's recording it is read off the truth: the pose between two of
-its samples, and, where the truth has no velocity (a camera),
+its samples, and, where the truth lacks velocities (a camera),
 
     ν = J(ψ)ᵀ (η(t₀ + T) − η(t₀)) / T,   ψ in the middle                                                  (1)
 """

@@ -4,7 +4,13 @@
     t_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s
 
 Every double has all its digits, so that a route written and read back is the same. Semicolons and decimal
-commas of a spreadsheet are read as well.
+commas of a spreadsheet are read as well. By hand, or from another program, poses over the way with a speed are easier:
+
+    s_m,x_m,y_m,psi_rad,v_m_s,wait_s          wait_s may be left out
+
+    t_k+1 = t_k + 2 Δs / (|v_k| + |v_k+1|) + wait_k,   ν_ψ = v dψ/ds                                      (1)
+
+wait_s is the time that the vehicle stands at a row before it goes on; a turn on the spot, Δs = 0, takes 1 s a radian.
 """
 
 import os
@@ -17,8 +23,10 @@ from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.guides.route import Route
 from baqueano.runs.tables.lines import Lines
-from baqueano.runs.tables.table import read_table
+from baqueano.runs.tables.table import LogTable, read_table
 
+BY_WAY, WAIT = ("s_m", "x_m", "y_m", "psi_rad", "v_m_s"), "wait_s"
+TURN_RAD_S = 1.0  # on the spot
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 _CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
 
@@ -60,7 +68,7 @@ def read_route(path: Path | str) -> Route:
     Parameters
     ----------
     path : path
-        A file as `write_route` makes it; semicolons and decimal commas are read as well.
+        A file as `write_route` makes it, or poses over the way; semicolons and decimal commas are read as well.
 
     Returns
     -------
@@ -79,6 +87,8 @@ def read_route(path: Path | str) -> Route:
     """
     path = Path(path)
     table = read_table(path, {})
+    if set(BY_WAY) <= set(table.columns) and COLUMNS[0] not in table.columns:
+        return _by_way(table, path)
     t_s, *rest = (table.numbers(column) for column in COLUMNS)
     values = np.column_stack(rest)
     wrong = ~np.isfinite(np.column_stack([t_s, values])).all(axis=1)
@@ -93,6 +103,38 @@ def read_route(path: Path | str) -> Route:
             fault("route.times", path=path, line=line, found=t_s[np.argmax(late) + int(late.any())])
         )
     return Route(t_s, values[:, :3], values[:, 3:], _closed(path))
+
+
+def _by_way(table: LogTable, path: Path) -> Route:
+    """Return the route of poses over the way.  (1)"""
+    values = np.column_stack([table.numbers(column) for column in BY_WAY])
+    wait_s = table.numbers(WAIT) if WAIT in table.columns else np.zeros(len(values))
+    wrong = ~np.isfinite(np.column_stack([values, wait_s])).all(axis=1)
+    if wrong.any():
+        raise FileError(fault("route.not-number", path=path, line=table.lines[np.argmax(wrong)]))
+    if len(values) < 2:
+        raise FileError(fault("route.too-short", path=path, count=len(values)))
+    s, v, psi = values[:, 0], values[:, 4], np.unwrap(values[:, 3])
+    ds, dpsi, pace = np.diff(s), np.diff(psi), 0.5 * (np.abs(v[1:]) + np.abs(v[:-1]))
+    wrong = (ds < 0.0) | ((ds > 0.0) & (pace <= 0.0)) | (wait_s[:-1] < 0.0)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise FileError(fault("route.way", path=path, line=table.lines[k + 1], ds_m=ds[k], v_m_s=pace[k]))
+    moves = ds > 0.0
+    dt_s = np.where(moves, ds / np.where(moves, pace, 1.0), np.abs(dpsi) / TURN_RAD_S)
+    turn = np.where(moves, dpsi / np.where(moves, ds, 1.0) * pace, np.sign(dpsi) * TURN_RAD_S)
+    turn = np.interp(np.arange(len(s)), np.arange(len(s) - 1) + 0.5, turn)
+    eta, nu = np.column_stack([values[:, 1:3], psi]), np.column_stack([v, 0.0 * v, turn])
+    t_s = np.append(0.0, np.cumsum(dt_s + wait_s[:-1]))
+    stands = np.flatnonzero(wait_s[:-1] > 0.0)
+    nu[stands] = 0.0
+    leaves = t_s[stands] + wait_s[stands]
+    t_s, eta, nu = (
+        np.insert(rows, stands + 1, more, axis=0)
+        for rows, more in ((t_s, leaves), (eta, eta[stands]), (nu, nu[stands]))
+    )
+    keep = np.append(True, np.diff(t_s) > 0.0)  # two rows of one pose are one
+    return Route(t_s[keep], eta[keep], nu[keep], _closed(path))
 
 
 def _closed(path: Path) -> bool:

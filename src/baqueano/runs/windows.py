@@ -7,8 +7,8 @@ from baqueano.signals import NANOSECONDS
 
 
 def means(channel: Channel, origin_ns: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (W,) of the windows from `origin_ns` on in which there are rows, and the means (W, m) of what is finite
-    in each, NaN where nothing is."""
+    """Return the numbers (W,) of the windows with rows from `origin_ns` on, and the means (W, m) of the finite entries
+    in each. NaN without any."""
     number = ((channel.t_ns - origin_ns) / NANOSECONDS / width_s).astype(np.int64)
     windows, row = np.unique(number, return_inverse=True)
     good = np.isfinite(channel.z)

@@ -2,9 +2,9 @@
 
     h = √((b − s)² + z²) + d,   s = p + R(ψ) l                                                            (1)
 
-b is the place of the beacon in the map, z how far above the sensor it hangs, l the place of the sensor ahead and to the
-left of the body's origin, d the offset. It depends on the pose alone, so an estimator corrects all that the pose hangs
-on: one range each time along one line, and the way between two ranges shows the rest.
+b is the place of the beacon in the map, z how far above the sensor it hangs; l is the place of the sensor ahead and to
+the left of the body's origin, d the offset. It depends on the pose alone, so an estimator corrects all that the pose
+hangs on: one range each time along one line, and the way between two ranges shows the rest.
 """
 
 from dataclasses import dataclass

@@ -3,7 +3,7 @@
     h = atan2(sin φ − b_y, cos φ + b_x),   φ = ψ + χ                                                      (1)
 
 φ is the heading from magnetic north: χ the turn of the magnetometer on the vehicle, plus the heading of the map's x.
-b is the field of the vehicle's own iron and currents along the axes of the magnetometer, as a part of the horizontal
+b is the field of the vehicle's own iron and currents along the axes of the magnetometer. Its unit is the horizontal
 field of the earth: it turns with the vehicle, and half a field makes 30° of error. Indoors the field bends by tens of
 degrees within a metre, and by the same angle each time that the vehicle comes to the place: believe a compass there no
 better than that.

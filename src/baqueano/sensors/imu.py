@@ -124,15 +124,15 @@ class Imu:
         "Hz", "bandwidth of the filter in the chip, by its setting or data sheet", low=0.1, default=INF
     )
     accel_bias_std: np.ndarray = parameter(
-        "m/s²", "how well accel_bias is known when it is switched on", low=0.0, high=100.0, default=(0.05, 0.05),
+        "m/s²", "standard deviation of accel_bias after it is switched on", low=0.0, high=100.0, default=(0.05, 0.05),
         shape=(2,), role="noise",
     )  # fmt: skip
     gyro_bias_std: float = parameter(
-        "rad/s", "how well gyro_bias is known when it is switched on", low=0.0, high=10.0, default=0.002,
+        "rad/s", "standard deviation of gyro_bias after it is switched on", low=0.0, high=10.0, default=0.002,
         role="noise",
     )  # fmt: skip
     gyro_scale_std: float = parameter(
-        "1", "how well gyro_scale is known: 0.03 by the data sheet, 0.01 after two turns on its mark",
+        "1", "standard deviation of gyro_scale: 0.03 by the data sheet, 0.01 after two turns on its mark",
         low=0.0, high=1.0, default=0.03, role="noise",
     )  # fmt: skip
     measurement_noise_cov: np.ndarray | None = parameter(
@@ -173,7 +173,7 @@ class Imu:
         if self.measurement_model == "paper":
             ideal = np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
         else:
-            ideal = self._felt(motion)
+            ideal = self._specific_force(motion)
         warm = self.temperature_c - self.temperature_reference_c
         bias = self._channels(
             self.accel_bias + self.accel_temperature_slope * warm,
@@ -198,7 +198,7 @@ class Imu:
         )
         return state._replace(bias=bias), Slot(has, np.where(has > 0.0, z, 0.0))
 
-    def _felt(self, motion: Motion) -> np.ndarray:
+    def _specific_force(self, motion: Motion) -> np.ndarray:
         """(a_x, a_y, ω_z) (3,) of a perfect IMU, where it sits and as it sits.  (1)-(5)"""
         nu, nu_dot, g = motion.nu, motion.nu_dot, motion.gravity
         lx, ly = self.lever_arm_m

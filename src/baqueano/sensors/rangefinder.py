@@ -2,10 +2,10 @@
 
     h = (w − s)·n / cos α,   n = (cos χ, sin χ),   α = ψ + ζ − χ,   s = p + R(ψ) l                        (1)
 
-for a wall through w that a vehicle faces squarely at the heading χ, a beam turned by ζ to the left, and a sensor at l
-ahead and to the left of the body's origin. It is silent beyond `farthest_m`, beyond the ends of the wall, and where |α|
-is above `incidence_rad`: a smooth wall throws the sound away from it. Past a corner or a leg of a chair it measures
-something else; the gate of an estimator leaves that out.
+for a wall through w that a vehicle faces squarely at the heading χ, and a beam turned by ζ to the left. The sensor is
+at l, ahead and to the left of the body's origin. It is silent beyond `farthest_m`, beyond the ends of the wall, and
+where |α| is above `incidence_rad`: a smooth wall throws the sound away from it. Past a corner or a leg of a chair it
+measures something else; the gate of an estimator leaves that out.
 """
 
 from dataclasses import dataclass

@@ -104,18 +104,18 @@ class SampledSensor:
 
 def start(sensor: Tree) -> SensorState:
     """Return the state of a sensor that was just switched on."""
-    signal = begun(sensor, np.zeros(sensor.size))
+    signal = steady_signal(sensor, np.zeros(sensor.size))
     return SensorState(0.0, 0.0, signal, np.zeros(sensor.size))
 
 
-def begun(sensor: Tree, h: np.ndarray) -> Signal:
+def steady_signal(sensor: Tree, h: np.ndarray) -> Signal:
     """Return the signal of a sensor that has shown `h` (m,) for long."""
     slots = optional.of(sensor, "delay_slots")
     smooth = h if optional.of(sensor, "has_low_pass") else np.zeros(0)
     return Signal(np.ones((slots, 1)) * h, BEFORE_S * np.ones(slots), smooth)
 
 
-def shown(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tuple[Signal, np.ndarray]:
+def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tuple[Signal, np.ndarray]:
     """Return the signal one tick on, and what the sensor shows then (m,), without noise.  (2)"""
     h, smooth = sensor.h(motion), signal.smooth
     if smooth.shape[0]:
@@ -139,7 +139,7 @@ def sample(
     if signal.smooth.shape[0]:
         first = motion if motion.tick is None else motion.tick[0]
         signal = signal._replace(smooth=np.where(state.ticks > 0.0, signal.smooth, sensor.h(first)))
-    signal, z = shown(sensor, signal, motion, dt_s)
+    signal, z = step_signal(sensor, signal, motion, dt_s)
     state = SensorState(phase - periods - PHASE_TOLERANCE, state.ticks + 1.0, signal, state.bias)
     return state, np.minimum(periods, 1.0) * long, z
 

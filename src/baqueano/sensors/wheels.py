@@ -1,4 +1,4 @@
-"""Sensors of the wheels' speed, for a vehicle with encoders; the paper's has none.
+"""Sensors of the wheels' speed, for a vehicle with encoders; the paper's is without.
 
     wheels      v_l = s_l (ν_x − ν_ψ b/2),   v_r = s_r (ν_x + ν_ψ b/2)        b the track                 (1)
     odometer    v = s ν_x                                                                                 (2)

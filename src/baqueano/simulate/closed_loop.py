@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller, Guide, Supervision
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
@@ -21,6 +22,7 @@ from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.messages import in_english
+from baqueano.printable import typed
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
@@ -28,6 +30,7 @@ from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, quiet, varied
 from baqueano.supervisor import REASONS, numbered
 from baqueano.symbolic import scan
+from baqueano.symbolic.backends import chosen
 from baqueano.symbolic.scan import Scan
 
 if TYPE_CHECKING:
@@ -164,16 +167,18 @@ def closed_loop(
     output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
 ) -> Scan:
-    """The kernel of (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
+    """Return the compiled closed loop (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
 
-    With `paths` into the system it takes the numbers there as θ.
+    With `paths` into the system it takes the numbers there as θ. UsageError for a block that nothing compiles.
     """
+    if chosen(backend) != "numpy":
+        compilable(**system.blocks._asdict())
     dt_s = 1.0 / rate_hz
     example = Input(1, quiet(system.sensors) if noise else None)
 
     def step_of(system: System, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
-        state, heard = advance(system, dt_s, state, x)
-        return state, heard if output is None else output(heard)
+        state, record = advance(system, dt_s, state, x)
+        return state, record if output is None else output(record)
 
     if not paths:
         return scan(lambda state, x: step_of(system, state, x), begin(system), example, backend=backend)
@@ -184,9 +189,17 @@ def closed_loop(
     return scan(step, begin(system), example, flat(system, paths), backend=backend)
 
 
-def as_run(name: str, t_ns: np.ndarray, heard: Tree, about: dict[str, str]) -> Run:
+def compilable(**blocks: Tree) -> None:
+    """Raise UsageError, with what to type, for a block of a room whose step is never compiled."""
+    for room, block in blocks.items():
+        if optional.of(block, "as_written"):
+            how = typed("repeat", "ROUTE", f"--{room}", "KIND")
+            raise UsageError(fault("simulate.as-written", how, room=room, block=type(block).__name__))
+
+
+def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> Run:
     """The run that N ticks of LoopOutput amount to."""
-    record, truth = heard.record, heard.truth
+    record, truth = output.record, output.truth
     est, ref = record.estimate, record.reference
     return Run(
         name,
@@ -205,7 +218,7 @@ def as_run(name: str, t_ns: np.ndarray, heard: Tree, about: dict[str, str]) -> R
 
 def start_of(system: System) -> np.ndarray:
     """The pose (3,) that the guide asks for first."""
-    return np.array(_reference_of(system, [0])[0].eta, dtype=float)
+    return np.array(references_of(system, [0])[0].eta, dtype=float)
 
 
 def lasting(system: System) -> float:
@@ -225,10 +238,10 @@ def ticks_of(system: System, rate_hz: float) -> int:
 
 
 def _done(system: System, t_ns: int) -> bool:
-    return bool(_reference_of(system, [0, t_ns])[-1].done > 0.0)
+    return bool(references_of(system, [0, t_ns])[-1].done > 0.0)
 
 
-def _reference_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
+def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
     """The references of a fresh guide for a vehicle at rest at the origin."""
     state, out = system.guide.init(), []
     for t_ns in times_ns:

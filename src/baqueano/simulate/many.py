@@ -96,7 +96,7 @@ class Ensemble(Result):
         return out
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         head = f"{'t [s]':>8} {'x [m]':>18} {'y [m]':>18} {_('heading [°]'):>18} {_('speed [m/s]'):>18}"
         lines = [
             _(
@@ -232,7 +232,7 @@ def simulate_many(
 def lanes_kernel(
     system: System, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
 ) -> Scan:
-    """The kernel of (1): θ, VehicleState, (u, noise) → VehicleState."""
+    """Return the compiled vehicles (1): θ, VehicleState, (u, noise) → VehicleState."""
     dt_s = 1.0 / rate_hz
 
     def step(theta: Tree, state: VehicleState, x: Tree) -> tuple[VehicleState, Tree]:
@@ -315,7 +315,7 @@ def _drive(
     eta, nu, state, begin = [], [], start, 0
     for end in ends:
         noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None
-        state, _ = kernel.lanes((u[begin:end], noise), theta, carry=state)
+        state, _ = kernel.batch((u[begin:end], noise), theta, carry=state)
         eta.append(state.eta)
         nu.append(state.nu)
         begin = end

@@ -2,9 +2,10 @@
 
     x_{k+1}, truth, slots = world_step(x_k, u_k, δ, noise_k)        worlds/simulated.py                  (1)
 
-Tick k ends at (k + 1) δ and is driven by u_k. With the same seed the noise of tick k is the noise of tick k
-of the simulated world, and adding a sensor changes no other's: each name has its stream (worlds/noise.py).
-A kernel is made once for a vehicle and a rate, and kept.
+Tick k ends at (k + 1) δ and is driven by u_k. With the same seed tick k has the noise of tick k of the
+simulated world. Adding a sensor changes no other's: each name has its stream (worlds/noise.py).
+A kernel is made once for a vehicle and a rate, and kept. A tick that is too long for the integrator (vehicles/rk4.py)
+is cut into rows, as in a fit, each with noise of its own; of what a sensor measures in it the last counts.
 """
 
 from dataclasses import replace
@@ -24,6 +25,8 @@ from baqueano.signals import NANOSECONDS, ByName, Motion, Slot
 from baqueano.simulate.system import System, quiet
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
+from baqueano.vehicle_file.text.edit import override
+from baqueano.vehicles.rk4 import rows_in
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.noise import PROCESS, unit_normals
@@ -104,6 +107,13 @@ def simulate(
     (100, 3) 0.13 m/s
     """
     rate = vehicle_file.rate_hz if rate_hz is None else rate_hz
+    if (rows := int(rows_in(np.array(1.0 / rate)))) > 1:
+        u = np.repeat(command_signal(vehicle_file, u), rows, axis=0)
+        fine = override(
+            vehicle_file, [f"rate_hz={rows * rate!r}"]
+        )  # its delays hold as many commands as rows
+        run = simulate(fine, u, seed, eta0=eta0, nu0=nu0, noise=noise, name=name, backend=backend)
+        return _ticks_of(vehicle_file, run, rows, rate)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     u = command_signal(vehicle_file, u)
     drawn = draw(system.sensors, seed, len(u)) if noise else None
@@ -125,17 +135,37 @@ def simulate(
     return replace(run, events=beyond(vehicle_file, run))
 
 
+def _ticks_of(vehicle_file: "VehicleFile", run: Run, rows: int, rate_hz: float) -> Run:
+    """Return a run of `rows` rows a tick as one of ticks."""
+    assert run.truth is not None
+    end = slice(rows - 1, None, rows)
+    t_ns = times(len(run.t_ns) // rows, rate_hz)
+    sensors = {}
+    for name, c in run.sensors.items():
+        tick = np.searchsorted(run.t_ns, c.arrival_ns) // rows
+        last = np.flatnonzero(np.diff(tick, append=len(t_ns)))
+        tick = tick[last]
+        age_ns = run.t_ns[end][tick] - c.t_ns[last]
+        sensors[name] = Channel(t_ns[tick] - age_ns, t_ns[tick], c.z[last])
+    truth = TruthLog(t_ns, run.truth.eta[end], run.truth.nu[end], run.truth.nu_dot[end])
+    run = replace(
+        run, t_ns=t_ns, applied=run.applied[end], sensors=sensors, truth=truth, vehicle_text=vehicle_file.text,
+        metadata=run.metadata | {"rate_hz": f"{rate_hz:g}"},
+    )  # fmt: skip
+    return replace(run, events=beyond(vehicle_file, run))
+
+
 def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
     """Return an event for each command and measurement that leaves what the fit of the file saw."""
     flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
-    return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(said), said) for said in flags)
+    return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(flag), flag) for flag in flags)
 
 
 @lru_cache(maxsize=32)
 def open_loop(
     model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
 ) -> Scan:
-    """The kernel of (1): a `scan` over Driven, WorldState → Readings."""
+    """Return the compiled open loop (1): a `scan` over Driven, WorldState → Readings."""
     dt_s = 1.0 / rate_hz
 
     def step(state: WorldState, x: OpenLoopState) -> tuple[WorldState, Readings]:

@@ -1,8 +1,8 @@
 """A vehicle, its sensors and the blocks of its loop as one tree of parameters, and one tick of all of them.
 
-The fields bear the names of the tables of the vehicle file, so a path of the file ("model.friction.linear",
-"sensors.imu.gyro_bias", "controller.alpha") is a path into the tree. `varied` puts a flat vector θ in their
-place: paths in their order, arrays row by row.
+The fields bear the names of the tables of the vehicle file. So a path of the file ("model.friction.linear",
+"sensors.imu.gyro_bias", "controller.alpha") is a path into the tree. `varied` puts a flat vector θ in their place:
+paths in their order, arrays row by row.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from baqueano.worlds.simulated import DrawnNoise, WorldState
 
 
 class System(NamedTuple):
-    """All blocks, by the tables of the vehicle file; None where a simulation has no such block."""
+    """All blocks, by the tables of the vehicle file; None where a simulation lacks such a block."""
 
     model: Vehicle
     sensors: SensorBlocks  # NamedTuple of sensor blocks, by name

@@ -27,8 +27,8 @@ from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.animation.bars import bars
 from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
-from baqueano.report.of_estimate import errors, paths
-from baqueano.report.of_fit import sections_of_fit
+from baqueano.report.estimate_report import errors, paths
+from baqueano.report.fit_report import sections_of_fit
 from baqueano.report.of_run import driving, headlines
 from baqueano.runs import read_run
 from baqueano.runs.route_file import write_route
@@ -77,8 +77,8 @@ class Demo:
     def true_values(self) -> np.ndarray:
         """(p,) truth of the fitted parameters; of T as the wheels' unequal gains make it."""
         wheels = self.truth.vehicle.drivetrain
-        felt = np.stack([wheels.unmix(wheels.gain * wheels.mix(u)) for u in np.eye(3)], axis=1)
-        T = self.truth.vehicle.actuator_matrix @ felt
+        wrench = np.stack([wheels.unmix(wheels.gain * wheels.mix(u)) for u in np.eye(3)], axis=1)
+        T = self.truth.vehicle.actuator_matrix @ wrench
         at = {f"model.actuator_matrix[{i},{j}]": T[i, j] for i in range(3) for j in range(3)}
         return np.array([at[n] if n in at else float(self.truth.value(n)) for n in self.fit.names])
 
@@ -87,8 +87,8 @@ class Demo:
         out = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):
             z = None if row["estimate"] is None or not row["sd"] else (row["estimate"] - truth) / row["sd"]
-            said = N_("not seen") if z is None else "ok" if abs(z) < 3 else N_("off")
-            out.append({**row, "truth": float(truth), "z": z, "verdict": said})
+            verdict = N_("not identifiable") if z is None else "ok" if abs(z) < 3 else N_("off")
+            out.append({**row, "truth": float(truth), "z": z, "verdict": verdict})
         return out
 
     @property
@@ -97,22 +97,22 @@ class Demo:
         return Verdict.STOPPED if stop_of(self.repeated) else self.fit.verdict
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         head = f"{_('parameter'):<34} {_('estimate'):>11} {_('± sd'):>9} {_('truth'):>9}  {_('verdict')}"
         lines = [head, "-" * len(head)]
         for row in self.rows():
-            known = row["estimate"] is not None
+            identifiable = row["estimate"] is not None
             sd = number(row["sd"] or np.nan)
-            value = f"{number(row['estimate']):11.4g} {sd:9.2g}" if known else f"{'–':>11} {'':>9}"
+            value = f"{number(row['estimate']):11.4g} {sd:9.2g}" if identifiable else f"{'–':>11} {'':>9}"
             name = row["name"].removeprefix("model.")
             lines.append(f"{name:<34} {value} {number(row['truth']):9.4g}  {_(row['verdict'])}")
         lines += ["", *self._summary()]
         if any(row["verdict"] == "off" for row in self.rows()):
             lines.append(
                 _(
-                    "off: the gyro shows {percent:.1f} % too much. Nothing on board tells it, and what turns "
-                    "is off by "
-                    "as much. Two turns on a mark tell it.",
+                    "off: the gyro reads {percent:.1f} % too much. Nothing on board shows this, "
+                    "and the turning parameters are off by the same share. Two turns on a mark "
+                    "show it.",
                     percent=100.0 * (SCALE - 1.0),
                 )
             )
@@ -120,9 +120,9 @@ class Demo:
 
     def _summary(self) -> list[str]:
         """Return a line each of gains, laps, speed, filter, corridor and verdict."""
-        judged, found = self.judged.rows()[0], self.judged.runs[0].corridor
+        judged, corridor = self.judged.rows()[0], self.judged.runs[0].corridor
         gains = ", ".join(f"{name} {number(value):.3g}" for name, value in self.tuned.values.items())
-        said = {
+        lines = {
             _("gains"): _(
                 "{gains}: a lap that begins beside its route costs {cost:.2g} m², before {before:.2g} m²",
                 gains=gains, cost=self.tuned.cost, before=self.tuned.cost_before,
@@ -132,8 +132,8 @@ class Demo:
                 estimate_cm=100 * judged["across_estimate_rms_m"], true_cm=100 * judged["across_true_rms_m"],
             ),
             _("speed"): _(
-                "{percent:.1f} % rms off the asked one, at a limit in {at_limit:.0f} % of the ticks, {changes:.1f} "
-                "changes of sign per s",
+                "{percent:.1f} % rms from the requested speed, at a limit in {at_limit:.0f} % of "
+                "the ticks, {changes:.1f} changes of sign per s",
                 percent=100 * judged["pace_true_error"], at_limit=100 * judged["at_limit"],
                 changes=judged["sign_changes_per_s"],
             ),
@@ -142,13 +142,13 @@ class Demo:
                 velocity=_(judged["nees_velocity_is"]), pose=_(judged["nees_pose_is"]),
             ),
             _("corridor"): _(
-                "{corridor}; in truth it is off by {error_cm:.0f} cm at the end",
-                corridor=found.sentence if found else _("not known"), error_cm=100 * judged["end_error_m"],
+                "{corridor}; the true error at the end is {error_cm:.0f} cm",
+                corridor=corridor.sentence if corridor else _("not known"), error_cm=100 * judged["end_error_m"],
             ),
             _("verdict"): verdict_line(self.verdict, self.fit.reasons[:1]),
         }  # fmt: skip
-        wide = max(16, *map(len, said))
-        return [f"{label:{wide}} {one}" for label, one in said.items()]
+        wide = max(16, *map(len, lines))
+        return [f"{label:{wide}} {one}" for label, one in lines.items()]
 
     def animation(self, backend: str = "auto") -> str:
         """Return the moving picture: the intervals narrow as data come in, and the taught path is driven again."""
@@ -167,33 +167,34 @@ class Demo:
         return animation(scene(self.repeated), stages, list(drawn.values()))
 
     def page(self) -> Page:
-        """The report."""
+        """Return the report."""
         judged = self.judged.rows()[0]
-        said = _(
-            "The taught path, driven again {laps} times on IMU and model alone. Nothing on board "
-            "measures a position, "
-            "so the true path drifts away from the believed one; the corridor says how far it may be.",
+        text = _(
+            "The taught path, driven again {laps} times with IMU and model only. Nothing on "
+            "board measures a position, so the true path drifts away from the estimated one; the "
+            "corridor shows how far it may be.",
             laps=LAPS,
         )
-        seen = [r for r in self.rows() if r["z"] is not None]
-        inside = sum(abs(r["z"]) <= 1.96 for r in seen)
-        count = _("{inside} of {all}", inside=inside, all=len(seen))
+        identifiable = [r for r in self.rows() if r["z"] is not None]
+        inside = sum(abs(r["z"]) <= 1.96 for r in identifiable)
+        count = _("{inside} of {all}", inside=inside, all=len(identifiable))
         first = Headline(_("parameters in their 95 % interval"), count, _("against the truth"))
         return Page(
-            title=_("A vehicle nobody had a data sheet for"),
+            title=_("A vehicle without a data sheet"),
             subtitle=_("the simulated small vehicle: experiment, identify, noise, tune, teach, repeat"),
             verdict=self.verdict,
             headlines=[first, *headlines(judged)],
             sections=[
-                Section(_("Teach and repeat"), said, paths(self.repeated)),
+                Section(_("Teach and repeat"), text, paths(self.repeated)),
                 *driving(self.repeated, judged),
                 *sections_of_fit(self.fit, self.true_values),
                 Section(_("Noise"), _("Measured in the same run."), [Table(self.noise.rows())]),
                 Section(
                     _("Gains"),
                     _(
-                        "Tuned on the identified model, from a start beside the route, by the paper's cost with a "
-                        "price on jerky commands: {cost:.2g} m², before {before:.2g} m².",
+                        "Tuned on the identified model, from a start beside the route, with the "
+                        "paper's cost and a weight on changes of the command: {cost:.2g} m², "
+                        "before {before:.2g} m².",
                         cost=self.tuned.cost,
                         before=self.tuned.cost_before,
                     ),
@@ -217,37 +218,37 @@ def demo(
     gets the file of each run, `show_gains` what was tuned."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
-    truth, believed = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
+    truth, file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
     options = {"truth": truth, "backend": backend}
 
     say(_("1/6 experiment  60 s of random steps"))
-    u = excitation("random_steps", believed.command.limit, 60.0, believed.rate_hz, seed, rest_s=2.0)
+    u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed, rest_s=2.0)
     once = "python" if chosen(backend) == "c" else backend  # this model is used for one run: no C pays
-    run = experiment(believed, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
+    run = experiment(file, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
     show(folder / EXPERIMENT)
     say(_("2/6 identify    the model from commands and IMU"))
-    fit = identify(run, believed, options=FitOptions(backend=backend))
+    fit = identify(run, file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("demo.refused", cause=joined(fit.reasons)))
-    believed = fit.vehicle_file
+    file = fit.vehicle_file
     say(_("3/6 noise       covariances of sensors and model"))
     noise = measure_noise(fit, run, backend=backend)
-    believed = noise.updated(believed, run.name)
+    file = noise.updated(file, run.name)
     say(_("4/6 tune        gains on the identified model"))
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
     less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
-    tuned = tune(believed, shape, backend=backend, **less)
+    tuned = tune(file, shape, backend=backend, **less)
     show_gains(tuned)
-    believed = tuned.applied()
-    believed.save(folder / "vehicle.toml")
+    file = tuned.applied()
+    file.save(folder / "vehicle.toml")
     say(_("5/6 teach       a sinuous circle"))
     taught = teach(
-        believed, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
+        file, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
     )
     show(folder / "2-teach.mcap")
     write_route(taught.route, folder / "route.csv")
     say(_("6/6 repeat      {laps} laps", laps=LAPS))
-    repeated = repeat(believed, taught.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
+    repeated = repeat(file, taught.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
     show(folder / "3-repeat.mcap")
     return Demo(truth, fit, noise, tuned, repeated, compare(repeated), folder)

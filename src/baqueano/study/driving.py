@@ -1,11 +1,10 @@
 """`baqueano study driving`: how evenly robots drive that were identified, on physics of its own.
 
-Robots of truth/ that differ as parts do are driven for 60 s, identified from commands and IMU alone, starting
-from a rough guess and with centre of mass and delay free, and then follow three shapes at three speeds with the
+Robots of truth/ that differ as parts do are driven for 60 s and identified from commands and IMU alone. The fit starts
+from a rough guess, with centre of mass and delay free. Then they follow three shapes at three speeds with the
 recommended controller and its default gains. Those gains were chosen while looking at robots 0 to 5: --seed 100 is a
 fresh set. At 0.3 m/s no shape asks for more than 1.5 rad/s. An eight of 0.6 m asks for 2.4 rad/s there: the weakest
-robot drawn then needs 98.6 % of its duty without any feedback, and no controller keeps off the limit.
-The cases:
+robot drawn then needs 98.6 % of its duty without any feedback, and no controller keeps off the limit. The cases:
 
     imu          the estimator has commands and IMU, the model is the identified one
     pose         the estimator receives pose and velocity: what the controller alone does
@@ -39,9 +38,10 @@ from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
+from baqueano.simulate.closed_loop import compilable
 from baqueano.simulate.open_loop import times
 from baqueano.study.demo import GUESS
-from baqueano.study.truth import Robots, TruthWorld, drawn
+from baqueano.study.truth import Robots, TruthWorld, draw_robots
 from baqueano.sweep.workers import spread_over
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
@@ -154,13 +154,13 @@ class Driving:
             )
             for limit in LIMITS[row["case"]]:
                 if row[f"{limit.figure}_p95"] > limit.most:
-                    found, most = (limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.most))
+                    value, most = (limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.most))
                     out.append(
                         _(
                             "{where}: {figure} {found:.1f} {unit}, at most {most:g} {unit} expected",
                             where=where,
                             figure=limit.figure,
-                            found=found,
+                            found=value,
                             unit=limit.unit,
                             most=most,
                         )
@@ -230,13 +230,13 @@ def driving(
 
     `controller` is a kind, ours or "file.py:Class", in place of the file's; its gains are its defaults.
     """
-    guess().controller(controller)  # a kind that there is not is refused before the first drive
+    compilable(controller=guess().controller(controller))  # refuses before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
-    found = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
-    drives = tuple(sorted(d for _, laps, _ in found for d in laps))
-    refused = tuple(sorted(k for _, _, refused in found for k in refused))
-    return Driving(drives, sum(driven for driven, _, _ in found), refused)
+    parts = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
+    drives = tuple(sorted(d for _, laps, _ in parts for d in laps))
+    refused = tuple(sorted(k for _, _, refused in parts for k in refused))
+    return Driving(drives, sum(driven for driven, _, _ in parts), refused)
 
 
 def batch(
@@ -247,7 +247,7 @@ def batch(
     controller: str | None = None,
 ) -> tuple[int, list[EvenDrive], list[int]]:
     """Return how many robots these are, their laps, and those whose fit was refused."""
-    robots = together([drawn(1, seed) for seed in seeds])
+    robots = together([draw_robots(1, seed) for seed in seeds])
     fits = [identify(run, guess(), FREE) for run in experiments(robots, seeds)]
     kept = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in kept]
@@ -315,8 +315,8 @@ class Loop:
 
     def _step(self, states: Tree, tick: Tick, reference: Reference) -> Any:
         belief, estimate = self.blocks.estimator.step(states[0], tick)
-        controller, asked = self.blocks.controller.step(states[1], reference, estimate)
-        supervisor, command = self.blocks.supervisor.step(states[2], asked, tick, estimate)
+        controller, requested = self.blocks.controller.step(states[1], reference, estimate)
+        supervisor, command = self.blocks.supervisor.step(states[2], requested, tick, estimate)
         return (belief, controller, supervisor), (command.u, estimate)
 
 
@@ -336,8 +336,8 @@ def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) 
         z = world.tick(u, 1.0 / rate_hz)
         now, before, u = world.truth, u, np.zeros((n, 3))
         for i, one in enumerate(loops):
-            known = np.concatenate([now.eta[i], now.nu[i]]) if one.perfect else z[i]
-            tick = Tick(int(t), before[i], one.slots(Slot(1.0, known)))
+            true_state = np.concatenate([now.eta[i], now.nu[i]]) if one.perfect else z[i]
+            tick = Tick(int(t), before[i], one.slots(Slot(1.0, true_state)))
             states[i], (u[i], _) = one.step(states[i], tick, references[k])
         truth[k], sent[k] = np.column_stack([now.eta, now.nu[:, 0]]), u
     nu, eta = (np.stack([getattr(r, name) for r in references]) for name in ("nu", "eta"))
@@ -346,13 +346,14 @@ def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) 
 
 
 def _lap(
-    t_ns: np.ndarray, truth: np.ndarray, u: np.ndarray, eta: np.ndarray, asked: np.ndarray, limits: Any, supervisor: Any
+    t_ns: np.ndarray, truth: np.ndarray, u: np.ndarray, eta: np.ndarray, speed_ref: np.ndarray,
+    limits: Any, supervisor: Any,
 ) -> tuple[float, ...]:  # fmt: skip
     """Return the figures of an EvenDrive: true poses and speeds (N, 4), commands (N, 3), asked poses (N, 3),
     speeds (N,)."""
-    kept = pace(t_ns, truth[:, 3], asked)
+    kept = pace(t_ns, truth[:, 3], speed_ref)
     changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
-    stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(asked)
+    stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)
     across = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
     return (
         kept.error,

@@ -22,7 +22,7 @@ from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
-from baqueano.study.truth import Robots, drawn
+from baqueano.study.truth import Robots, draw_robots
 from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -135,10 +135,10 @@ def first_drives(
     each: Callable[[int], None] = lambda k: None,
 ) -> FirstDrives:  # fmt: skip
     """Return the table over vehicles `first` … `first + seeds − 1`; `each` hears how many are done."""
-    found = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, each)
+    drives = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, each)
     rows = []
     for wiring in WIRINGS:
-        some = [one for one in found if one.wiring == wiring]
+        some = [one for one in drives if one.wiring == wiring]
         if some:
             rows.append(_row(wiring, some))
     return FirstDrives(tuple(rows))
@@ -156,27 +156,27 @@ def drive_one(seed: int, backend: str = "auto") -> One:
     file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
     robot = unknown(seed)
     world = MiswiredLink(LoopWorld(robot, seed, file.rate_hz), wiring)
-    found = first_drive(file, world=world, seed=seed, backend=backend)
-    where, room = found.run.truth, room_of(file, ROOM)
+    drive = first_drive(file, world=world, seed=seed, backend=backend)
+    where, room = drive.run.truth, room_of(file, ROOM)
     assert where is not None
     margin = float(np.min(room.free - np.abs(where.eta[:, :2])))
-    said = {
+    expected = {
         "well": [],
         "left inverted": ["wiring.backwards-left"],
         "right inverted": ["wiring.backwards-right"],
         "swapped": ["wiring.swapped"],
     }[wiring]
-    named = [one.code for one in found.wiring] == said
+    named = [one.code for one in drive.wiring] == expected
     off = float("nan")
     if wiring == "well":
-        ratio = np.array([found.gain_along, found.gain_about]) / gains(robot, file)
+        ratio = np.array([drive.gain_along, drive.gain_about]) / gains(robot, file)
         off = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
-    return One(wiring, margin, named, off, float(found.run.t_ns[-1] - found.run.t_ns[0]) * 1e-9)
+    return One(wiring, margin, named, off, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9)
 
 
 def unknown(seed: int) -> Robots:
     """Return a robot that might be anything."""
-    draw, q = np.random.default_rng([seed, 70]), drawn(1, seed)
+    draw, q = np.random.default_rng([seed, 70]), draw_robots(1, seed)
     gain = np.exp(draw.uniform(np.log(WEAKEST), np.log(STRONGEST))) * draw.uniform(0.75, 1.25, 2)
     along, about = np.clip(gain, WEAKEST, STRONGEST)
     forward, backward = draw.uniform(0.0, DEAD_ZONE, (2, 1, 2))
@@ -191,6 +191,6 @@ def gains(robot: Robots, file: VehicleFile) -> np.ndarray:
     true, body = robot_values(robot), file.vehicle
     size = {0: (robot.mass_kg, body.mass_kg), 2: (robot.inertia_kg_m2, body.inertia_kg_m2)}
     return np.array([
-        float(true[f"model.actuator_matrix[{i},{i}]"][0] / own[0]) / (body.actuator_matrix[i, i] / said)
-        for i, (own, said) in size.items()
+        float(true[f"model.actuator_matrix[{i},{i}]"][0] / own[0]) / (body.actuator_matrix[i, i] / nominal)
+        for i, (own, nominal) in size.items()
     ])  # fmt: skip

@@ -1,8 +1,8 @@
 """Recordings that others made of real vehicles: the findings in each, and the bar for them.
 
-Each module of `recorded` knows one recording: it imports it by a map, fits a vehicle file that begins from guesses to
-one part of it, and judges the fit on another part. The recordings do not come with the package: they are read from the
-folder BAQUEANO_DATA, else from ../shared/data; what is not there is left out, and named.
+Each module of `recorded` knows one recording: it imports it by a map and fits a vehicle file of guesses to one part of
+it. It judges the fit on another part. The recordings do not come with the package: they are read from the folder
+BAQUEANO_DATA, else from ../shared/data; what is not there is left out, and named.
 """
 
 import glob
@@ -25,7 +25,7 @@ RECORDED = ("cpm", "dart", "micromouse", "mpu6050", "warthog")
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordingStudy:
     """The results on all recordings."""
 
     each: tuple["JsonObject", ...]
@@ -44,7 +44,7 @@ class Recorded:
                 "{recording}: {quantity} is {value}",
                 recording=r["recording"],
                 quantity=r["quantity"],
-                value=shown(r["value"]),
+                value=cell_text(r["value"]),
             )
             for r in self.each
             if not r["ok"]
@@ -56,13 +56,13 @@ class Recorded:
         return Verdict.WARN if self.reasons or self.left_out else Verdict.USABLE
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         width = max((len(r["quantity"]) for r in self.each), default=0)
         lines = [f"{_('recording'):20} {_('quantity'):{width}}  {_('ok'):3}  {_('bar'):26} {_('value')}"]
         for r in self.each:
             ok = _("yes") if r["ok"] else _("NO")
             lines.append(
-                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {shown(r['value'])}"
+                f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {cell_text(r['value'])}"
             )
         lines += self.left_out
         met = sum(bool(r["ok"]) for r in self.each)
@@ -81,8 +81,8 @@ class Recorded:
 
 def recordings(
     backend: str = "auto", say: Callable[[str], object] = lambda text: None, names: Sequence[str] = RECORDED
-) -> Recorded:
-    """All recordings that are there, up to Ctrl-C those that were come to. FileError, with the names of the files,
+) -> RecordingStudy:
+    """Return the results of all recordings; after Ctrl-C those before it. FileError, with the names of the files,
     where none is."""
     rows, left_out = [], []
     for name in names:
@@ -91,7 +91,7 @@ def recordings(
         if missing:
             left_out.append(
                 _(
-                    "{name} is left out: there is no {missing}; set BAQUEANO_DATA to its folder",
+                    "{name} is left out: {missing} is missing; set BAQUEANO_DATA to its folder",
                     name=name,
                     missing=missing[0],
                 )
@@ -103,10 +103,10 @@ def recordings(
                 if not rows:
                     raise
                 last = _("stopped from the keyboard: {name} and what follows are left out", name=name)
-                return Recorded(tuple(rows), (*left_out, last), stopped=True)
+                return RecordingStudy(tuple(rows), (*left_out, last), stopped=True)
     if not rows:
         check_present()
-    return Recorded(tuple(rows), tuple(left_out))
+    return RecordingStudy(tuple(rows), tuple(left_out))
 
 
 def files_of(maps: Sequence[str]) -> list[str]:
@@ -114,10 +114,10 @@ def files_of(maps: Sequence[str]) -> list[str]:
     return sorted({spec.path for name in maps for spec in load_map(name).files.values() if spec.path})
 
 
-def missing_of(asked: Sequence[str]) -> list[str]:
+def missing_of(paths: Sequence[str]) -> list[str]:
     """Return the missing ones in all folders of recordings; a name may have *."""
     folders = data_folders()
-    return [path for path in asked if not any(glob.glob(str(folder / path)) for folder in folders)]
+    return [path for path in paths if not any(glob.glob(str(folder / path)) for folder in folders)]
 
 
 def check_present() -> None:
@@ -134,7 +134,7 @@ def check_present() -> None:
         )
 
 
-def shown(value: object) -> str:
+def cell_text(value: object) -> str:
     """A value of a row as text."""
     if isinstance(value, bool):
         return _("yes") if value else _("no")

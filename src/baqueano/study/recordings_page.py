@@ -4,41 +4,41 @@ from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.report import figures
-from baqueano.report.of_estimate import errors, paths
+from baqueano.report.estimate_report import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw
-from baqueano.study.recordings import Recorded
-from baqueano.study.two_ways import CAVEATS, Judgement, TwoWays
+from baqueano.study.cross_validation_cpm import CAVEATS, CrossValidation, Judgement
+from baqueano.study.recordings import RecordingStudy
 
 CHANNELS = (N_("speed, odometer [m/s]"), N_("yaw rate, gyro [rad/s]"))
 SHOWN_S = 30.0
 
 
-def page_of_recordings(found: Recorded | None, study: TwoWays | None) -> Page:
+def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation | None) -> Page:
     """The table of all recordings; then the car that was driven twice, both ways round: tables, and for each run
     that was held out the model, the path and the errors."""
     sections, headlines = [], []
-    if found is not None:
-        said = "\n".join((*found.reasons, *found.left_out))
+    if recorded is not None:
+        text = "\n".join((*recorded.reasons, *recorded.left_out))
         sections.append(
             Section(
                 _("All recordings"),
-                said,
-                [Table(found.rows(), _("Each judged on what the fit has not seen."))],
+                text,
+                [Table(recorded.rows(), _("Each judged on what the fit has not seen."))],
             )
         )
     if study is not None:
         held_out = [one for one in study.judged if one.held_out]
-        said = "\n".join((*study.reasons, *study.notes))
+        text = "\n".join((*study.reasons, *study.notes))
         sections.append(
             Section(
-                _("A car of 1:18: models on runs"), said, [Table(study.figures(), " ".join(map(_, CAVEATS)))]
+                _("A car of 1:18: models on runs"), text, [Table(study.figures(), " ".join(map(_, CAVEATS)))]
             )
         )
         sections.append(Section(_("Parameters"), _("Fitted to one run each."), [Table(study.parameters())]))
         for one in held_out:
             sections += sections_of(one)
             headlines += _headlines(one)
-    result = found or study
+    result = recorded or study
     assert result is not None
     return Page(
         title=_("Real vehicles, judged on what their models have not seen"),
@@ -61,13 +61,13 @@ def sections_of(one: Judgement) -> list[Section]:
     first = t_s <= t_s[0] + SHOWN_S
     drawing = figures.channels(t_s[first], measured[first], model[first], [_(name) for name in CHANNELS])
     drawn = draw(drawing, _("The first {shown_s:.0f} s. The model sees the commands alone.", shown_s=SHOWN_S))
-    said = _(
+    text = _(
         "The EKF begins at the camera's first pose and sees IMU and odometer: nothing on board measures a "
         "position. Shaded: where it believes the car to be, with 95 % probability."
     )
     return [
         Section(_("{title}: the model", title=title), "", [drawn]),
-        Section(_("{title}: the path", title=title), said, paths(one.replayed)),
+        Section(_("{title}: the path", title=title), text, paths(one.replayed)),
         *errors(one.replayed),
     ]
 

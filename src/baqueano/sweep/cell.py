@@ -8,7 +8,8 @@ import numpy as np
 from baqueano.drive import repeat, replay, stop_of
 from baqueano.errors import SafetyStop
 from baqueano.geometry import compose
-from baqueano.sweep.figures import Pieces, figures_of
+from baqueano.sweep.figures import figures_of
+from baqueano.sweep.pieces import Pieces
 from baqueano.sweep.result import SweepCell, SweepDrive
 from baqueano.vehicle_file import VehicleFile, parse
 
@@ -80,9 +81,15 @@ def work(job: SweepJob) -> SweepDrive:
 def _driven(job: SweepJob) -> "Run":
     assert job.route is not None
     start = compose(job.route.eta[0], np.array(job.settings.start))
+    bare = {
+        "check": False,
+        "lead_in": False,
+        "caution": False,
+        "patience_s": np.inf,
+    }  # blocks alone are compared
     return repeat(
         job.file.parsed(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
-        backend=job.settings.backend,
+        backend=job.settings.backend, **bare,
     )  # fmt: skip
 
 
@@ -95,13 +102,14 @@ def as_row(drive: SweepDrive) -> dict[str, object]:
     """Return a drive as JSON can hold it; its numbers are exact."""
     return {
         "figures": drive.figures, "stopped": drive.stopped,
-        "pieces": {name: [list(p.squares), list(p.samples)] for name, p in drive.pieces.items()},
+        "pieces": {name: list(pieces) for name, pieces in drive.pieces.items()},
     }  # fmt: skip
 
 
 def of_row(job: SweepJob, row: dict) -> SweepDrive:
     """Return the drive of a job out of its row."""
     pieces = {
-        name: Pieces(tuple(squares), tuple(samples)) for name, (squares, samples) in row["pieces"].items()
+        name: Pieces(tuple(squares), tuple(samples), *times)
+        for name, (squares, samples, *times) in row["pieces"].items()
     }
     return SweepDrive(job.cell, job.drive, row["figures"], pieces, row["stopped"])

@@ -1,10 +1,9 @@
-"""The figures of a drive, and the sums of squares of its pieces, by which two drives are compared.
+"""The figures of a drive, and the pieces (pieces.py) of those that are an rms, by which two drives are compared.
 
-    rms of a figure = √(Σ_b S_b / Σ_b n_b),   S_b = Σ e², n_b samples of the piece b of PIECE_S            (1)
-    effort          e_t = |u_t / limit| / √m,   m entries of the command with a limit                      (2)
-    roughness       e_t = |u_t − u_{t−1}| / limit / (√m δ)   [1/s]                                         (3)
-    joined          the way of the reference after which the vehicle stays within JOINED_M of its path     (4)
-    laps            whole laps before it is LOST_M beside its path, or stands still                        (5)
+    effort          e_t = |u_t / limit| / √m,   m entries of the command with a limit                      (1)
+    roughness       e_t = |u_t − u_{t−1}| / limit / (√m δ)   [1/s]                                         (2)
+    joined          the way of the reference after which the vehicle stays within JOINED_M of its path     (3)
+    laps            whole laps before it is LOST_M beside its path, or stands still                        (4)
 
 Cross-track, speed, ATE and RPE are those of compare/; the vehicle is judged by the truth where there is one, else by
 the estimate. NEES and NIS are means per degree of freedom, 1 if consistent.
@@ -19,12 +18,12 @@ from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.language import marked as N_
 from baqueano.runs.interpolated import at_times, poses_at
 from baqueano.signals import seconds
+from baqueano.sweep.pieces import Pieces, pieces_of
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
 
-PIECE_S = 10.0
 JOINED_M, LOST_M = 0.03, 0.10
 NAN = float("nan")
 
@@ -57,19 +56,6 @@ SINGLE = {
 }
 
 
-class Pieces(NamedTuple):
-    """Sums over the B pieces of a drive.  (1)"""
-
-    squares: tuple[float, ...]
-    samples: tuple[float, ...]
-
-    @property
-    def rms(self) -> float:
-        """NaN where nothing is known."""
-        n = sum(self.samples)
-        return float(np.sqrt(sum(self.squares) / n)) if n else NAN
-
-
 def figures_of(
     run: "Run", laps: int = 1, alignment: str = "none", over_s: float = 1.0
 ) -> tuple[dict[str, float], dict[str, Pieces]]:
@@ -80,10 +66,11 @@ def figures_of(
         more, of_path = _of_drive(run, laps)
         series |= more
         single |= of_path
-    pieces = {name: _pieces(*series[name]) for name in SUMMED if name in series}
+    spans = {"rpe_m": over_s, "rpe_heading_rad": over_s}
+    pieces = {name: pieces_of(*series[name], spans.get(name, 0.0)) for name in SUMMED if name in series}
     found = filter_consistency(run, alignment)
     single |= {name: getattr(found, name).mean for name in ("nees_pose", "nees_velocity", "nis")}
-    return {name: pieces[name].rms if name in pieces else NAN for name in SUMMED} | single, pieces
+    return {name: errors.rms(series[name][1]) if name in series else NAN for name in SUMMED} | single, pieces
 
 
 def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -124,7 +111,7 @@ def _of_drive(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.nda
 
 
 def joined(way_m: np.ndarray, across_m: np.ndarray) -> float:
-    """Return the way after which all distances (N,) from the path are within JOINED_M; NaN if the last is not.  (4)"""
+    """Return the way after which all distances (N,) from the path are within JOINED_M; NaN if the last is not.  (3)"""
     outside = np.flatnonzero(~(np.abs(across_m) <= JOINED_M))
     if not outside.size:
         return 0.0
@@ -132,7 +119,7 @@ def joined(way_m: np.ndarray, across_m: np.ndarray) -> float:
 
 
 def _laps(run: "Run", t_ns: np.ndarray, across: np.ndarray, part: np.ndarray, laps: int) -> float:
-    """Return the laps of a drive of `laps` that were driven within LOST_M; `part` is that of the whole way.  (5)"""
+    """Return the laps of a drive of `laps` that were driven within LOST_M; `part` is that of the whole way.  (4)"""
     stops = [event.t_ns for event in run.events if event.level == "error"]
     if not stops and np.all(np.abs(across) <= LOST_M):
         return float(laps)
@@ -142,7 +129,7 @@ def _laps(run: "Run", t_ns: np.ndarray, across: np.ndarray, part: np.ndarray, la
 
 
 def _of_command(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return the effort and the roughness of the command that was sent.  (2), (3)"""
+    """Return the effort and the roughness of the command that was sent.  (1), (2)"""
     limits = evenness.limits_of(run.vehicle_text)
     u = (run.applied if run.sent is None else run.sent)[k]
     if limits is None or u.shape[1] != len(limits.command):
@@ -155,15 +142,3 @@ def _of_command(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.nda
     m = np.sqrt(np.count_nonzero(used))
     size = [np.sqrt(np.sum(x * x, axis=1)) / m for x in (part, change)]
     return {"effort": (run.t_ns[k], size[0]), "roughness_1_s": (run.t_ns[k][1:], size[1])}
-
-
-def _pieces(t_ns: np.ndarray, e: np.ndarray) -> Pieces:
-    """Return the sums over the pieces of PIECE_S.  (1)"""
-    if not len(t_ns):
-        return Pieces((), ())
-    at = (seconds(t_ns, t_ns[0]) // PIECE_S).astype(int)
-    there, size = np.isfinite(e), int(at[-1]) + 1
-    squares = np.bincount(at[there], e[there] ** 2, size)
-    return Pieces(
-        tuple(squares.tolist()), tuple(np.bincount(at[there], minlength=size).astype(float).tolist())
-    )

@@ -1,7 +1,8 @@
 """Drives over processes or a cluster; each is written when it is done, and read where it was written before.
 
-The name of a file is the digest of all that decides its drive: version, vehicle file, route or run, blocks with the
-text of those that are the user's, seed and settings. JSON holds doubles exactly: what was read equals what was driven.
+The name of a file is the digest of all that decides its row: version, columns, vehicle file, route or run, blocks with
+the text of those that are the user's, seed and settings. JSON holds doubles exactly: what was read is what was
+driven.
 """
 
 import json
@@ -19,6 +20,7 @@ from baqueano.blocks import resolve
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.sweep.cell import SweepJob, as_row, of_row, work
+from baqueano.sweep.pieces import Pieces
 from baqueano.sweep.workers import spread_over
 
 if TYPE_CHECKING:
@@ -101,7 +103,7 @@ def digest(job: SweepJob) -> str:
     """Return the name under which the drive of a job is kept."""
     import hashlib
 
-    said = [__version__, job.file.text, repr(job.settings), str(job.seed), job.drive]
+    said = [__version__, *Pieces._fields, job.file.text, repr(job.settings), str(job.seed), job.drive]
     said += [_said_of(room, block, job) for room, block in job.blocks._asdict().items()]
     whole = hashlib.sha256("\0".join(said).encode())
     for part in _arrays(job):

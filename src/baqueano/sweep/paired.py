@@ -1,10 +1,13 @@
 """The ratio of two cells on the same drives, with an interval that knows what is not independent.
 
-    ratio = √(Σ_b e_b² / Σ_b ẽ_b²),   its interval by drawing whole blocks b with replacement             (1)
+    θ = mean over drives d of ½ ln(E_d / Ẽ_d),   E_d = Σ_b S_b / Σ_b n_b,   ratio = exp θ                  (1)
+    s² = Σ_d (n_d − 1) / n_d Σ_b (θ_{−b} − mean_b θ_{−b})²,   θ_{−b}: (1) without the block b of n_d         (2)
+    interval = exp(θ ± t s),   t: Student's, with Σ_d (n_d − 1) degrees of freedom                         (3)
 
-Samples that follow one another are alike, and spans of a relative error overlap: no block ends between them. With
-FEWEST drives or more a block is a drive, of which each has its own noise. Of fewer drives, blocks are pieces of 10 s:
-their interval holds for these drives, not for others.
+With FEWEST drives or more a drive is a block, of which each has its own noise: (2) is then the error of a mean. Of
+fewer drives, blocks are pieces of TIMES correlation times or more, and the interval holds for these drives, not for
+others. Fewer than FEWEST blocks have no interval. A bootstrap of so few blocks is too narrow. Source of (2), the
+delete-one jackknife: Künsch, Annals of Statistics, 1989.
 """
 
 from collections.abc import Sequence
@@ -12,8 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.noise.speed_channels import FEWEST, ratio_of_blocks
-from baqueano.sweep.figures import Pieces
+from baqueano.identify.covariance.quantiles import students
+from baqueano.sweep.pieces import Pieces
+
+FEWEST = 5  # blocks, for an interval
+TIMES = 4.0  # correlation times in a block
+NAN = float("nan")
 
 
 class PairedDifference(NamedTuple):
@@ -22,11 +29,11 @@ class PairedDifference(NamedTuple):
     Attributes
     ----------
     ratio : float
-        Below 1: smaller than the other's.
+        Below 1: smaller than the other's; the geometric mean over the drives.
     low, high : float
-        Its interval of 95 %; NaN of few blocks.
+        Its interval of 95 %; NaN where the blocks are too few to tell.
     blocks : int
-        What was drawn from.
+        The count of blocks that are independent of each other.
     of_drives : bool
         True where a block is a drive.
 
@@ -49,28 +56,43 @@ class PairedDifference(NamedTuple):
         return bool(self.low > 1.0 or self.high < 1.0)
 
 
-UNKNOWN = PairedDifference(float("nan"), float("nan"), float("nan"), 0, False)
+UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, False)
 
 
 def paired(ours: Sequence[Pieces], others: Sequence[Pieces]) -> PairedDifference:
     """Return the ratio of two cells; drive k of `ours` and of `others` is the same drive.  (1)"""
-    both = [(a, b) for a, b in zip(ours, others, strict=True) if a.samples and b.samples]
-    of_drives = len(both) >= FEWEST
-    if of_drives:
-        means = [(a.rms**2, b.rms**2) for a, b in both]
-    else:
-        means = [
-            (x / n, y / m)
-            for a, b in both
-            for x, n, y, m in zip(a.squares, a.samples, b.squares, b.samples, strict=False)
-            if n and m
-        ]
-    a, b = (
-        (np.array(column, dtype=float) for column in zip(*means, strict=True))
-        if means
-        else (np.zeros(0),) * 2
-    )
-    known = np.isfinite(a) & np.isfinite(b)
-    if not np.sum(b[known]) > 0.0:
+    both = [_blocks(a, b) for a, b in zip(ours, others, strict=True) if sum(a.squares) * sum(b.squares) > 0.0]
+    if not both:
         return UNKNOWN
-    return PairedDifference(*ratio_of_blocks(a[known], b[known]), int(np.sum(known)), of_drives)
+    logs, n = np.array([_log_ratio(np.sum(one, axis=0)) for one in both]), len(both)
+    theta, of_drives = float(np.mean(logs)), n >= FEWEST
+    blocks = n if of_drives else sum(map(len, both))
+    freedom = n - 1 if of_drives else blocks - n
+    if freedom < FEWEST - 1 or not (of_drives or min(map(len, both)) > 1):
+        return PairedDifference(float(np.exp(theta)), NAN, NAN, blocks, of_drives)
+    variance = np.var(logs, ddof=1) / n if of_drives else sum(map(_jackknife, both)) / n**2
+    half = students(0.975, freedom) * np.sqrt(variance)
+    low, ratio, high = (float(np.exp(x)) for x in (theta - half, theta, theta + half))
+    return PairedDifference(ratio, low, high, blocks, of_drives)
+
+
+def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
+    """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, of TIMES correlation times each."""
+    rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them may have been stopped
+    pieces = np.array([row for row in rows if row[1] and row[3]])
+    needed = max(1, int(np.ceil(TIMES * max(a.correlation_s, b.correlation_s) / a.length_s)))
+    groups = np.array_split(pieces, max(1, len(pieces) // needed))
+    return np.array([np.sum(group, axis=0) for group in groups])
+
+
+def _log_ratio(sums: np.ndarray) -> np.ndarray:
+    """Return ½ ln(E / Ẽ) of S, n, S̃, ñ (…, 4)."""
+    S, n, S_other, n_other = np.moveaxis(sums, -1, 0)
+    return 0.5 * np.log((S / n) / (S_other / n_other))
+
+
+def _jackknife(blocks: np.ndarray) -> float:
+    """Return the variance of the log ratio of a drive with the blocks (B, 4).  (2)"""
+    n = len(blocks)
+    without = _log_ratio(np.sum(blocks, axis=0) - blocks)
+    return float((n - 1) / n * np.sum((without - np.mean(without)) ** 2))

@@ -11,8 +11,9 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.messages import text, verdict_line
-from baqueano.sweep.figures import SINGLE, SUMMED, Pieces
+from baqueano.sweep.figures import SINGLE, SUMMED
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired
+from baqueano.sweep.pieces import Pieces
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -232,9 +233,8 @@ class SweepResult(Result):
         if row["cell"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
             return "  1" if row["cell"] == self.reference else "  -"
         shown = [f"{number(row[f'{main}_{end}']):.2f}" for end in ("ratio", "low", "high")]
-        return (
-            f"  {shown[0]} [{shown[1]}, {shown[2]}]" if np.isfinite(row[f"{main}_low"]) else f"  {shown[0]}"
-        )
+        interval = f"[{shown[1]}, {shown[2]}]" if np.isfinite(row[f"{main}_low"]) else _("cannot tell")
+        return f"  {shown[0]} {interval}"
 
 
 def _cell(value: float) -> str:

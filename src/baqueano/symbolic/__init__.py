@@ -5,7 +5,7 @@ given to them are ordinary NumPy text: pure, with no `if` on a value that is kno
 
 A call goes through the house from the top down; each room knows only those below it:
 
-    function, scan     what is called; plain runs the step as it is written, lanes many at once, packing and paths
+    function, scan     what is called; plain runs the step as it is written, batch many at once, packing and paths
                        carry trees to rows and back
     backends           which of the two: c_code/ or python_code/
     derivatives/       the rule of each operator, dual numbers, tangents of a program

@@ -11,7 +11,7 @@ from baqueano.symbolic.graph.program import Kernel, Program
 from baqueano.symbolic.python_code import python
 
 NAMES = ("auto", "c", "python", "numpy")
-_told: set[Diagnostic] = set()
+_reported: set[Diagnostic] = set()
 
 
 def chosen(backend: str) -> str:
@@ -60,8 +60,8 @@ class Runner:
     def _give_up_c(self, why: Diagnostic | None) -> None:
         self.backend, self._may_change = "python", False
         self._kernel = python.make_kernel(self._program)
-        if why is not None and why.code != "compiler.absent" and why not in _told:
-            _told.add(why)
+        if why is not None and why.code != "compiler.absent" and why not in _reported:
+            _reported.add(why)
             print(
                 f"baqueano: {text(note('compiler.given-up', Severity.WARNING, cause=why))}", file=sys.stderr
             )

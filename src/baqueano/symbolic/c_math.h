@@ -251,12 +251,21 @@ LOCAL REAL FN(atan)(REAL x) { return FN(atan2)(x, FN(splat)(1.0)); }
 LOCAL REAL FN(asin)(REAL x) { return FN(atan2)(x, FN(sqrt)((1.0 - x) * (1.0 + x))); }
 LOCAL REAL FN(acos)(REAL x) { return FN(atan2)(FN(sqrt)((1.0 - x) * (1.0 + x)), x); }
 
+/* Lanes that read a route at the same time read one place of its table. */
+LOCAL int FN(alike)(REAL x) {
+    MASK other = x != FN(splat)(x[0]);
+    long long some = 0;
+    EACH_LANE some |= other[lane];
+    return some == 0;
+}
 LOCAL REAL FN(interp)(REAL x, const double *xp, const double *fp, int64_t n) {
+    if (FN(alike)(x)) return FN(splat)(table_value(xp, fp, n, x[0]));
     REAL y;
     EACH_LANE y[lane] = table_value(xp, fp, n, x[lane]);
     return y;
 }
 LOCAL REAL FN(interp_slope)(REAL x, const double *xp, const double *fp, int64_t n) {
+    if (FN(alike)(x)) return FN(splat)(table_slope(xp, fp, n, x[0]));
     REAL y;
     EACH_LANE y[lane] = table_slope(xp, fp, n, x[lane]);
     return y;

@@ -11,14 +11,14 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
-from baqueano.errors import Coded
+from baqueano.errors import DiagnosticError
 
 _FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, made-up text
 FANCY_INDEX = "arrays used as ind"  # of NumPy's text
 _CAUSES = (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError)
 
 
-class TraceError(Coded, TypeError, ValueError):
+class TraceError(DiagnosticError, TypeError, ValueError):
     """The text of a function cannot be traced; the message names its file and line and what to write.
 
     Examples

@@ -1,11 +1,10 @@
 """Make a call fast: `function` for a function, `compiled` for the step of a block.
 
-The numbers of the arguments are written into one row of floats, the kernel of a scan of one tick fills
-another, and that is read as the result. Types, None and text belong to the shape of an argument, and are
-checked.
+The numbers of the arguments are written into one row of floats. The kernel of a scan of one tick fills another, which
+is read as the result. Types, None and text belong to the shape of an argument, and are checked.
 
-A filter carries many zeros: states that never correlate. Where the first state has zeros that stay so by induction,
-the kernel is simplified for them, and looks at every call whether they are there; a general one is made if not.
+A filter carries many zeros: states that never correlate. Where the first state has zeros that stay so by induction, the
+kernel is simplified for them. It looks at every call whether they are there; a general one is made if not.
 
 The methods of blocks with equal parameters have the same text: graph and kernel of the newest are kept.
 """
@@ -63,8 +62,8 @@ def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> 
 def compiled(block: Tree, backend: str = "auto") -> "CompiledBlock":
     """Return the block with a compiled `step`; its fields are constants, all else is its own.
 
-    A step with a loop over time has `row`, the step of one input, which is compiled, and `pause(state, input)`, which
-    returns the inputs that come before this one.
+    A step with a loop over time has `row`, the step of one input, which is compiled. It also has `pause(state, input)`,
+    which returns the inputs that come before this one.
 
     Parameters
     ----------
@@ -127,7 +126,7 @@ class Function:
         return made.quick
 
 
-class _Made(NamedTuple):
+class _CompiledParts(NamedTuple):
     """The compiled parts that all functions of one text share."""
 
     quick: Runner  # for states that are 0 where the example is
@@ -137,11 +136,13 @@ class _Made(NamedTuple):
     shape: Shape  # of the result
 
 
-_kept: dict[Hashable, _Made] = {}  # the oldest first
+_kept: dict[Hashable, _CompiledParts] = {}  # the oldest first
 _lock = Lock()
 
 
-def _made(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> _Made:
+def _made(
+    f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
+) -> _CompiledParts:
     """Return what was made of the same text before, or make it: the second drive of a vehicle is ready at once."""
     key = _key(f, shapes, examples, backend)
     made = _kept.get(key) or _make(f, shapes, examples, backend)
@@ -174,12 +175,14 @@ def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...]
     return key
 
 
-def _make(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> _Made:
+def _make(
+    f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
+) -> _CompiledParts:
     trace = trace_function(f, shapes)
     whole = assemble(trace, keep_all=True, given_start=True).program
     quick = Runner(_with_zeros(whole, shapes, trace.output_shape, examples), backend)
     general = cache(lambda: Runner(whole, backend))
-    return _Made(quick, general, len(trace.inputs), len(trace.outputs), trace.output_shape)
+    return _CompiledParts(quick, general, len(trace.inputs), len(trace.outputs), trace.output_shape)
 
 
 def _same(x: object) -> Hashable:

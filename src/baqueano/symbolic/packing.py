@@ -3,7 +3,7 @@
 `tree.values` and `tree.build` do the same, slowly, for any shape; they also say what is wrong with a tree.
 
 The state that a step returned is usually the state of its next call. Its arrays are parts of the row that the kernel
-filled, so that row is copied as it is, with the present content of those arrays.
+filled. So that row is copied as it is, with the present content of those arrays.
 """
 
 import threading
@@ -16,7 +16,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, cause_of
 from baqueano.symbolic.graph.tree import (
     Branch,
-    Fixed,
+    ConstantLeaf,
     Leaf,
     Shape,
     as_floats,
@@ -88,7 +88,7 @@ def _is_kept(shape: Shape) -> bool:
     """Return whether nothing of it can change but the numbers in its arrays, which are parts of a row."""
     if isinstance(shape, Branch):
         return issubclass(shape.kind, tuple) and all(map(_is_kept, shape.children))
-    return isinstance(shape, Fixed) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
+    return isinstance(shape, ConstantLeaf) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
 
 
 def _alike(a: Shape, b: Shape) -> bool:
@@ -99,13 +99,13 @@ def _alike(a: Shape, b: Shape) -> bool:
         return all(map(_alike, a.children, b.children))
     if isinstance(a, Leaf):
         return isinstance(b, Leaf) and (a.shape, a.is_array) == (b.shape, b.is_array)
-    return isinstance(b, Fixed) and a.value is b.value
+    return isinstance(b, ConstantLeaf) and a.value is b.value
 
 
 def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, Tree]) -> int:
     k = len(space)
     space[f"shape{k}"] = shape
-    if isinstance(shape, Fixed):
+    if isinstance(shape, ConstantLeaf):
         space[f"value{k}"] = shape.value
         lines.append(f"if {name} is not value{k}: wrong(shape{k}, {name})")
         return at
@@ -160,7 +160,7 @@ def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree
 def _tree(shape: Shape, names: Tree, space: dict[str, Tree]) -> str:
     """The text that builds it of variables, one for each leaf."""
     k = len(space)
-    if isinstance(shape, Fixed):
+    if isinstance(shape, ConstantLeaf):
         space[f"value{k}"] = shape.value
         return f"value{k}"
     if isinstance(shape, Leaf):

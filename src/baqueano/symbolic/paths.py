@@ -14,13 +14,13 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault, nearest
-from baqueano.errors import Coded, Invalid
+from baqueano.errors import DiagnosticError, Invalid
 from baqueano.symbolic.arrays.array import filled_later, has_scalars
 
 Of = TypeVar("Of")
 
 
-class NoSuchName(Coded, AttributeError):
+class NoSuchName(DiagnosticError, AttributeError):
     """A path names what is not there."""
 
 

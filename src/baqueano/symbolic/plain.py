@@ -12,6 +12,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.symbolic.arrays.array import TracedArray, as_array
 from baqueano.symbolic.arrays.tracing import tracing
+from baqueano.symbolic.batch import Batch
 from baqueano.symbolic.derivatives.dual import Dual, rows_of, seeded
 from baqueano.symbolic.derivatives.residuals import normal_equations
 from baqueano.symbolic.errors import located
@@ -27,7 +28,6 @@ from baqueano.symbolic.graph.tree import (
     values,
     with_kinds,
 )
-from baqueano.symbolic.lanes import Lanes
 from baqueano.symbolic.scan import Scan, count_ticks, flat_row, tree_of
 
 
@@ -55,9 +55,9 @@ class PlainScan(Scan):
                 np.concatenate([as_array(v).ravel() for v in (0.0, *values(shape, output))])[1:]
                 for output in outputs
             ]
-        found = np.array([[x.value if isinstance(x, Dual) else x for x in row] for row in flat], dtype=float)
+        rows = np.array([[x.value if isinstance(x, Dual) else x for x in row] for row in flat], dtype=float)
         slopes = np.array([rows_of(row, len(theta), level) for row in flat], dtype=float)
-        return found, slopes
+        return rows, slopes
 
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         _, outputs = self._loop(inputs, self._theta(theta), carry)
@@ -75,22 +75,15 @@ class PlainScan(Scan):
     ) -> NormalEquations:
         return NormalEquations(*normal_equations(*self.sensitivities(inputs, theta, carry), huber))
 
-    def lanes(
+    def batch(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
-        lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
-        shared, own, is_shared = lanes.inputs
-        rows, mask = np.empty((lanes.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
-        rows[:, mask] = shared
+        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
         ends: list[np.ndarray] = []
         every: list[Tree] = []
         carry_shape = self.carry_shape
-        for k in range(lanes.lanes):
-            rows[:, ~mask] = own[k]
-            start = None if lanes.start is None else tree_of(self.carry_shape, lanes.start[k])
-            last, outputs_of = self.run(
-                tree_of(self.input_shape, rows), None if self.parameters is None else lanes.theta[k], start
-            )
+        for one in self._each(batch):
+            last, outputs_of = self.run(*one)
             carry_shape = shape_of(last, "carry")
             ends.append(flat_row(carry_shape, last))
             every.append(outputs_of)
@@ -102,6 +95,28 @@ class PlainScan(Scan):
             for column in zip(*(values(shape, outputs_of) for outputs_of in every), strict=True)
         ]
         return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacked))
+
+    def batch_sums(
+        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        self._need_theta()
+        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
+        each = [self.sensitivities(rows, values, start) for rows, values, start in self._each(batch)]
+        return np.array([y.sum(0) for y, _ in each]), np.array([d.sum(0)[:, :slopes] for _, d in each])
+
+    def _each(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
+        """Yield inputs, θ and start of each lane."""
+        shared, own, is_shared = batch.inputs
+        rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
+        rows[:, mask] = shared
+        for k in range(batch.lanes):
+            rows[:, ~mask] = own[k]
+            start = None if batch.start is None else tree_of(self.carry_shape, batch.start[k])
+            yield (
+                tree_of(self.input_shape, rows),
+                None if self.parameters is None else batch.theta[k],
+                start,
+            )
 
     def _loop(self, inputs: Tree, theta: np.ndarray | TracedArray, carry: Tree) -> tuple[Tree, list[Tree]]:
         theta_of = () if self.parameters is None else (theta,)

@@ -15,9 +15,10 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.symbolic.backends import Runner, chosen
+from baqueano.symbolic.derivatives.sums import summed
 from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import below
-from baqueano.symbolic.graph.program import NormalEquations
+from baqueano.symbolic.graph.program import NormalEquations, Program
 from baqueano.symbolic.graph.trace import trace_step
 from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, values
 
@@ -125,7 +126,7 @@ class Scan(ABC):
         return ""
 
     @property
-    def dead(self) -> tuple[str, ...]:
+    def unused_carry(self) -> tuple[str, ...]:
         """Entries of the carry that no output depends on: derivatives, costs and fits leave them out."""
         return ()
 
@@ -153,14 +154,22 @@ class Scan(ABC):
         ρ grows linearly beyond k."""
 
     @abstractmethod
-    def lanes(
+    def batch(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
         """L runs side by side: theta (L, p); leaves of `carry` (L, …) or shared; leaves of `inputs`
         (L, N, …) or shared. The carry after the last tick, (L, …), and the outputs, (L, N, …), or None."""
 
-    def _theta(self, theta: Tree, lanes: bool = False) -> np.ndarray:
-        wanted = "(L, p)" if lanes else "(p,)"
+    @abstractmethod
+    def batch_sums(
+        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """L runs side by side, as in `batch`: the numbers of the output summed over the ticks, (L, m).
+
+        Also the derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes)."""
+
+    def _theta(self, theta: Tree, many: bool = False) -> np.ndarray:
+        wanted = "(L, p)" if many else "(p,)"
         if self.parameters is None:
             if theta is not None:
                 raise Invalid(fault("engine.no-theta"))
@@ -168,7 +177,7 @@ class Scan(ABC):
         if theta is None:
             raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=wanted))
         theta = np.ascontiguousarray(theta, dtype=float)
-        if theta.ndim != 1 + lanes or theta.shape[-1] != self.parameters:
+        if theta.ndim != 1 + many or theta.shape[-1] != self.parameters:
             raise Invalid(
                 fault(
                     "engine.theta-shape", found=str(theta.shape), expected=wanted, parameters=self.parameters
@@ -203,6 +212,7 @@ class TracedScan(Scan):
         candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
         self.trace, self.symmetric = self._traced(candidates)
         self.runners: dict[tuple[bool, bool, bool], tuple[Assembly, Runner]] = {}
+        self.summing: dict[tuple[int, int], tuple[Assembly, Program, Runner]] = {}
         self.begun: dict[bool, tuple[tuple[Assembly, Runner], np.ndarray]] = {}
 
     @property
@@ -219,9 +229,9 @@ class TracedScan(Scan):
         return sum(bool(node.args) for node in below([*program.next_carry, *program.outputs]))
 
     @property
-    def dead(self) -> tuple[str, ...]:
+    def unused_carry(self) -> tuple[str, ...]:
         names = [name for leaf in leaves(self.carry_shape) for name in leaf.names]
-        return tuple(names[k] for k in self._runner(keep_all=False)[0].dead)
+        return tuple(names[k] for k in self._runner(keep_all=False)[0].unused_carry)
 
     def run(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> tuple[Tree, Tree]:
         theta, rows = self._theta(theta), self._rows(inputs)
@@ -258,20 +268,44 @@ class TracedScan(Scan):
         sums = runner.call("normal_equations", len(rows), theta, start, rows, huber)
         return NormalEquations(*sums)
 
-    def lanes(
+    def batch(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
-        from baqueano.symbolic.lanes import Lanes
+        from baqueano.symbolic.batch import Batch
 
-        lanes = Lanes.of(self, inputs, self._theta(theta, lanes=True), carry)
-        (assembly, runner), start = self._prepared(True, carry, lanes.start)
-        program, count, n = assembly.program, lanes.lanes, lanes.ticks
+        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
+        (assembly, runner), start = self._prepared(True, carry, batch.start)
+        program, count, n = assembly.program, batch.lanes, batch.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
         every = np.empty((count, n, len(program.outputs))) if outputs else None
         final = np.empty((count, len(program.carry)))
-        runner.call("lanes", count, n, lanes.theta, start, *lanes.inputs, every, final)
+        runner.call("batch", count, n, batch.theta, start, *batch.inputs, every, final)
         last = tree_of(self.trace.carry_shape, assembly.whole(final, start))
         return last, None if every is None else tree_of(self.trace.output_shape, every)
+
+    def batch_sums(
+        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        from baqueano.symbolic.batch import Batch
+
+        self._need_theta()
+        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
+        (assembly, _), start = self._prepared(False, carry, batch.start)
+        program, runner = self._summing(assembly, slopes)
+        count, m = batch.lanes, len(assembly.program.outputs)
+        start = np.broadcast_to(start, (count, start.shape[-1]))
+        final = np.empty((count, len(program.carry)))
+        runner.call("batch", count, batch.ticks, batch.theta, start, *batch.inputs, None, final)
+        sums = final[:, len(program.carry) - m * (1 + slopes) :]
+        return sums[:, :m], np.moveaxis(sums[:, m:].reshape(count, slopes, m), 1, 2)
+
+    def _summing(self, assembly: Assembly, slopes: int) -> tuple[Program, Runner]:
+        key = id(assembly), slopes
+        with self.trace.graph.lock:
+            if key not in self.summing:
+                program = summed(assembly.program, slopes)
+                self.summing[key] = assembly, program, Runner(program, self.asked)  # the id stays taken
+        return self.summing[key][1:]
 
     def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:
         theta, rows = self._theta(theta), self._rows(inputs)

@@ -2,15 +2,15 @@
 
     C(p) = Σ_t ‖η_ref(t) − η(t)‖_h                  Grotz et al., `equ:controller_cost_function`        (1)
     r² = Δx² + Δy² + (w Δψ)²,   ‖·‖_h = ½ r² for r ≤ k,   k r − ½ k² beyond                             (2)
-    + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)²                         ours; 0 in the paper              (3)
+    + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)² + p Σ_t Σ_i (u_i,t / limit_i)²         ours; 0 in the paper  (3)
 
 η is the pose of the simulated vehicle ("obtained by simulating the system with the dynamic parameters").
 The paper sums metres and radians: w [m] is what a radian weighs, by default half the track (errata 13), the
 distance that a wheel moves when the vehicle turns in place by one. Nor does it give h: k is 0.1 m by
 default. Huber's norm of the whole vector, not of its entries, so that turning the map changes nothing.
 The paper puts no price on the command, and the least cost is then a vehicle that trembles along its route;
-q [m²] is that price, by default 0.1 (gains.py). For the paper's own cost write effort_m2 = 0
-and aside_m = 0, a start on the route.
+q [m²] is the price of jerks, by default 0.1. The price p [m²] of effort is 0 by default: most of the effort is what
+the route needs. For the paper's own cost write jerk_m2 = 0 and aside_m = 0, a start on the route.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,8 @@ class Weights(NamedTuple):
 
     radian_m: float  # w
     huber_m: float  # k
-    effort_m2: float  # q; 0: the paper's cost
+    jerk_m2: float  # q; 0: the paper's cost
+    effort_m2: float = 0.0  # p
 
 
 class TickErrors(NamedTuple):
@@ -40,7 +41,9 @@ class TickErrors(NamedTuple):
 def tick_cost(weights: Weights, limit: np.ndarray, heard: Tree) -> Tree:
     """Return a term of the sum, a scalar [m²].  (2), (3)"""
     cost = path_cost(weights, heard)
-    return cost if weights.effort_m2 == 0.0 else cost + weights.effort_m2 * jerk(limit, heard)
+    if weights.jerk_m2 != 0.0:
+        cost = cost + weights.jerk_m2 * jerk(limit, heard)
+    return cost if weights.effort_m2 == 0.0 else cost + weights.effort_m2 * effort(limit, heard)
 
 
 def path_cost(weights: Weights, heard: Tree) -> Tree:
@@ -54,9 +57,14 @@ def path_cost(weights: Weights, heard: Tree) -> Tree:
 
 def jerk(limit: np.ndarray, heard: Tree) -> Tree:
     """Return the squared change of the command at a tick, in parts of its limit; q is its price.  (3)"""
-    scale = np.where((limit > 0.0) & np.isfinite(limit), limit, 1.0)
-    change = (heard.record.command.u - heard.record.tick.u) / scale
+    change = (heard.record.command.u - heard.record.tick.u) / _scale(limit)
     return np.sum(change * change)
+
+
+def effort(limit: np.ndarray, heard: Tree) -> Tree:
+    """Return the square of the command at a tick, in parts of its limit; p is its price.  (3)"""
+    part = heard.record.command.u / _scale(limit)
+    return np.sum(part * part)
 
 
 def shown(limit: np.ndarray, heard: Tree) -> TickErrors:
@@ -64,3 +72,7 @@ def shown(limit: np.ndarray, heard: Tree) -> TickErrors:
     d = heard.record.reference.eta - heard.truth.eta
     full = (np.abs(heard.record.command.u) >= limit) & (limit > 0.0)
     return TickErrors(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(full, 1.0, 0.0)))
+
+
+def _scale(limit: np.ndarray) -> np.ndarray:
+    return np.where((limit > 0.0) & np.isfinite(limit), limit, 1.0)

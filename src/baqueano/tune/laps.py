@@ -18,17 +18,9 @@ from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_o
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
+from baqueano.tune.asked import SoughtGains, sought
 from baqueano.tune.cost import Weights, jerk, path_cost, shown
-from baqueano.tune.gains import (
-    ASIDE_M,
-    EFFORT_M2,
-    HUBER_M,
-    SoughtGains,
-    rms,
-    sought,
-    unquantised,
-    weights_of,
-)
+from baqueano.tune.rehearsal import ASIDE_M, HUBER_M, JERK_M2, TICKS_FROM, rms, unquantised, weights_of
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -85,8 +77,11 @@ class SimulatedLaps:
 
     def costs(self, gains: np.ndarray) -> np.ndarray:
         """Return C_path and C_jerk (L, 2) of the laps with gains (L, p)."""
-        laps = [self.lap(each) for each in gains]
-        return np.array([(lap.path_cost, lap.jerk_cost) for lap in laps]).reshape(-1, 2)
+        if len(gains) * len(self._inputs.t_ns) < TICKS_FROM:
+            laps = [self.lap(each) for each in gains]
+            return np.array([(lap.path_cost, lap.jerk_cost) for lap in laps]).reshape(-1, 2)
+        sums, _ = self._kernel.batch_sums(self._inputs, gains, carry=self._start)
+        return sums[:, [_LapTick._fields.index(name) for name in ("path", "jerk")]]
 
     def cost_and_gradient(self, gains: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """Return C and ∂C/∂gains (p,) at a price of jerks [m²].  (1)"""
@@ -122,10 +117,9 @@ def simulated_laps(
     UsageError
         For a controller without a gain.
     """
-    asked = sought(vehicle_file, None, {}, kind)
-    weights = weights_of(vehicle_file, None, HUBER_M, EFFORT_M2)
-    controller = vehicle_file.controller(kind, **asked.first)
-    system = unquantised(closed(vehicle_file, route, 1, True, controller))
+    asked = sought(vehicle_file, controller=kind)
+    weights = weights_of(vehicle_file, None, HUBER_M, JERK_M2)
+    system = unquantised(closed(vehicle_file, route, 1, True, asked.block))
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
     lasting = ticks_of(system, rate)
     ticks = min(lasting, round(LONGEST_S * rate))

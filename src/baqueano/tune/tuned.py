@@ -6,20 +6,33 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Controller, OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import verdict_line
+from baqueano.tune.asked import file_values
 from baqueano.tune.cost import Weights
+from baqueano.tune.margins import LoopMargins, loop_margins
+from baqueano.tune.rehearsal import TunedDrive
 from baqueano.tune.search import Descent
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.tune.cost import Weights
-    from baqueano.tune.search import Descent
     from baqueano.vehicle_file import VehicleFile
 
+FACTORS = (
+    0.5,
+    0.65,
+    0.8,
+    0.9,
+    1.0,
+    1.1,
+    1.25,
+    1.6,
+    2.0,
+)  # of a gain: where the cost around the optimum is taken
 AGREE = 1e-3  # costs that differ by less than this part are the same
 
 
@@ -37,13 +50,21 @@ class Gain(NamedTuple):
     cost_more: float  # with 1.25 of it
 
 
-class TunedDrive(NamedTuple):
-    """The figures of a drive with these gains."""
+class WorstCase(NamedTuple):
+    """The largest cost of a vehicle among others of the covariance than those of the search."""
 
-    distance_rms_m: float
-    distance_max_m: float
-    heading_rms_rad: float
-    saturated: float  # share of the ticks at a limit of the command
+    draws: int  # vehicles of the search
+    judges: int  # vehicles that judged
+    cost: float  # [m²] with these gains
+    nominal: float  # with the gains that suit the file's own vehicle
+
+
+class FreshSeeds(NamedTuple):
+    """The cost on noise that the search has not met."""
+
+    seeds: int
+    cost: float  # [m²]
+    searched: float  # on the noise of the search
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -72,10 +93,20 @@ class TuneResult(Result):
         Number of the descent and cost of each evaluation.
     loop : str
         "perfect pose" or "estimator in the loop".
-    draws : int
-        Vehicles of the covariance over which the cost is averaged; 0: the file's own alone.
     backend : str
         Of the kernels.
+    controller : Controller
+        The block with these gains.
+    kind : str, type, block or None
+        What was tuned in place of the file's controller; None: the file's.
+    around : ndarray (p, k)
+        Cost with each gain alone at the k FACTORS, relative to the least.
+    speed_m_s : float
+        That the routes ask for.
+    worst : WorstCase or None
+        Of the vehicles of the covariance; None: the file's own alone.
+    fresh : FreshSeeds or None
+        Of other noise; None: there was none.
 
     Examples
     --------
@@ -95,13 +126,23 @@ class TuneResult(Result):
     descents: tuple["Descent", ...]
     history: np.ndarray
     loop: str
-    draws: int
     backend: str
+    controller: Controller
+    kind: OwnBlock | None
+    around: np.ndarray
+    speed_m_s: float
+    worst: WorstCase | None = None
+    fresh: FreshSeeds | None = None
 
     @property
     def values(self) -> dict[str, float]:
         """Name → gain."""
         return {gain.name: gain.value for gain in self.gains}
+
+    @property
+    def margins(self) -> tuple[LoopMargins, ...]:
+        """Return the gain, phase and delay that each channel of the loop bears at the speed of the routes."""
+        return loop_margins(self.vehicle_file, self.controller, self.speed_m_s)
 
     @property
     def agreed(self) -> int:
@@ -127,6 +168,8 @@ class TuneResult(Result):
             messages.append(note(code, Severity.WARNING, subject=gain.name, limit=end, unit=gain.unit))
         if len(self.descents) > 1 and self.agreed == 1:
             messages.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
+        if not all(m.stable for m in self.margins):
+            messages.append(note("tune.unstable", Severity.WARNING, speed_m_s=self.margins[0].speed_m_s))
         if self.drive.saturated > 0.2:
             messages.append(note("tune.saturated", Severity.WARNING, percent=100 * self.drive.saturated))
         return tuple(messages)
@@ -137,6 +180,11 @@ class TuneResult(Result):
         whole = {"cost": self.cost, "cost_before": self.cost_before, "cost_standing": self.cost_standing}
         whole |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreed}
         whole["evaluations"] = len(self.history)
+        whole |= {f"worst_{name}": x for name, x in (self.worst._asdict() if self.worst else {}).items()}
+        whole |= {f"fresh_{name}": x for name, x in (self.fresh._asdict() if self.fresh else {}).items()}
+        for m in self.margins:
+            margins = {k: x if np.isfinite(x) else None for k, x in m._asdict().items() if k != "channel"}
+            whole |= {f"{m.channel}_{name}": x for name, x in margins.items()}
         out = []
         for g in self.gains:
             row: TableRow = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
@@ -159,7 +207,7 @@ class TuneResult(Result):
     def _notes(self) -> list[str]:
         d, w = self.drive, self.weights
         before = f"{number(self.cost_before):.4g} → " if np.isfinite(self.cost_before) else ""
-        over = _(", the mean of {vehicles} vehicles", vehicles=self.draws) if self.draws else ""
+        over = _(", as of the worst of {vehicles} vehicles", vehicles=self.worst.draws) if self.worst else ""
         return [
             _(
                 "cost {before}{cost:.4g} m²{over}, {standing:.4g} without control; a radian weighs "
@@ -177,16 +225,54 @@ class TuneResult(Result):
                 "evaluations",
                 percent=100 * d.saturated, agreed=self.agreed, starts=len(self.descents), evaluations=len(self.history),
             ),
+            *self._others(),
+            *map(_margins_line, self.margins),
         ]  # fmt: skip
+
+    def _others(self) -> list[str]:
+        """The cost on vehicles and noise that the search has not met."""
+        lines = []
+        if self.worst:
+            lines.append(
+                _(
+                    "worst of {judges} other vehicles: {cost:.4g} m², {nominal:.4g} with gains for the file's own",
+                    judges=self.worst.judges,
+                    cost=self.worst.cost,
+                    nominal=self.worst.nominal,
+                )
+            )
+        if self.fresh:
+            lines.append(
+                _(
+                    "on {seeds} other seeds {cost:.4g} m², on those of the search {searched:.4g} m²",
+                    **self.fresh._asdict(),
+                )
+            )
+        return lines  # fmt: skip
 
     def applied(self) -> "VehicleFile":
         """The vehicle file with these gains."""
         from baqueano.vehicle_file.history import Provenance
 
-        values = {f"controller.{name}": value for name, value in self.values.items()}
+        values = file_values(self.controller, self.values, self.kind)
         origin = Provenance(run=f"tune, {self.loop}", verdict=self.verdict)
-        return self.vehicle_file.with_values(values, dict.fromkeys(values, origin))
+        found = [key for key in values if key != "controller.kind"]
+        return self.vehicle_file.with_values(values, dict.fromkeys(found, origin))
 
     def save(self, path: str | Path | None = None) -> Path:
         """Writes the vehicle file with these gains; to its own place, unless `path` says another."""
         return self.applied().save(path)
+
+
+def _margins_line(m: LoopMargins) -> str:
+    """The margins of a channel, for people."""
+    if not m.stable:
+        return _("{channel} at {speed_m_s:.2g} m/s: unstable", channel=m.channel, speed_m_s=m.speed_m_s)
+    if not np.isfinite(m.phase_rad) and not np.isfinite(m.gain_up):
+        return _("{channel}: no gain and no delay makes this loop unstable", channel=m.channel)
+    return _(
+        "{channel} at {speed_m_s:.2g} m/s: gain × {gain_up:.2f}, phase {phase_deg:.0f}°, delay {delay_ms:.0f} ms more "
+        "until the loop is unstable",
+        channel=m.channel, speed_m_s=m.speed_m_s, gain_up=m.gain_up, phase_deg=np.degrees(m.phase_rad),
+        delay_ms=1000 * m.delay_s,
+    )  # fmt: skip

@@ -43,6 +43,7 @@ class Surroundings(NamedTuple):
     folder: str | None  # where "file.py:Class" is looked for
     rate_hz: float
     geometry: Geometry
+    low_pass_hz: float | None = None  # of the IMU, by the setting of its chip where the file has one
 
 
 def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
@@ -121,6 +122,8 @@ def _sensor(sheet: Sheet, path: KeyPath, kind: type, table: Any, around: Surroun
     values = arguments(sheet, path, keys, table)
     if "track_m" in keys and "track_m" not in table and around.geometry.track_m is not None:
         values["track_m"] = around.geometry.track_m
+    if "low_pass_hz" in keys and "low_pass_hz" not in table and around.low_pass_hz is not None:
+        values["low_pass_hz"] = around.low_pass_hz
     lacking = [k for k in missing(keys, values) if k not in table]
     if lacking:
         sheet.wrong_table(path, "vehicle.table-lacks", keys=lacking)

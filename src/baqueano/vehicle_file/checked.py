@@ -36,7 +36,7 @@ class CheckedBlock(Result):
         return [{"block": self.block, "code": one.code, "finding": text(one)} for one in self.findings]
 
     def table(self) -> str:
-        """The findings, a line each, or that there are none."""
+        """Return the findings, a line each, or a line that says that the block passed."""
         return "\n".join(f"{self.block}  {one}" for one in texts(self.findings)) or str(self.verdict)
 
 

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from baqueano.blocks import allowed, check_room, resolve_named
 from baqueano.contracts.blocks import OwnBlock
+from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError, UsageError
 from baqueano.estimators import AugmentedEkf
+from baqueano.sensors.imu_filter import low_pass_hz
 from baqueano.signals import ByName
 from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
@@ -27,13 +29,13 @@ from baqueano.vehicle_file.head import (
     read_head,
     read_top,
 )  # fmt: skip
-from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, read_history
-from baqueano.vehicle_file.plausible import check_body, check_drive, check_sensors
+from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, numbers_of, read_history
+from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, unknown
 from baqueano.vehicle_file.text.toml_text import read_text, tables
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.guides.route import Route
 
 LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
@@ -81,8 +83,6 @@ class VehicleFile:
         The table [robot].
     simulation : Simulation
         The table [simulation].
-    simulation : Simulation
-        The table [simulation].
     on_disk : str or None
         Text of the file at `path` when it was read.
 
@@ -117,6 +117,16 @@ class VehicleFile:
             f"{self.name} ({', '.join(self.layers)}): {type(self.vehicle).__name__} at {self.rate_hz:g} Hz, commands "
             f"{commands}, sensors {', '.join(self.sensors._fields) or '-'}"
         )
+
+    def rows(self) -> list["TableRow"]:
+        """Return one flat row per number of the model, with who measured it."""
+        return numbers_of(self.data, self.provenance)
+
+    def table(self) -> str:
+        """Return the whole file."""
+        return self.text
+
+    _repr_html_ = Result._repr_html_
 
     def estimator(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """The block of [estimator]; `changes` are fields that win over the file. `kind` takes its place: a kind of
@@ -195,13 +205,20 @@ class VehicleFile:
         if named is None:
             return self
         if named in garage.names():
-            return load(named)
+            return self._filtering(load(named))
         home = Path(self.folder or ".").resolve()
         if not (home / named).resolve().is_relative_to(home):
             raise FileError(
                 fault("vehicle.truth-elsewhere", file=self.label, found=named, garage=garage.names())
             )
-        return load(home / named)
+        return self._filtering(load(home / named))
+
+    def _filtering(self, truth: "VehicleFile") -> "VehicleFile":
+        """Return the truth with this file's setting of the IMU's filter, which its owner chooses."""
+        from baqueano.vehicle_file.text.edit import override
+
+        setting = self.data.get("robot", {}).get("imu_filter")
+        return truth if setting is None else override(truth, [f"robot.imu_filter={setting}"])
 
     @property
     def noiseless(self) -> tuple[str, ...]:
@@ -230,10 +247,10 @@ class VehicleFile:
         fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}
         if room == "estimator" and kind and self.kind(room) is AugmentedEkf:
             fallback["process_noise_cov"] = self.estimator().process_noise_cov
-        found = build.room(sheet, room, self.data.get(room, {}), given, fallback, self._around, kind)
+        read = build.room(sheet, room, self.data.get(room, {}), given, fallback, self._around, kind)
         sheet.finish()
-        assert found is not None
-        lacking = [k for k in found.lacking if k not in changes]
+        assert read is not None
+        lacking = [k for k in read.lacking if k not in changes]
         if lacking:
             verb = {
                 "controller": "baqueano tune --update",
@@ -241,9 +258,9 @@ class VehicleFile:
             }.get(room, "")
             code = "vehicle.lacks-found-by" if verb else "vehicle.lacks"
             raise FileError(fault(code, verb, file=sheet.name, room=room, keys=lacking))
-        if room == "guide" and "route" not in given and {"t_s", "route"} & build.asks_for(found.kind):
-            raise UsageError(fault("vehicle.no-route", guide=found.kind.__name__))
-        block = build.construct(sheet, (room,), found.kind, {**found.values, **changes}, self._around)
+        if room == "guide" and "route" not in given and {"t_s", "route"} & build.asks_for(read.kind):
+            raise UsageError(fault("vehicle.no-route", guide=read.kind.__name__))
+        block = build.construct(sheet, (room,), read.kind, {**read.values, **changes}, self._around)
         sheet.finish()
         return block
 
@@ -321,7 +338,8 @@ def parse(
     data = tables(text, name)
     top = read_top(sheet, data)
     channels, geometry, hardware, simulation = read_head(sheet, data)
-    around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry)
+    filtered = low_pass_hz(hardware.imu_filter) if "imu_filter" in data.get("robot", {}) else None
+    around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry, filtered)
     vehicle = build.vehicle(sheet, data["model"], around)
     sensors = build.sensors(sheet, data.get("sensors", {}), around)
     sheet.finish()

@@ -62,7 +62,11 @@ class Hardware:
     )
     telemetry_hz: float = parameter("Hz", "frames of telemetry a second", low=10.0, high=200.0, default=100.0)
     least_battery_v: float = parameter(
-        "V", "voltage below which nothing drives; 0 where it is not wired", low=0.0, high=30.0, default=0.0
+        "V",
+        "voltage below which the vehicle does not drive; 0 if it is not wired",
+        low=0.0,
+        high=30.0,
+        default=0.0,
     )
     counts_per_turn: float | None = parameter(
         "1", "counts of an encoder in a turn of the wheel, all edges", low=1.0, high=1e6, default=None
@@ -73,14 +77,21 @@ class Hardware:
     imu_accel_range_g: float = parameter("g", "range of the accelerometers", low=2.0, high=16.0, default=4.0)
     imu_gyro_range_dps: float = parameter("°/s", "range of the gyro", low=250.0, high=2000.0, default=1000.0)
     imu_filter: float = parameter(
-        "1", "low pass of the IMU, 1 to 6 (3 is 44 Hz)", low=1.0, high=6.0, default=3.0
+        "1", "low pass of the IMU, 1 to 6 (3 is 44 Hz); where it is written, [sensors.imu] low_pass_hz follows",
+        low=1.0, high=6.0, default=3.0,
+    )  # fmt: skip
+    max_tilt_rad: float = parameter(
+        "rad", "tilt above which the vehicle is stopped", low=0.05, high=1.6, default=0.6
     )
-    max_tilt_rad: float = parameter("rad", "tilt that stops the vehicle", low=0.05, high=1.6, default=0.6)
     max_temperature_c: float = parameter(
-        "°C", "temperature of the computer that stops the vehicle", low=40.0, high=120.0, default=82.0
+        "°C",
+        "temperature of the computer above which the vehicle is stopped",
+        low=40.0,
+        high=120.0,
+        default=82.0,
     )
     least_disk_mb: float = parameter(
-        "MB", "room on the disk below which no drive begins", low=1.0, high=1e6, default=200.0
+        "MB", "free space on the disk below which a drive does not begin", low=1.0, high=1e6, default=200.0
     )
 
 

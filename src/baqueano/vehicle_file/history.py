@@ -11,6 +11,7 @@
 A model whose values all lack a provenance is a guess, too.
 """
 
+from collections.abc import Iterator
 from datetime import date as Date
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,12 +30,29 @@ NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that tell of
 
 
 class Provenance(NamedTuple):
-    """The provenance of a value, or of the values of a table that have none of their own."""
+    """The provenance of a value, or of the values of a table that lack their own."""
 
     run: str
     date: Date | None = None
     sd: Any = None  # one number, or an array like the value; None: not known
     verdict: str = ""
+
+
+def numbers_of(data: "JsonObject", provenance: dict[str, Provenance]) -> list["TableRow"]:
+    """Return one flat row per number of the model: its key, value, and who measured it."""
+    rows: list[TableRow] = []
+    for key, value in _flat("model", data.get("model", {})):
+        own = provenance.get(key, provenance.get("model", Provenance("")))
+        rows.append({"parameter": key, "value": str(value), "measured by": own.run, "verdict": own.verdict})
+    return rows
+
+
+def _flat(name: str, table: Any) -> Iterator[tuple[str, Any]]:
+    if not isinstance(table, dict):
+        yield name, table
+        return
+    for key, value in table.items():
+        yield from _flat(f"{name}.{key}", value)
 
 
 class ParameterCov(NamedTuple):

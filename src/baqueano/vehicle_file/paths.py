@@ -1,5 +1,6 @@
 """Dotted keys of the file: "model.friction.linear", or one entry of it, "model.friction.linear[0]"."""
 
+import difflib
 import re
 from dataclasses import is_dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
+SAME = 0.6  # part of their letters that the last names of two keys have in common
 _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
 
 
@@ -80,9 +82,15 @@ def value_in_force(file: "VehicleFile", dotted: str) -> Any:
     return value[entry] if entry else value
 
 
-def no_such_key(name: str, dotted: str, known: list[str]) -> UsageError:
-    """Return the error of a key that nobody reads."""
-    return UsageError(fault("vehicle.unknown-key", file=name, found=dotted, near=nearest(dotted, known)))
+def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
+    """Return the error of a key that nobody reads. A near one has nearly the same last name: `mass_kg` is not
+    `yaw_lag_s`, though both are in the model."""
+    near = nearest(dotted, keys)
+    last, meant = (str(one).rpartition(".")[2] for one in (dotted, near.figures.get("meant", dotted)))
+    if difflib.SequenceMatcher(None, last, meant).ratio() < SAME:
+        table = f"{dotted.rpartition('.')[0]}."
+        near = nearest("", [key for key in keys if key.startswith(table)] or keys)
+    return UsageError(fault("vehicle.unknown-key", file=name, found=dotted, near=near))
 
 
 def _keys(

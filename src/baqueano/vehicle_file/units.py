@@ -95,11 +95,11 @@ def split(key: str) -> tuple[str, str]:
     return key, ""
 
 
-def wrong_unit(key: str, value: object, known: dict[str, str]) -> Diagnostic | None:
-    """Return what to write instead, where `key` is one of the `known` (key → its unit) with another unit, or with
+def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic | None:
+    """Return what to write instead, where `key` is one of the `unit_of` (key → its unit) with another unit, or with
     none; None where it is not."""
     stem, unit = split(key)
-    for right, its_unit in known.items():
+    for right, its_unit in unit_of.items():
         right_stem, right_unit = split(right)
         same_stem = right_stem == stem and unit != right_unit
         bare = right == stem and unit != ""  # accel_bias_mg for accel_bias

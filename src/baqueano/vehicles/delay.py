@@ -36,7 +36,9 @@ class Piece(NamedTuple):
     length_s: Value
 
 
-def felt(u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value) -> list[Piece]:
+def pieces_in_force(
+    u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value
+) -> list[Piece]:
     """Return what is felt during a tick of `dt_s`, in order: of the command `u` (n,) of this tick and of those before
     it, `past` (slots, n), which were in force for `steps_s` (slots,).  (1)"""
     slots = past.shape[0]
@@ -63,8 +65,8 @@ def read(
     age_s: Value,
     minus: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract,
 ) -> np.ndarray:
-    """Return the signal (m,) as it was `age_s` ago; `line` (slots, m) are the samples before the `newest`, `steps_s`
-    (slots,) the time from each sample to the one before it, `minus` the difference of two.  (2)"""
+    """Return the signal (m,) as it was `age_s` ago; `line` (slots, m) are the samples before the `newest`; `steps_s`
+    (slots,) is the time from each sample to the one before it, `minus` the difference of two.  (2)"""
     value, before, age = newest, newest, 0.0
     for k in range(line.shape[0]):
         step_s = np.maximum(steps_s[k], SHORTEST_TICK_S)

@@ -24,7 +24,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, documented, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import BEFORE_S, check_delay, felt, with_newest
+from baqueano.vehicles.delay import BEFORE_S, check_delay, pieces_in_force, with_newest
 from baqueano.vehicles.effort import Effort, with_lag, without_lag
 
 LEAST_LAG_S = 1e-100  # a tick over a smaller one is beyond the floating-point numbers
@@ -124,12 +124,12 @@ class Drivetrain:
     dead_zone_forward: np.ndarray = parameter(
         "unit of u", "channel below which a motor stands still, forward", low=0.0, high=1e6, default=(0.0,),
         shape=None, role="term", shown_by="forward commands just above the dead zone of the {nth} motor",
-        symbol="z_{f}",
+        symbol="z_{f}", label="dead zone ahead, {nth} motor",
     )  # fmt: skip
     dead_zone_backward: np.ndarray = parameter(
         "unit of u", "channel below which a motor stands still, backward", low=0.0, high=1e6, default=(0.0,),
         shape=None, role="term", shown_by="backward commands just above the dead zone of the {nth} motor",
-        symbol="z_{b}",
+        symbol="z_{b}", label="dead zone back, {nth} motor",
     )  # fmt: skip
     gain: np.ndarray = parameter(
         "1", "slope of a channel: motors are not equal", low=0.0, high=1e3, default=(1.0,), shape=None,
@@ -145,7 +145,7 @@ class Drivetrain:
     )  # fmt: skip
     lag_s: float = parameter(
         "s", "time constant of the motors", low=0.0, high=10.0, default=0.0, role="term",
-        shown_by="sudden changes of the command", symbol=r"\tau",
+        shown_by="sudden changes of the command", symbol=r"\tau", label="lag of the motors",
     )  # fmt: skip
     battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0, role="known")
     battery_nominal_v: float = parameter(
@@ -214,7 +214,7 @@ class Drivetrain:
 
     def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, Effort]:
         """Effort over the tick of `dt_s` during which `u` (n,) is sent.  (1)-(8)"""
-        pieces = felt(u, state.past, state.steps_s, self.delay_s, dt_s)
+        pieces = pieces_in_force(u, state.past, state.steps_s, self.delay_s, dt_s)
         pieces = [piece._replace(u=self.static(self.mix(piece.u))) for piece in pieces]
         lag = with_lag(pieces, state.lagged, self.lag_s, dt_s) if self.has_lag else without_lag(pieces, dt_s)
         after = DrivetrainState(

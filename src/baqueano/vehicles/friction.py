@@ -5,9 +5,9 @@
 
 The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper prints negative d.
 The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and derived (errata 12). The third
-is the drag of cornering. The fourth is the dry friction of a left and a right wheel that stand b apart, d_f when
-rolling forward and d_b when rolling backward. A run tells d_k of x and d_f, d_b of the wheels apart only in tight
-turns: free one or the other.
+is the drag of cornering. The fourth is the dry friction of a left and a right wheel that stand b apart; d_f when
+rolling forward, d_b when rolling backward. A run tells d_k of x and d_f, d_b of the wheels apart only in tight turns:
+free one or the other.
 
 Every term opposes the motion: ν · f(ν) ≥ 0, an unforced vehicle never gains energy.
 For RK4 at a step h, keep m ν_k / d_k above h/2 (and m / d_l above h/2): see rk4.py.
@@ -45,6 +45,7 @@ class Friction:
         "N s/m, N s/m, N m s/rad", "viscous friction d_l", low=0.0, high=1e6, default=ZERO, shape=(3,),
         shown_by=("driving forward and back, and coasting", "sliding sideways, as in fast tight turns",
         "turning, and coasting out of the turn"), symbol="d_{l}",
+        label=("drag ahead", "drag sideways", "drag in turning"),
     )  # fmt: skip
     quadratic: np.ndarray = parameter(
         "N s²/m², N s²/m², N m s²/rad²", "quadratic friction d_c", low=0.0, high=1e6, default=ZERO,
@@ -53,12 +54,14 @@ class Friction:
         shown_by=("driving forward both slowly and at full speed",
         "sliding sideways both a little and fast, as in turns of many speeds",
         "turning both slowly and at full rate"), symbol="d_{c}",
+        label=("drag ahead, ∝ v²", "drag sideways, ∝ v²", "drag in turning, ∝ r²"),
     )  # fmt: skip
     coulomb: np.ndarray = parameter(
         "N, N, N m", "dry friction d_k", low=0.0, high=1e6, default=ZERO, shape=(3,), role="term",
         term=("dry friction forward", "dry friction sideways", "dry friction turning"),
         shown_by=("driving slowly and stopping, many times", "sliding sideways slowly",
         "turning slowly and stopping, many times"), symbol="d_{k}",
+        label=("dry friction ahead", "dry friction sideways", "dry friction in turning"),
     )  # fmt: skip
     coulomb_speed: np.ndarray = parameter(
         "m/s, m/s, rad/s", "speed over which dry friction changes sign", low=1e-4, high=1e3,

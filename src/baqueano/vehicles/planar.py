@@ -65,6 +65,7 @@ class Planar:
     actuator_matrix: np.ndarray = parameter(
         "N, N, N m per unit of u", "force of a command, T", low=-1e6, high=1e6, shape=(3, 3), role="gain",
         term="cross-talk", symbol="T",
+        label=("push of the motors", "sideways push of the motors", "turn of the motors"),
     )  # fmt: skip
     centre_of_mass_x_m: float = parameter(
         "m", "centre of mass c ahead of the axle", low=-10.0, high=10.0, default=0.0, role="known",
@@ -79,7 +80,7 @@ class Planar:
     )
     process_noise_std: np.ndarray = parameter(
         "m/s^1.5, m/s^1.5, rad/s^1.5",
-        "white acceleration that nobody modelled: its random walk of ν in 1 s", low=0.0, high=1e6,
+        "white acceleration outside the model: its random walk of ν in 1 s", low=0.0, high=1e6,
         default=ZERO, shape=(3,), role="noise",
     )  # fmt: skip
 

@@ -69,17 +69,17 @@ class Feed:
             return 0.0
         return next((self._now() - made_s for n, made_s in self._made_s if n == number), float("inf"))
 
-    def history(self, from_s: float = 0.0) -> bytes | None:
-        """Return what the ring holds from a time of the drive on, as one frame; None where it holds nothing."""
-        held = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
-        if not held:
-            return None
-        return HEAD.pack(self.number, sum(rows for _, rows, _ in held), held[0][0]) + b"".join(
-            data for _, _, data in held
-        )
+    def history(self, from_s: float = 0.0) -> tuple[bytes, ...]:
+        """Return what the ring holds from a time of the drive on, as the parts of one frame; none where it holds
+        nothing. Their rows are those of the ring: many who wait for them share them."""
+        kept = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
+        if not kept:
+            return ()
+        head = HEAD.pack(self.number, sum(rows for _, rows, _ in kept), kept[0][0])
+        return (head, *(data for _, _, data in kept))
 
     def value(self, name: str) -> float:
-        """Return the newest value of a column; NaN where there is none."""
+        """Return the newest value of a column; NaN without one."""
         k = self._at.get(name)
         value = None if k is None or k >= len(self._last) else self._last[k]
         return NAN if value is None else float(value)

@@ -40,7 +40,7 @@ MISSIONS: "dict[str, dict[str, type]]" = {  # what a mission of a kind may say b
 
 
 class Role(IntEnum):
-    """The rights of a visitor; each one holds those of the one before."""
+    """The rights of a visitor: each role includes the rights of the previous one."""
 
     VIEW = 1
     STOP = 2
@@ -86,14 +86,14 @@ class Guard:
             return Role.DRIVE if free else None
         if len(failures) >= FAILURES:
             return None
-        given, found = token.encode(), None
+        given, matching = token.encode(), None
         for role, ours in self.tokens.items():  # all of them: the time tells nothing
             if hmac.compare_digest(given, ours.encode()):
-                found = role
-        if found is None or self._now() - self._begun_s > HOLDS_S:
+                matching = role
+        if matching is None or self._now() - self._begun_s > HOLDS_S:
             self._fail(address)
             return None
-        return found if from_page else Role.VIEW
+        return matching if from_page else Role.VIEW
 
     def _fail(self, address: str) -> None:
         if len(self._failures) > ADDRESSES:

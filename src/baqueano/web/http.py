@@ -37,7 +37,7 @@ STANDING = {
 }  # fmt: skip
 
 
-class Refused(Exception):
+class RefusedRequest(Exception):
     """A request that is answered by a status and a word."""
 
     def __init__(self, status: HTTPStatus, **headers: str) -> None:
@@ -68,35 +68,35 @@ class Content(NamedTuple):
 
 
 async def read_head(reader: asyncio.StreamReader) -> bytes:
-    """Return the bytes of a head. Refused where they are too many; EOFError where it does not end."""
+    """Return the bytes of a head. RefusedRequest where they are too many; EOFError where it does not end."""
     try:
         return await reader.readuntil(b"\r\n\r\n")
     except asyncio.LimitOverrunError:
-        raise Refused(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE) from None
+        raise RefusedRequest(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE) from None
     except asyncio.IncompleteReadError as error:
         raise EOFError from error
 
 
 def head_of(data: bytes) -> Head:
-    """Return the head in these bytes. Refused where it is none."""
+    """Return the head in these bytes. RefusedRequest for anything else."""
     lines = data.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
     words = lines[0].split(" ")
     if len(words) != 3 or words[2] not in ("HTTP/1.1", "HTTP/1.0") or len(lines) > HEADERS:
-        raise Refused(HTTPStatus.BAD_REQUEST)
+        raise RefusedRequest(HTTPStatus.BAD_REQUEST)
     headers: dict[str, list[str]] = {}
     for line in lines[1:]:
         name, colon, value = line.partition(":")
         if not colon or not _NAME.fullmatch(name) or any(c in value for c in "\r\n\0"):
-            raise Refused(HTTPStatus.BAD_REQUEST)
+            raise RefusedRequest(HTTPStatus.BAD_REQUEST)
         headers.setdefault(name.lower(), []).append(value.strip(" \t"))
     if words[0] not in ("GET", "HEAD"):
-        raise Refused(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")
+        raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")
     if (
         not _PATH.fullmatch(words[1])
         or headers.get("transfer-encoding")
         or headers.get("content-length", ["0"]) != ["0"]
     ):
-        raise Refused(HTTPStatus.BAD_REQUEST)
+        raise RefusedRequest(HTTPStatus.BAD_REQUEST)
     return Head(words[0], words[1].partition("?")[0], headers)
 
 
@@ -114,7 +114,7 @@ def static(folder: Path) -> dict[str, Content]:
     return table
 
 
-async def refuse(writer: asyncio.StreamWriter, why: Refused) -> None:
+async def refuse(writer: asyncio.StreamWriter, why: RefusedRequest) -> None:
     """Answer by a status."""
     kind, text = TYPES[".txt"], f"{why.status.value} {why.status.phrase}\n".encode()
     await _send(writer, _head(why.status, kind, len(text), PAGE_POLICY, why.headers) + text)

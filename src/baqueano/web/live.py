@@ -29,6 +29,7 @@ from baqueano.web.visitor import Visitor, packed
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
+    from baqueano.web.visitor import Piece
 
 HZ = 20.0
 STATE_S = 0.4  # between states
@@ -79,7 +80,7 @@ class Live:
         """Hear the service until it ends; then every browser is told."""
         ticking = asyncio.create_task(self._tell_states())
         try:
-            await self._link.hear(self._heard)
+            await self._link.hear(self._receive)
         finally:
             ticking.cancel()
             if not self.over.is_set():
@@ -102,15 +103,15 @@ class Live:
 
     def joined(self, visitor: Visitor) -> None:
         """Send what has happened so far: the last 60 s, and events."""
-        for t_s, said in self._events:
-            self._say_event(visitor, t_s, said)
+        for t_s, message in self._events:
+            self._say_event(visitor, t_s, message)
         if self._ledger:
             self._say_ledger(visitor)
         visitor.send_all(self._history(0.0))
 
-    async def heard(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Do a word. An error of ours is answered by `no`. A word for another vehicle is none for this one, but a stop
-        always counts."""
+    async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Do a word. An error of ours is answered by `no`. A word for another vehicle is ignored, but a stop always
+        counts."""
         if word.get("robot", self.robot) != self.robot and word["is"] != "stop":
             raise UsageError(fault("web.other-robot"))
         word = {name: value for name, value in word.items() if name != "robot"}
@@ -173,16 +174,16 @@ class Live:
         self._say_lease()
 
     def _mission(self, visitor: Visitor, word: "JsonObject") -> None:
-        kind, said = self._checked(visitor, word)
-        self._ask(visitor, kind=kind, **said)
+        kind, order = self._checked(visitor, word)
+        self._ask(visitor, kind=kind, **order)
 
     async def _whole_mission(self, visitor: Visitor, word: "JsonObject") -> None:
         """Ask a robot, which knows no names, for a mission that is packed here."""
-        kind, said = self._checked(visitor, word)
+        kind, order = self._checked(visitor, word)
         assert self.pack is not None
         if kind == "teach":
             raise UsageError(fault("web.teach-there", typed("teach", "NAME", "--robot", "HOST")))
-        mission = await self.pack(kind, said)
+        mission = await self.pack(kind, order)
         self.lease.check(visitor)
         self._ask(visitor, mission=mission)
 
@@ -193,8 +194,8 @@ class Live:
     def _checked(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
         """Return kind and options of a mission that the holder asks for."""
         self.lease.check(visitor)
-        kind, said = mission_of(word)
-        return kind, said | ({"blocks": self._blocks} if kind == "repeat" and self._blocks else {})
+        kind, order = mission_of(word)
+        return kind, order | ({"blocks": self._blocks} if kind == "repeat" and self._blocks else {})
 
     def _pass_on(self, visitor: Visitor, word: "JsonObject") -> None:
         self.lease.check(visitor)
@@ -227,10 +228,9 @@ class Live:
     def _identify(self, visitor: Visitor, word: "JsonObject") -> None:
         self.identifying.look(visitor, bool(word["on"]))
 
-    async def _history(self, from_s: float) -> "AsyncIterator[bytes | JsonObject]":
-        frame = self.feed.history(from_s)
-        if frame is not None:
-            yield frame
+    async def _history(self, from_s: float) -> "AsyncIterator[Piece]":
+        if parts := self.feed.history(from_s):
+            yield parts
 
     def _needs(self, visitor: Visitor, role: Role) -> None:
         if visitor.role is None or visitor.role < role:
@@ -238,7 +238,7 @@ class Live:
 
     # from the vehicle
 
-    def _heard(self, word: "JsonObject") -> None:
+    def _receive(self, word: "JsonObject") -> None:
         do = {
             "frame": self._on_frame, "state": self._on_state, "event": self._on_event, "no": self._on_no,
             "vehicle": self._on_vehicle, "fields": self._on_fields, "route": self._on_route,
@@ -265,19 +265,19 @@ class Live:
         self._state = word
 
     def _on_event(self, word: "JsonObject") -> None:
-        said = word["said"]
-        if said.code == "door.set":
-            self._set_gain(said)
+        message = word["said"]
+        if message.code == "door.set":
+            self._set_gain(message)
         t_s = self.feed.value("t")
-        self._events.append((t_s if math.isfinite(t_s) else 0.0, said))
-        self.foxglove.event(str(said.severity), text(said))
+        self._events.append((t_s if math.isfinite(t_s) else 0.0, message))
+        self.foxglove.event(str(message.severity), text(message))
         for visitor in self._all():
             self._say_event(visitor, *self._events[-1])
 
-    def _set_gain(self, said: Diagnostic) -> None:
+    def _set_gain(self, message: Diagnostic) -> None:
         """Keep the gain that is in force now, and tell everybody."""
         with suppress(KeyError, TypeError, ValueError):
-            now = {said.figures["path"]: float(said.figures["now"])}
+            now = {message.figures["path"]: float(message.figures["now"])}
             self._vehicle |= {"gains": self._vehicle.get("gains", {}) | now}
             self._tell_blocks()
 
@@ -381,8 +381,8 @@ class Live:
     def _described(self) -> "JsonObject":
         now_s = self.feed.value("t")
         odd = [
-            said for t_s, said in self._events
-            if said.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > ODD_S
+            message for t_s, message in self._events
+            if message.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > ODD_S
         ]  # fmt: skip
         return described(self._state, self.feed, self._route, odd[-3:])
 
@@ -395,6 +395,6 @@ class Live:
                 "you": visitor is holder, "watching": len(visitors) - (holder is not None),
             })  # fmt: skip
 
-    def _say_event(self, visitor: Visitor, t_s: float, said: Diagnostic) -> None:
+    def _say_event(self, visitor: Visitor, t_s: float, message: Diagnostic) -> None:
         with within(visitor.language):
-            visitor.say({"is": "event", "t": t_s, "severity": str(said.severity), "text": text(said)})
+            visitor.say({"is": "event", "t": t_s, "severity": str(message.severity), "text": text(message)})

@@ -54,7 +54,7 @@ class VehicleSide(Protocol):
         """A browser has had its hello."""
         ...
 
-    async def heard(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
         """Do a word. An error of ours is answered by `no`."""
         ...
 
@@ -86,7 +86,7 @@ class BrowserPage:
         self._count = 0
         self._reading: set[asyncio.Task[None]] = set()
 
-    async def heard(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
         """Do a word of a browser; the next one does not wait for a slow one: it may be a stop."""
         if word["is"] in SLOW:
             self._later(self._do(visitor, word))
@@ -104,7 +104,7 @@ class BrowserPage:
             if (do := words.get(word["is"])) is not None:
                 await do(visitor, word)
             elif self.live is not None:
-                await self.live.heard(visitor, word)
+                await self.live.receive(visitor, word)
             else:
                 raise UsageError(fault("web.no-vehicle", word=one_line(word["is"])[:LONGEST_NAME]))
         except BaqueanoError as error:
@@ -152,13 +152,13 @@ class BrowserPage:
 
     def say_hello(self, visitor: Visitor, about: "JsonObject") -> None:
         """Say what this page shows."""
-        said = {
+        hello = {
             "is": "hello", "protocol": PROTOCOL, "role": visitor.role.word if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
             "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
-            "runs": self._shelf.runs(), "open": self._named(),
+            "runs": self._shelf.runs(), "open": self._named(), "shared": self._guard().shared,
         } | about  # fmt: skip
-        visitor.say(said | {"fields": labelled(said["fields"], visitor.language)})
+        visitor.say(hello | {"fields": labelled(hello["fields"], visitor.language)})
 
     def list_to(self, visitors: Iterable[Visitor]) -> None:
         """Send the list of runs, which has changed, to all of these."""
@@ -178,16 +178,16 @@ class BrowserPage:
 
     async def _ask(self, visitor: Visitor, word: "JsonObject") -> None:
         """Answer a question; "ping" measures the way here and back, "identify" is what a run has taught."""
-        said: JsonObject = {}
+        reply: JsonObject = {}
         if word["what"] == "identify":
             path = self._shelf.paths().get(word["run"])
             if path is None:
                 raise UsageError(fault("web.no-run"))
-            said = await self._identifying.recorded(path, visitor.language)
+            reply = await self._identifying.recorded(path, visitor.language)
         elif word["what"] != "ping":
             self.questions.ask(visitor, word)
             return
-        visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | said)
+        visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, word: "JsonObject") -> None:
         """Let another block take a room from the next mission on."""
@@ -209,12 +209,12 @@ class BrowserPage:
     async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
         """Send the run of a word of the list, and its ghost."""
         paths, through = self._shelf.paths(), str(word.get("filter") or "")[:LONGEST_FILTER]
-        found: list[tuple[Path, str]] = []
+        chosen: list[tuple[Path, str]] = []
         for word_of_run in filter(None, (word["run"], word["run"] if through else word.get("ghost"))):
             if word_of_run not in paths:
                 raise UsageError(fault("web.no-run"))
-            found.append((paths[word_of_run], through if found else ""))
-        visitor.send_all(self._pieces(visitor, found))
+            chosen.append((paths[word_of_run], through if chosen else ""))
+        visitor.send_all(self._pieces(visitor, chosen))
 
     async def _runs(self, visitor: Visitor, word: "JsonObject") -> None:
         self._later(self._list(visitor))
@@ -257,13 +257,13 @@ class BrowserPage:
 
     def _about(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
         """Return what there is to say of a run, in the language of a visitor."""
-        held = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
+        whole = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with within(visitor.language):
             figures = {name: about[name] for name in ("name", "kind", "seconds")}
             sentence = text(note("web.recorded", events=len(about["events"]), **figures))
-        known = {name: about[name] for name in ("name", "kind", "seconds")}
-        return held | {
-            "id": self._shelf.word(path), "name": about["name"], "run": self._shelf.line(path) | known,
+        brief = {name: about[name] for name in ("name", "kind", "seconds")}
+        return whole | {
+            "id": self._shelf.word(path), "name": about["name"], "run": self._shelf.line(path) | brief,
             "fields": labelled(about["fields"], visitor.language), "sentence": sentence,
             "events": [worded(one, visitor.language) for one in about["events"]],
         }  # fmt: skip
@@ -277,11 +277,11 @@ class BrowserPage:
 def worded(event: "JsonObject", language: str) -> "JsonObject":
     """Return an event with its sentence in this language."""
     severity = SEVERITIES.get(event["severity"], event["severity"])
-    said = event["text"]
+    message = event["text"]
     with within(language):
         return event | {
             "severity": severity,
-            "text": text(Diagnostic.of_json(said) if isinstance(said, dict) else said),
+            "text": text(Diagnostic.of_json(message) if isinstance(message, dict) else message),
         }
 
 

@@ -29,7 +29,7 @@ COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # of browsers
 
 
 @dataclass(frozen=True, slots=True)
-class Served:
+class PageOptions:
     """The way in which a page is served."""
 
     folder: Path  # of the runs
@@ -41,14 +41,14 @@ class Served:
 
 
 async def show_runs(
-    names: tuple[str, ...], how: Served, say: Callable[[Diagnostic | str], object], lasting: bool = True
+    names: tuple[str, ...], how: PageOptions, say: Callable[[Diagnostic | str], object], lasting: bool = True
 ) -> None:
     """Serve recorded runs, the second a ghost of the first, until the process is told to end; where that is not to be
     `lasting`, until the last browser has gone, too."""
     lab = Lab()
     try:
-        found, _ = await lab.ask("find", names=names, folder=str(how.folder))
-        paths = tuple(map(Path, found["paths"]))
+        reply, _ = await lab.ask("find", names=names, folder=str(how.folder))
+        paths = tuple(map(Path, reply["paths"]))
         shelf = Shelf(how.folder, paths)
         page = BrowserPage(lab, shelf, lambda: server.guard, paths)
         server = _server(page, shelf, how)
@@ -65,7 +65,7 @@ async def show_runs(
 
 async def show_vehicle(
     start: Callable[[], Awaitable[Spoken]],
-    how: Served,
+    how: PageOptions,
     say: Callable[[Diagnostic | str], object],
     robot: "tuple[str, Path] | None" = None,
     lasting: bool = True,
@@ -90,12 +90,12 @@ async def show_vehicle(
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
-    known, over = (asyncio.create_task(event.wait()) for event in (live.known, live.over))
+    described, over = (asyncio.create_task(event.wait()) for event in (live.known, live.over))
     ending: asyncio.Task[None] | None = None
     try:
         greeting_s = GREETING_S if robot is None else QUIET_S  # a robot says what it is with its first drive
-        await asyncio.wait({hearing, known}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
-        if hearing.done() and not known.done():
+        await asyncio.wait({hearing, described}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
+        if hearing.done() and not described.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
             announce(server, how, say)
@@ -107,7 +107,7 @@ async def show_vehicle(
                 raise RobotUnreachable(fault("web.service-gone"))
     finally:
         await link.close()
-        for task in (hearing, known, over, *([ending] if ending else [])):
+        for task in (hearing, described, over, *([ending] if ending else [])):
             task.cancel()
         await live.identifying.close()
         await page.close()
@@ -125,8 +125,8 @@ def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
 async def _presumed(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
     """Say what a robot is by its vehicle file here, and pack its missions here."""
 
-    async def pack(kind: str, said: "JsonObject") -> str:
-        reply, _ = await lab.ask("mission", vehicle=vehicle, routes=str(routes), kind=kind, said=said)
+    async def pack(kind: str, order: "JsonObject") -> str:
+        reply, _ = await lab.ask("mission", vehicle=vehicle, routes=str(routes), kind=kind, said=order)
         return reply["mission"]
 
     about, _ = await lab.ask("vehicle", vehicle=vehicle, routes=str(routes))
@@ -134,13 +134,13 @@ async def _presumed(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
     live.pack = pack
 
 
-def _server(page: BrowserPage, shelf: Shelf, how: Served) -> Server:
+def _server(page: BrowserPage, shelf: Shelf, how: PageOptions) -> Server:
     shared_at = (how.address or own_address()) if how.share else ""
     names = own_names() if how.share else ()
-    return Server(page.heard, page.left, shelf.body, port=how.port, shared_at=shared_at, names=names)
+    return Server(page.receive, page.left, shelf.body, port=how.port, shared_at=shared_at, names=names)
 
 
-def announce(server: Server, how: Served, say: Callable[[Diagnostic | str], object]) -> None:
+def announce(server: Server, how: PageOptions, say: Callable[[Diagnostic | str], object]) -> None:
     """Print the addresses, and open a tab."""
     tokens = server.guard.tokens
     if not how.share:
@@ -176,12 +176,12 @@ async def _first(*jobs: Coroutine[None, None, None]) -> None:
 
 async def _left(server: Server) -> None:
     """Wait until browsers have come and gone; COMES_S for the first, GONE_S for one that loads again."""
-    empty_s, seen = time.monotonic(), False
+    empty_s, visited = time.monotonic(), False
     while True:
         await asyncio.sleep(LOOK_S)
         if server.visitors:
-            empty_s, seen = time.monotonic(), True
-        if time.monotonic() - empty_s > (GONE_S if seen else COMES_S):
+            empty_s, visited = time.monotonic(), True
+        if time.monotonic() - empty_s > (GONE_S if visited else COMES_S):
             return
 
 

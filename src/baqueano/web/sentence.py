@@ -100,7 +100,7 @@ def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
     ]  # fmt: skip
 
 
-def _text(said: object) -> str | None:
+def _text(message: object) -> str | None:
     with suppress(ValueError):
-        return text(Diagnostic.of_json(said)) if said is not None else None
+        return text(Diagnostic.of_json(message)) if message is not None else None
     return None

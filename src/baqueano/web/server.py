@@ -18,7 +18,17 @@ from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
 from baqueano.web.foxglove.bridge import NAMES, Foxglove
 from baqueano.web.guard import Guard
-from baqueano.web.http import LONGEST_HEAD, Content, Head, Refused, head_of, read_head, refuse, reply, static
+from baqueano.web.http import (
+    LONGEST_HEAD,
+    Content,
+    Head,
+    RefusedRequest,
+    head_of,
+    read_head,
+    refuse,
+    reply,
+    static,
+)
 from baqueano.web.visitor import LONGEST, POLICY, Visitor
 
 if TYPE_CHECKING:
@@ -120,7 +130,7 @@ class Server:
                 data = await read_head(reader)
             head = head_of(data)
             if not self.guard.knows_host(head.values("host")):
-                raise Refused(HTTPStatus.FORBIDDEN)
+                raise RefusedRequest(HTTPStatus.FORBIDDEN)
             if head.path == "/ws":
                 await self._upgrade(reader, writer, head, data)
                 return
@@ -129,9 +139,9 @@ class Server:
                 return
             body = self._files.get(head.path) or await self._body(head.path)
             if body is None:
-                raise Refused(HTTPStatus.NOT_FOUND)
+                raise RefusedRequest(HTTPStatus.NOT_FOUND)
             await reply(writer, body, head)
-        except Refused as why:
+        except RefusedRequest as why:
             await refuse(writer, why)
 
     async def _upgrade(
@@ -139,7 +149,7 @@ class Server:
     ) -> None:
         origins = head.values("origin")
         if not self.guard.knows_origin(origins):
-            raise Refused(HTTPStatus.FORBIDDEN)
+            raise RefusedRequest(HTTPStatus.FORBIDDEN)
         protocol = self._protocol(head, data, (SUBPROTOCOL,))
         writer.write(b"".join(protocol.data_to_send()))
         visitor = Visitor(reader, writer, protocol, writer.get_extra_info("peername")[0], bool(origins))
@@ -163,16 +173,16 @@ class Server:
             not token and not head.values("origin") and not self.guard.shared and address in (LOOPBACK, "::1")
         )
         if not here and self.guard.role(address, token, from_page=False) is None:
-            raise Refused(HTTPStatus.FORBIDDEN)
+            raise RefusedRequest(HTTPStatus.FORBIDDEN)
         protocol = self._protocol(head, data, NAMES)
         if protocol.subprotocol is None:
-            raise Refused(HTTPStatus.BAD_REQUEST)
+            raise RefusedRequest(HTTPStatus.BAD_REQUEST)
         writer.write(b"".join(protocol.data_to_send()))
         line = Visitor(reader, writer, protocol, address, from_page=False, kind="op")
         self.onlookers.add(line)
         foxglove.welcome(line)
         try:
-            await line.talk(foxglove.heard)
+            await line.talk(foxglove.receive)
         finally:
             self.onlookers.discard(line)
             foxglove.left(line)
@@ -180,15 +190,15 @@ class Server:
     def _protocol(self, head: Head, data: bytes, names: tuple[str, ...]) -> ServerProtocol:
         """Return the protocol of a connection that is let in, with its answer ready to be sent."""
         if head.method != "GET" or not head.values("upgrade"):
-            raise Refused(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
+            raise RefusedRequest(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
         if len(self.visitors) + len(self.onlookers) >= VISITORS:
-            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE)
+            raise RefusedRequest(HTTPStatus.SERVICE_UNAVAILABLE)
         protocol = ServerProtocol(subprotocols=[Subprotocol(one) for one in names], max_size=LONGEST)
         protocol.receive_data(data)
         requests = protocol.events_received()
         response = protocol.accept(requests[0]) if requests else None  # pyright: ignore[reportArgumentType]
         if response is None or response.status_code != HTTPStatus.SWITCHING_PROTOCOLS:
-            raise Refused(HTTPStatus.BAD_REQUEST)
+            raise RefusedRequest(HTTPStatus.BAD_REQUEST)
         protocol.send_response(response)
         return protocol
 

@@ -100,7 +100,7 @@ async def on_pipes(coming: BinaryIO, going: BinaryIO) -> Link:
 
 
 async def reached(host: str) -> Link:
-    """Connect to the service at HOST. RobotUnreachable where there is none."""
+    """Connect to the service at HOST. RobotUnreachable without one."""
     if host == "here" or ("/" in host and not host.startswith("-")):
         path = SOCKET if host == "here" else Path(host)
         try:

@@ -14,7 +14,7 @@ ANYWHERE = "192.0.2.1"  # of documentation: nothing is sent there, the system on
 
 
 def own_address() -> str:
-    """Return the address of this machine in its network. UsageError where it has none."""
+    """Return the address of this machine in its network. UsageError without one."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((ANYWHERE, 9))
@@ -58,7 +58,7 @@ def display() -> bool:
 
 
 def open_tab(address: str) -> bool:
-    """Open a tab where there is a display; return False where there is none."""
+    """Open a tab where there is a display; return False without one."""
     if not display():
         return False
     with suppress(webbrowser.Error, OSError):

@@ -28,10 +28,13 @@ from baqueano.web.guard import Rate, Role
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
+    Piece = bytes | JsonObject | tuple[bytes, ...]  # a binary message, a word, the parts of a binary message
+
 WORDS = 64
 LONGEST = 16 << 10  # bytes of a word of a browser
 RATE = 50.0  # words a second of a browser
 UNREAD = 4 << 20  # bytes that wait for the kernel: more than the largest piece
+FRAGMENT = 16 << 10  # bytes of a long message that are made at a time
 SENDING = 64 << 10  # bytes in the socket's buffer
 PING_S = 2.0
 WAY_S = 0.2  # there and back, at most, that a picture is given
@@ -53,7 +56,7 @@ class Visitor:
         self.spoke = False
         self._reader, self._writer, self._protocol = reader, writer, protocol
         self._words: deque[JsonObject] = deque()
-        self._pieces: AsyncIterator[bytes | JsonObject] | None = None
+        self._pieces: AsyncIterator[Piece] | None = None
         self._picture: bytes | None = None
         self._waiting, self._heard_s = asyncio.Event(), time.monotonic()
         self._parts: list[bytes] = []
@@ -89,7 +92,7 @@ class Visitor:
         self._picture = picture
         self._waiting.set()
 
-    def send_all(self, pieces: "AsyncIterator[bytes | JsonObject]") -> None:
+    def send_all(self, pieces: "AsyncIterator[Piece]") -> None:
         """Send pieces one by one, in place of those that have not gone.  (2)"""
         self._pieces = pieces
         self._waiting.set()
@@ -138,7 +141,7 @@ class Visitor:
                     await asyncio.sleep(0)  # what it is answered goes before the next word is read
 
     def _words_in(self, frame: object) -> "list[JsonObject]":
-        """Return the word that this frame completes. What is none, or comes too often, ends the connection."""
+        """Return the word that this frame completes. Anything else, or too many of them, ends the connection."""
         opcode, data, last = (
             getattr(frame, "opcode", None),
             getattr(frame, "data", b""),
@@ -197,13 +200,28 @@ class Visitor:
             return False
         return True
 
-    async def _write(self, what: "bytes | JsonObject") -> None:
+    async def _write(self, what: "Piece") -> None:
+        if isinstance(what, tuple):
+            return await self._write_parts(deque(what))
         if isinstance(what, bytes):
             self._protocol.send_binary(what)
         else:
             self._protocol.send_text(encoded(what))
         self._flush()
         await self._drained()
+
+    async def _write_parts(self, parts: deque[bytes]) -> None:
+        """Send one message in fragments, the next when the kernel has the one before: the memory
+        holds a long message once, however many do not read it."""
+        send = self._protocol.send_binary
+        while parts and self.open:
+            data = bytearray()
+            while parts and len(data) < FRAGMENT:
+                data += parts.popleft()
+            send(bytes(data), fin=not parts)
+            send = self._protocol.send_continuation
+            self._flush()
+            await self._drained()
 
     async def _drained(self) -> None:
         """Wait until the kernel has it."""
@@ -250,5 +268,5 @@ def _plain(value: Value) -> Value:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {name: _plain(held) for name, held in value.items()}
-    return [_plain(held) for held in value] if isinstance(value, list | tuple) else value
+        return {name: _plain(item) for name, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

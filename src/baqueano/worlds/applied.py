@@ -120,8 +120,8 @@ class AppliedDuties:
         """The command that is in force."""
         goal = (0.0, 0.0)
         if not self._stopped:
-            for since_ns, asked in self._commands:
+            for since_ns, duty in self._commands:
                 if since_ns > t_ns:
                     break
-                goal = asked
+                goal = duty
         return goal

@@ -22,6 +22,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Sensor, SensorBlocks, World
 from baqueano.diagnostics import Diagnostic, StopReason, fault, stop
 from baqueano.errors import UsageError
+from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
 from baqueano.worlds.applied import AS_SENT, AppliedDuties, AppliedMotors
@@ -175,17 +176,17 @@ class Robot(World):
 
     def read(self, t_ns: int) -> list[Tick]:
         """Return one tick of all the data since the last one."""
-        said = self._wheels.receive()
-        before, self._last = self._last, said[-1] if said else self._last
-        if said:
-            self.battery_v = said[-1].battery_v
+        telemetry = self._wheels.receive()
+        before, self._last = self._last, telemetry[-1] if telemetry else self._last
+        if telemetry:
+            self.battery_v = telemetry[-1].battery_v
             if self.battery_v > 0.0:
                 self._extras.append(("battery", t_ns, np.array([self.battery_v])))
-        for s in said:
+        for s in telemetry:
             self._hear(s)
         u = unmix(self._body.mixing, self._applied.mean(self._start_ns + t_ns))  # (2)
-        self._events += [(t_ns, text) for s in said for text in self._encoders.update(s)]
-        imu = self._felt(t_ns)
+        self._events += [(t_ns, text) for s in telemetry for text in self._encoders.update(s)]
+        imu = self._imu_slot(t_ns)
         names = tuple(self._sensors._fields)
         slots = (self._slot(t_ns, getattr(self._sensors, name), imu, before) for name in names)
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
@@ -194,7 +195,7 @@ class Robot(World):
         """Return the events of the hardware since the last call, and drop the readings: nobody records."""
         self.read(t_ns)
         self.new_channels()
-        return [said for _, said in self.new_events()]
+        return [message for _, message in self.new_events()]
 
     def write(self, command: Command) -> None:
         """The duties that this command asks for.  (1)"""
@@ -225,19 +226,19 @@ class Robot(World):
         events, self._events = self._events, []
         return events
 
-    def _hear(self, said: Telemetry) -> None:
-        now = said.applied if said.now is None else said.now
-        self._applied.update(said.t_ns, said.applied, now, said.stopped is not None)
+    def _hear(self, telemetry: Telemetry) -> None:
+        now = telemetry.applied if telemetry.now is None else telemetry.now
+        self._applied.update(telemetry.t_ns, telemetry.applied, now, telemetry.stopped is not None)
 
-    def _felt(self, t_ns: int) -> Slot | None:
+    def _imu_slot(self, t_ns: int) -> Slot | None:
         """(a_x, a_y, ω_z) of the body and its age, that of the chip's filter too; None where no sample came.  (3)"""
         samples = self._imu.read() if self._imu is not None else []
         if self._imu is not None:
             self._events += [(t_ns, event.message) for event in self._imu.events()]
         if not samples:
             return None
-        felt = np.mean([s.accel for s in samples], axis=0)
-        self._tilted(felt)
+        accel = np.mean([s.accel for s in samples], axis=0)
+        self._tilted(accel)
         gyro = np.mean([s.gyro for s in samples], axis=0)
         self.temperature_c = samples[-1].temperature_c
         self._extras.append(("imu_temperature", t_ns, np.array([self.temperature_c])))
@@ -246,11 +247,11 @@ class Robot(World):
         age_s = min(
             max(0.0, seconds(t_ns, middle_ns) + self._imu.delay_s[1]), seconds(t_ns)
         )  # within the run
-        return Slot(1.0, np.array([felt[0], felt[1], gyro[2]]), age_s)
+        return Slot(1.0, np.array([accel[0], accel[1], gyro[2]]), age_s)
 
-    def _tilted(self, felt: np.ndarray) -> None:
+    def _tilted(self, accel: np.ndarray) -> None:
         """The tilt of the mean force: driving shakes it, but not for long."""
-        self._force = felt if self._force is None else self._force + (felt - self._force) / TILT_TICKS
+        self._force = accel if self._force is None else self._force + (accel - self._force) / TILT_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
     def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, before: Telemetry | None) -> Slot:
@@ -259,7 +260,9 @@ class Robot(World):
         now = self._last
         reads = optional.of(sensor, "reads")
         if reads == "imu" and imu is not None:
-            return imu
+            return imu._replace(
+                age_s=max(0.0, imu.age_s - float(low_pass_s(sensor)))
+            )  # h has that of its low-pass
         if now is not None and before is not None and now is not before and now.boot == before.boot:
             if reads == "wheels":
                 z = self._rolled(before, now)

@@ -47,12 +47,16 @@ def shaken_step(
     nu = body.nu + 0.5 * dt_s * a
     late = _slower(vehicle, body.eta[2], body.nu, nu)  # ν̇ of the tick is that before the second half
     body = body._replace(nu=nu, nu_dot=body.nu_dot + late + a)
-    truth = _felt(motion, late + a, gravity)._replace(nu=nu)
+    truth = _disturbed(motion, late + a, gravity)._replace(nu=nu)
     if motion.tick is not None:
         begin, middle, end = motion.tick
-        early = _slower(vehicle, before.eta[2], pushed.nu, before.nu)
+        first_slope = _slower(vehicle, before.eta[2], pushed.nu, before.nu)
         truth = truth._replace(
-            tick=(_felt(begin, early + a, gravity), _felt(middle, a, gravity), _felt(end, late + a, gravity))
+            tick=(
+                _disturbed(begin, first_slope + a, gravity),
+                _disturbed(middle, a, gravity),
+                _disturbed(end, late + a, gravity),
+            )
         )
     states, slots = [], []
     for s, x, w, one in zip(sensors, state.sensors, noise.sensors, shake.sensors, strict=True):
@@ -91,7 +95,7 @@ def _slower(vehicle: Vehicle, psi: float, nu: np.ndarray, then: np.ndarray) -> n
     return np.zeros(3) if own is None else own(then, off, psi) - own(nu, off, psi)
 
 
-def _felt(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
+def _disturbed(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
     return motion._replace(nu_dot=motion.nu_dot + a, gravity=motion.gravity + gravity)
 
 
@@ -162,7 +166,7 @@ class ShakenWorld(SimulatedWorld):
         for one in shake:
             self._take(self._shaking.check(Fault.of_words(one)))
         self._coming: deque[Fault | int] = deque()
-        self._said: list[tuple[int, Diagnostic | str]] = []
+        self._pending: list[tuple[int, Diagnostic | str]] = []
         self._begun, self._over = set[int](), set[int]()
         super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
         self._wanted = self._u
@@ -192,8 +196,8 @@ class ShakenWorld(SimulatedWorld):
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
         """Time [ns] and message of what began or was ended, since this was last asked."""
-        said, self._said = self._said, []
-        return said
+        events, self._pending = self._pending, []
+        return events
 
     def _advance(self, dt_s: float) -> ByName[Slot]:
         k = self._tick
@@ -201,7 +205,7 @@ class ShakenWorld(SimulatedWorld):
         for number, one in enumerate(self.faults, 1):
             if number not in self._begun and self._shaking.first(one) <= k:
                 self._begun.add(number)
-                self._said.append((self._end_ns(k), one.shown(number, float(self.truth.eta[2]))))
+                self._pending.append((self._end_ns(k), one.message(number, float(self.truth.eta[2]))))
         shake, arrives = self._shaking.inputs(self.faults, k)
         if arrives:
             self._u = self._wanted
@@ -228,8 +232,10 @@ class ShakenWorld(SimulatedWorld):
         self._over.add(number)
         ended = replace(one, for_s=now_s - one.at_s)
         self.faults[number - 1] = ended
-        said = note("shake.over", subject=SOURCE, number=number, for_s=ended.for_s, what=one.shown(number))
-        self._said.append((self._end_ns(k), said))
+        message = note(
+            "shake.over", subject=SOURCE, number=number, for_s=ended.for_s, what=one.message(number)
+        )
+        self._pending.append((self._end_ns(k), message))
 
     def _take(self, one: Fault) -> None:
         self.faults.append(one)

@@ -51,9 +51,11 @@ def world_step(
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
     """Advance by a tick under the command `u` (n,): state, truth, and the readings at its end.  (1)"""
     body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
-    said = [s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)]
-    slots = sensor_slots(tuple(sensors._fields))(*(slot for _, slot in said))
-    return WorldState(body, tuple(x for x, _ in said)), motion._replace(tick=None), slots
+    readings = [
+        s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)
+    ]
+    slots = sensor_slots(tuple(sensors._fields))(*(slot for _, slot in readings))
+    return WorldState(body, tuple(x for x, _ in readings)), motion._replace(tick=None), slots
 
 
 def no_noise(sensors: SensorBlocks) -> DrawnNoise:
@@ -61,7 +63,7 @@ def no_noise(sensors: SensorBlocks) -> DrawnNoise:
     return DrawnNoise(np.zeros(3), tuple(np.zeros(s.noise_size) for s in sensors))
 
 
-class _Stepped(NamedTuple):
+class _VehicleWithSensors(NamedTuple):
     """A vehicle and its sensors as one block."""
 
     vehicle: Vehicle
@@ -130,7 +132,7 @@ class SimulatedWorld(World):
         ]
         self._drawn: list[np.ndarray] = []
 
-        step = _Stepped(vehicle, sensors).step
+        step = _VehicleWithSensors(vehicle, sensors).step
         example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors))
         self._step = step if backend == "numpy" else function(step, *example, backend=backend)
 

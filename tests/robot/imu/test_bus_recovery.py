@@ -55,7 +55,7 @@ def test_a_1_that_the_chip_sends_is_not_taken_for_the_end_of_its_byte(lines):
     assert as_it_was(held)
 
 
-def test_a_chip_that_does_not_let_go_after_nine_clocks_is_told(lines):
+def test_a_chip_that_does_not_let_go_after_nine_clocks_is_reported(lines):
     held = lines([0] * 10)
     outcome = recover(BUS)
     assert not outcome.freed
@@ -64,11 +64,11 @@ def test_a_chip_that_does_not_let_go_after_nine_clocks_is_told(lines):
     assert as_it_was(held)
 
 
-def test_a_held_scl_is_told_and_not_clocked(lines):
+def test_a_held_scl_is_reported_and_not_clocked(lines):
     held = lines([0, 0], scl_held=True)
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "SCL (GPIO 3) is low" in outcome.text
+    assert outcome.message.code == "bus.scl-held"
     assert {call[0] for call in held.read()["calls"]} == {"get"}
 
 
@@ -76,7 +76,7 @@ def test_a_bus_that_nobody_holds_is_not_touched(lines):
     held = lines([])
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "nothing was clocked" in outcome.text
+    assert outcome.message.code == "bus.free"
     assert {call[0] for call in held.read()["calls"]} == {"get"}
 
 
@@ -102,14 +102,14 @@ def test_a_call_that_hangs_is_ended_and_the_pins_are_given_back(lines, monkeypat
     assert as_it_was(held)
 
 
-def test_pins_that_do_not_go_back_though_nothing_is_said_are_given_back_again(lines):
+def test_pins_that_do_not_go_back_though_nothing_is_reported_are_given_back_again(lines):
     held = lines(ZEROS)
     held.fails("deaf", after=SETS - 1)
     assert recover(BUS).freed
     assert as_it_was(held)
 
 
-def test_pins_that_cannot_be_given_back_are_told_with_the_line_to_type(lines):
+def test_pins_that_cannot_be_given_back_are_reported_with_the_line_to_type(lines):
     held = lines(ZEROS)
     held.fails("root", after=SETS - 1, times=100)
     outcome = recover(BUS)
@@ -140,7 +140,8 @@ def test_calls_that_take_long_are_not_gone_on_with_and_the_pins_are_given_back(l
     monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # a second each
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "came too late: 8 s were over" in outcome.text
+    assert outcome.message.code == "bus.too-late"
+    assert "was not finished within 8 s" in outcome.text
     assert 0 < held.read()["clocks"] < 9
     assert as_it_was(held)
 
@@ -159,7 +160,7 @@ def test_pins_that_a_killed_program_left_behind_are_given_back_and_the_bus_is_cl
     assert as_it_was(held)
 
 
-def test_a_user_outside_the_group_is_told_how_to_join_it(lines):
+def test_a_user_outside_the_group_is_reported_how_to_join_it(lines):
     held = lines(ZEROS)
     held.fails("root", "get", times=100)
     outcome = recover(BUS)
@@ -183,7 +184,7 @@ def test_pins_of_another_board_or_bus_are_not_touched(lines):
     assert {call[0] for call in held.read()["calls"]} == {"get"}
 
 
-def test_a_recovery_runs_beside_its_caller_is_told_once_and_not_begun_again_at_once(lines):
+def test_a_recovery_runs_beside_its_caller_is_reported_once_and_not_begun_again_at_once(lines):
     held, recovery = lines([0] * 10), Recovery(BUS)
     recovery.begin(0)
     recovery.begin(0)
@@ -221,7 +222,7 @@ def test_its_programs_have_not_the_priority_of_the_loop_that_asks_for_them(monke
     assert policies == [os.SCHED_OTHER]
 
 
-def test_a_bus_that_is_held_when_the_imu_is_opened_is_clocked_free_and_that_is_told(
+def test_a_bus_that_is_held_when_the_imu_is_opened_is_clocked_free_and_that_is_reported(
     lines, monkeypatch, tmp_path
 ):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
@@ -229,14 +230,16 @@ def test_a_bus_that_is_held_when_the_imu_is_opened_is_clocked_free_and_that_is_t
     bench.bus.held = held
     imu = start(bench)
     assert imu.running
-    (told,) = imu.found.warnings
+    (told,) = imu.identity.warnings
     assert "freed after 4 clocks" in told
     assert any("freed after 4 clocks" in line for line in bench.said)
     assert told in imu.notes, "the run says it"
     assert as_it_was(held)
 
 
-def test_a_bus_that_stays_held_when_the_imu_is_opened_is_told_with_both_reasons(lines, monkeypatch, tmp_path):
+def test_a_bus_that_stays_held_when_the_imu_is_opened_is_reported_with_both_reasons(
+    lines, monkeypatch, tmp_path
+):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     bench = Bench(monkeypatch, tmp_path)
     bench.bus.held = lines([0, 0], scl_held=True)
@@ -285,7 +288,7 @@ def test_the_doctor_says_whether_a_held_bus_could_be_freed(lines, tmp_path):
     model, held = tmp_path / "model", lines([])
     assert recoverable(BUS, model)[0] == "unknown"
     model.write_text("Orange Pi Zero\0")
-    assert recoverable(BUS, model)[:2] == ("unknown", "this machine is no Raspberry Pi")
+    assert recoverable(BUS, model)[:2] == ("unknown", "this machine is not a Raspberry Pi")
     model.write_text("Raspberry Pi 3 Model B Plus Rev 1.3\0")
     assert recoverable(BUS, model)[:2] == ("ok", "pinctrl reaches GPIO 2 and 3; SDA high, SCL high")
     held.put(function={"2": "ip", "3": "ip"})

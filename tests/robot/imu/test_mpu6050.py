@@ -132,9 +132,9 @@ def test_open_tells_what_it_found(bench):
     text = "\n".join(b.said)
     for part in ("MPU-6050", "0x68", "200 Hz, fifo", "±4 g", "44 Hz, 4.9 ms late", "kHz or more", "°C"):
         assert part in text
-    assert device.found.accel_ms2 == pytest.approx(G, abs=0.1)
-    assert device.found.bus_hz == pytest.approx(400e3, rel=0.1)
-    assert device.found.warnings == ()
+    assert device.identity.accel_ms2 == pytest.approx(G, abs=0.1)
+    assert device.identity.bus_hz == pytest.approx(400e3, rel=0.1)
+    assert device.identity.warnings == ()
 
 
 def test_open_warns_of_a_known_chip_that_moves(bench):
@@ -161,8 +161,8 @@ def test_close_puts_the_chip_to_sleep(bench):
         ({"accel_range_g": 3}, "accel_range_g = 3: expected one of 2, 4, 8, 16"),
         ({"gyro_range_dps": 300}, "gyro_range_dps = 300: expected one of 250, 500, 1000, 2000"),
         ({"mode": "dmp"}, "mode = 'dmp': expected one of fifo, burst"),
-        ({"axes": ("x", "y", "-z")}, "without a mirror image"),
-        ({"axes": ("x", "x", "z")}, "Each letter stands once"),
+        ({"axes": ("x", "y", "-z")}, "a mirror image is not possible"),
+        ({"axes": ("x", "x", "z")}, "Each letter appears once"),
         ({"axes": ("x", "y")}, "ahead, left and up"),
     ],
 )
@@ -172,7 +172,7 @@ def test_settings_that_no_chip_has_are_refused(wrong, said):
     assert said in str(error.value)
 
 
-def test_a_laptop_is_told_that_i2c_needs_linux(monkeypatch):
+def test_a_laptop_is_reported_that_i2c_needs_linux(monkeypatch):
     monkeypatch.setitem(sys.modules, "smbus2", None)
     with refused("imu.no-smbus", UsageError):
         imu.open()
@@ -201,12 +201,12 @@ except UsageError as error:
     assert "needs Linux and smbus2" in done.stdout
 
 
-def test_without_a_bus_the_remedy_is_told(tmp_path):
+def test_without_a_bus_the_remedy_is_reported(tmp_path):
     with refused("imu.no-bus", RobotUnreachable):
         imu.open(str(tmp_path / "i2c-7"))
 
 
-def test_without_the_right_to_the_bus_the_group_is_told(bench, monkeypatch):
+def test_without_the_right_to_the_bus_the_group_is_reported(bench, monkeypatch):
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
@@ -216,7 +216,7 @@ def test_without_the_right_to_the_bus_the_group_is_told(bench, monkeypatch):
         imu.open(b.path)
 
 
-def test_where_nobody_answers_the_wires_are_told(bench):
+def test_where_nobody_answers_the_wires_are_reported(bench):
     b = bench()
     b.bus.devices.clear()
     with refused("imu.no-answer", RobotUnreachable, asked="0x68 and 0x69"):
@@ -226,10 +226,10 @@ def test_where_nobody_answers_the_wires_are_told(bench):
 def test_a_chip_with_ad0_high_is_found(bench):
     b = bench()
     b.bus.devices[0x69] = b.bus.devices.pop(0x68)
-    assert start(b).found.address == 0x69
+    assert start(b).identity.address == 0x69
 
 
-def test_a_chip_that_gives_nothing_is_told(bench):
+def test_a_chip_that_gives_nothing_is_reported(bench):
     b = bench()
     b.chip._write = lambda value: None  # deaf to all writes, so it stays asleep
     with refused("imu.too-few-samples", RobotUnreachable, count=0, within_s=2):

@@ -53,13 +53,13 @@ def test_a_clone_without_a_map_runs_and_its_temperature_is_unknown(bench, who_am
     device = start(b)
     assert np.isnan(loop(b, device, 0.1)[0].temperature_c)
     assert "°C" not in b.said[0]
-    assert device.found.warnings == ()
+    assert device.identity.warnings == ()
 
 
 def test_an_unknown_chip_runs_with_a_warning(bench):
     b = bench(who_am_i=0x33)
     device = start(b)
-    assert not device.chip.known
+    assert not device.chip.is_listed
     assert "WHO_AM_I 0x33 is not known: driven as an MPU-6500" in b.said[-1]
     assert len(loop(b, device, 1.0)) > 190
 
@@ -71,7 +71,7 @@ def test_an_unknown_chip_whose_numbers_cannot_be_is_refused(bench, motion):
 
 
 @pytest.mark.parametrize("who_am_i", [0x00, 0xFF])
-def test_a_bus_without_a_chip_is_no_unknown_chip(bench, who_am_i):
+def test_a_bus_without_a_chip_is_not_an_unknown_chip(bench, who_am_i):
     with refused("imu.no-chip", RobotUnreachable):
         start(bench(who_am_i=who_am_i))
 

@@ -152,7 +152,7 @@ def test_rt7_frozen_words_are_held_back_and_the_chip_is_started_again(bench):
     assert_sane(fresh)
 
 
-def test_words_frozen_for_long_are_tried_again_each_second_and_told_once(bench):
+def test_words_frozen_for_long_are_tried_again_each_second_and_reported_once(bench):
     b = bench()
     device = start(b)
     loop(b, device, 1.0)
@@ -222,7 +222,7 @@ def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
     assert silent_after == pytest.approx(0.5e9, abs=0.06e9)
     said = device.events()
     assert [e.message.code for e in said].count("imu.held") == 1
-    assert "nine times as GPIO" in next(e.text for e in said if e.message.code == "imu.held")
+    assert "nine clocks as GPIO" in next(e.text for e in said if e.message.code == "imu.held")
     assert [e.message.code for e in said].count("imu.data-missing") == 1
     b.bus.held = False
     samples = loop(b, device, 1.0)
@@ -231,7 +231,7 @@ def test_rt9_a_held_bus_makes_no_call_wait_longer_than_once(bench):
     assert "imu.back" in kinds(device)
 
 
-def test_a_bus_held_at_the_start_is_told_apart_from_a_missing_chip(bench):
+def test_a_bus_held_at_the_start_is_distinguished_from_a_missing_chip(bench):
     from baqueano.errors import RobotUnreachable
 
     b = bench()

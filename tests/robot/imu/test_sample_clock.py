@@ -33,7 +33,7 @@ def test_period_and_phase_are_within_their_own_bounds(ppm, jitter_s, seed):
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=150e-6)
 
 
-def test_clocks_that_slide_are_told_to_a_hundredth_of_a_period():
+def test_clocks_that_slide_are_reported_to_a_hundredth_of_a_period():
     told, period, phase = looks(8_000, 20.0, np.random.default_rng(3), 1e-4)
     clock, errors = SampleClock(5e6), []
     for newest, before, after in told:

@@ -119,7 +119,7 @@ def test_what_a_pi_would_not_take_is_refused_before_anything_is_written(pi, name
     assert not (pi / "boot/firmware/firstrun.sh").exists()
 
 
-def test_a_folder_that_is_no_card_is_told(tmp_path, monkeypatch):
+def test_a_folder_that_is_not_a_card_is_reported(tmp_path, monkeypatch):
     with refused("card.no-boot", FileError):
         boot_partition(tmp_path)
     monkeypatch.setattr(card, "LABELS", (str(tmp_path / "*" / "bootfs"),))
@@ -131,7 +131,7 @@ def test_a_folder_that_is_no_card_is_told(tmp_path, monkeypatch):
         boot_partition(None)
 
 
-def test_a_missing_key_and_a_private_one_are_told(tmp_path, monkeypatch):
+def test_a_missing_key_and_a_private_one_are_reported(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     with refused("card.no-key", FileError):
         public_key(None)

@@ -31,7 +31,7 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     before = tree(pi)
     setup("r1", wheels, PI, root=str(pi))
     told = capfd.readouterr().out
-    assert told.count("done  ") == 9  # the clock is right already
+    assert told.count("done  ") == 11  # the clock is right already
     said = subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True, text=True, check=True)
     assert said.stdout == "here I am\n"
     assert (pi / "usr/local/bin/baqueano").is_symlink()
@@ -39,15 +39,19 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     assert config.startswith(before["boot/firmware/config.txt"])
     assert "i2c_arm_baudrate=400000" in config
     unit = (pi / "etc/systemd/system/baqueano.service").read_text()
-    assert "User=ana\nSupplementaryGroups=dialout i2c gpio input\n" in unit
+    assert "User=baqueano\nGroup=baqueano\nSupplementaryGroups=dialout i2c gpio\n" in unit
     assert (pi / "var/lib/baqueano/vehicle.toml").read_text() == "# mine\n"
     calls = (tmp_path / "calls").read_text()
-    assert "usermod -aG dialout,gpio,input ana" in calls
+    assert "usermod -aG dialout,gpio,input,baqueano ana" in calls
+    (made,) = [line for line in calls.splitlines() if line.startswith("useradd")]
+    assert "--system" in made
+    assert "--shell /usr/sbin/nologin baqueano" in made
+    assert f"chown -R baqueano:baqueano {pi}/var/lib/baqueano\nchmod 2775" in calls
     assert "systemctl enable baqueano.service" in calls
     assert not Path(install.THERE).exists()
 
     setup("r1", wheels, PI, root=str(pi))
-    assert capfd.readouterr().out.count("as it is") == 8  # groups are not written by the recorded usermod
+    assert capfd.readouterr().out.count("as it is") == 9  # usermod and chown are recorded, and change nothing
 
     remove("r1", PI, root=str(pi))
     told = capfd.readouterr().out
@@ -56,8 +60,10 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     calls = (tmp_path / "calls").read_text()
     assert "systemctl disable --now baqueano.service" in calls
     assert [line for line in calls.splitlines() if line.startswith("gpasswd")] == [
-        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input")
+        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input", "baqueano")
     ]
+    assert calls.rindex("gpasswd") < calls.rindex("userdel baqueano")
+    assert f"chown -R ana: {pi}/var/lib/baqueano" in calls  # runs are nobody's otherwise
     assert (pi / "var/lib/baqueano/vehicle.toml").exists()
     remove("r1", PI, root=str(pi))
     assert "nothing of baqueano is installed here" in capfd.readouterr().out
@@ -67,7 +73,7 @@ def test_a_dry_run_tells_every_step_and_changes_nothing(programs, pi, wheels, ca
     before = tree(pi)
     setup("r1", wheels, PI, dry=True, root=str(pi))
     told = capfd.readouterr().out
-    assert told.count("would") == 9
+    assert told.count("would") == 11
     assert "I2C at 400 kHz" in told
     assert tree(pi) == before
 
@@ -77,9 +83,28 @@ def test_a_set_up_that_was_cut_off_says_so_and_can_be_taken_back(programs, pi, w
     programs(usermod="echo no such user >&2; exit 6")
     with refused("setup.not-finished", RobotUnreachable, host="r1"):
         setup("r1", wheels, PI, root=str(pi))
-    assert "usermod -aG dialout,gpio,input ana failed (6): no such user" in capfd.readouterr().err
+    assert "usermod -aG dialout,gpio,input,baqueano ana failed (6): no such user" in capfd.readouterr().err
     remove("r1", PI, root=str(pi))
     assert tree(pi) == before
+
+
+def test_a_person_who_has_the_name_of_the_service_is_left_alone(programs, pi, wheels, capfd):
+    with (pi / "etc/passwd").open("a") as file:
+        file.write("baqueano:x:1001:1001::/home/baqueano:/bin/bash\n")
+    before = tree(pi)
+    for verb in (setup, setup):
+        with refused("setup.not-finished", RobotUnreachable):
+            verb("r1", wheels, PI, root=str(pi))
+        assert "baqueano is somebody who logs in" in capfd.readouterr().err
+    assert tree(pi) == before
+
+
+def test_the_service_is_in_no_group_but_those_of_its_devices(programs, pi, wheels, tmp_path):
+    setup("r1", wheels, PI, root=str(pi))
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert not [line for line in calls if line.startswith("usermod") and not line.endswith(" ana")]
+    unit = (pi / "etc/systemd/system/baqueano.service").read_text()
+    assert {"sudo", "input"}.isdisjoint(unit.split("SupplementaryGroups=")[1].split("\n")[0].split())
 
 
 def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels, tmp_path):
@@ -91,7 +116,7 @@ def test_groups_that_a_later_set_up_adds_are_taken_back_too(programs, pi, wheels
     remove("r1", PI, root=str(pi))
     calls = (tmp_path / "calls").read_text().splitlines()
     assert [line for line in calls if line.startswith("gpasswd")] == [
-        f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input")
+        f"gpasswd -d ana {group}" for group in ("dialout", "baqueano", "gpio", "input")
     ]
 
 
@@ -103,7 +128,7 @@ def test_su2_a_wheel_that_is_not_the_one_of_the_lock_is_not_installed(programs, 
     wheel.write_bytes(whole + b"\0")  # still a wheel
     with refused("setup.not-finished", RobotUnreachable):
         setup("r1", wheels, PI, root=str(pi))
-    assert ("hash" in (said := capfd.readouterr().err).lower()) or "not the one of the lock" in said
+    assert ("hash" in (said := capfd.readouterr().err).lower()) or "differs from the lock" in said
     assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
     assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
     wheel.write_bytes(whole)
@@ -126,7 +151,7 @@ def test_a_supply_that_fails_in_the_middle_of_a_write_leaves_the_file_of_before(
     assert (pi / path).read_text() == before
 
 
-def test_notes_that_are_damaged_are_told_with_what_to_type(programs, pi, wheels, capfd):
+def test_notes_that_are_damaged_are_reported_with_what_to_type(programs, pi, wheels, capfd):
     setup("r1", wheels, PI, root=str(pi))
     (pi / "etc/baqueano/setup.json").write_text('{"boot": tr')
     for verb in (lambda: setup("r1", wheels, PI, root=str(pi)), lambda: remove("r1", PI, root=str(pi))):
@@ -167,7 +192,7 @@ def test_what_was_calibrated_on_the_vehicle_is_not_written_over(programs, pi, wh
         ),
     ],
 )
-def test_a_machine_that_cannot_be_a_vehicle_is_told_why(programs, answer, kind, match):
+def test_a_machine_that_cannot_be_a_vehicle_is_reported_why(programs, answer, kind, match):
     programs(ssh=answer)
     with refused(match[0], kind, **match[1]):
         machine_at("r1")
@@ -182,7 +207,7 @@ def test_who_answers_is_asked_with_what_every_pi_has(programs):
 @pytest.mark.parametrize(
     ("verb", "match"), [("setup", ("setup.packages-not-sent", {})), ("remove", ("setup.nothing-sent", {}))]
 )
-def test_a_card_that_takes_nothing_is_told(programs, wheels, verb, match):
+def test_a_card_that_takes_nothing_is_reported(programs, wheels, verb, match):
     programs(ssh="cat >/dev/null; exit 1")
     with refused(match[0], RobotUnreachable, **match[1]):
         setup("r1", wheels, PI) if verb == "setup" else remove("r1", PI)
@@ -234,7 +259,7 @@ def test_su2_the_lock_of_a_vehicle_holds_what_the_package_needs_there_each_with_
     assert {"numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip"} <= names
 
 
-def test_a_computer_that_is_no_pi_keeps_its_boot_files_and_asks_only_for_groups_that_it_has(
+def test_a_computer_that_is_not_a_pi_keeps_its_boot_files_and_asks_only_for_groups_that_it_has(
     programs, pi, wheels, capfd
 ):
     (pi / "boot/firmware/config.txt").unlink()

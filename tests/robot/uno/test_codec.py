@@ -114,7 +114,7 @@ def test_a_whole_frame_of_an_unknown_kind_or_length_is_counted_and_ignored():
     assert (decoder.bad_crc, decoder.bad_shape) == (0, 2)
 
 
-def test_a_kind_shared_by_two_directions_is_told_apart_on_the_wire():
+def test_a_kind_shared_by_two_directions_is_distinguished_on_the_wire():
     assert Decoder().feed(encode(Settings(), 1, kind=0x86)) == [ReceivedFrame(1, Settings())]
     assert encode(Settings(), 1, kind=0x86) != encode(Settings(), 1)
 

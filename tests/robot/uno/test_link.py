@@ -121,7 +121,7 @@ def test_what_was_applied_is_the_mean_between_frames_though_one_was_lost(line, u
     assert uno.statistics.lost == 1
 
 
-def test_sums_that_wrap_are_no_leap(line, uno):
+def test_sums_that_wrap_are_not_a_leap(line, uno):
     line.say(state(10, sums=((1 << 31) - 1000, 0)))
     line.say(state(20, sums=(-(1 << 31) + 2000, 0)))
     assert uno.receive()[-1].applied[0] == pytest.approx(0.3)
@@ -153,7 +153,7 @@ def test_fw7_a_reset_disarms_and_says_why_and_needs_a_hand_to_go_on(line, uno):
         (0, StopReason.UNO_DISARMED, {}),
     ],
 )
-def test_every_reason_of_the_firmware_is_told(line, uno, flags, code, figures):
+def test_every_reason_of_the_firmware_is_reported(line, uno, flags, code, figures):
     uno.arm()
     uno.drive(0.5, 0.5)
     line.say(state(10, flags=StateFlag.ARMED))
@@ -162,7 +162,7 @@ def test_every_reason_of_the_firmware_is_told(line, uno, flags, code, figures):
     assert (stopped.code, stopped.figures) == (code, figures)
 
 
-def test_arming_that_was_lost_is_said_again_before_each_command_until_telemetry_shows_it(line, uno):
+def test_arming_that_was_lost_is_reported_again_before_each_command_until_telemetry_shows_it(line, uno):
     uno.arm()
     line.now_ns = 5 * MS
     line.say(state(5))  # made before the frame that arms could be there
@@ -196,7 +196,7 @@ def test_telemetry_that_is_rare_leaves_time_for_arming_again(line, uno):
 
 
 @pytest.mark.parametrize("duty", [float("nan"), float("inf"), -float("inf")])
-def test_rt4_a_duty_that_is_no_number_moves_nothing(line, uno, duty):
+def test_rt4_a_duty_that_is_not_a_number_moves_nothing(line, uno, duty):
     uno.arm()
     uno.drive(duty, 0.5)
     uno.drive(0.5, np.float64(duty))
@@ -259,7 +259,7 @@ def test_a_question_whose_answers_are_damaged_says_that_the_line_is_noisy(line, 
         uno.settings(wait)
 
 
-def test_a_configuration_that_the_firmware_did_not_take_is_no_success(line, uno):
+def test_a_configuration_that_the_firmware_did_not_take_is_not_a_success(line, uno):
     def wait(s):
         line.now_ns += round(s * 1e9)
         line.say(info(config=CONFIG._replace(dead_man_ms=250)))
@@ -333,7 +333,7 @@ def test_telemetry_that_an_answer_overtook_is_new_all_the_same(line, uno):
     assert (uno.statistics.late, uno.statistics.lost) == (1, 1)
 
 
-def test_telemetry_after_a_long_silence_is_heard_whatever_its_sequence(line, uno):
+def test_telemetry_after_a_long_silence_is_received_whatever_its_sequence(line, uno):
     line.say(state(10))
     line.seq += 200
     line.say(state(2010))
@@ -352,7 +352,7 @@ def test_nothing_was_measured_after_it_was_heard(line, uno):
     assert uno.receive()[-1].t_ns <= line.now_ns + 1
 
 
-def test_half_a_million_damaged_bytes_are_no_telemetry():
+def test_half_a_million_damaged_bytes_are_not_telemetry():
     line = Line()
     uno = Uno(line, lambda: line.now_ns)
     rng = np.random.default_rng(5)

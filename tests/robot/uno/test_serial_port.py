@@ -34,7 +34,7 @@ def ends():
     [(errno.EACCES, "group dialout"), (errno.EAGAIN, "in use by another program"), (errno.EBUSY, "in use"),
      (errno.ENOENT, "Is the cable plugged in")],
 )  # fmt: skip
-def test_a_line_that_cannot_be_opened_is_told_by_the_number_of_its_error(number, words):
+def test_a_line_that_cannot_be_opened_is_reported_by_the_number_of_its_error(number, words):
     assert words in serial_port._refused("/dev/ttyUSB0", OSError(number, "in whatever language"))
 
 
@@ -90,7 +90,7 @@ def test_rt10_a_line_that_was_pulled_is_opened_again(ends, monkeypatch):
     port.close()
 
 
-def test_no_line_and_several_lines_are_told_apart(monkeypatch):
+def test_no_line_and_several_lines_are_distinguished(monkeypatch):
     monkeypatch.setattr(serial_port.glob, "glob", lambda pattern: [])
     with refused("uno.no-line", RobotUnreachable):
         find_port("auto")

@@ -27,7 +27,7 @@ def put(root, path, text):
         ("0x50005", "bad", "under 4.63 V now, throttled now, was under 4.63 V, was throttled"),
     ],
 )
-def test_the_supply_of_a_pi_is_told_from_its_bits(tmp_path, bits, verdict, figure):
+def test_the_supply_of_a_pi_is_reported_from_its_bits(tmp_path, bits, verdict, figure):
     put(tmp_path, doctor.THROTTLED, bits + "\n")
     assert only(doctor.power(tmp_path))[1:3] == (verdict, figure)
 
@@ -47,7 +47,7 @@ def test_heat_and_a_clock_that_steps_are_warned_of(tmp_path):
     assert only(doctor.governor(tmp_path))[1:3] == ("warn", "ondemand")
 
 
-def test_a_user_outside_a_group_is_told_how_to_join_it(tmp_path, monkeypatch):
+def test_a_user_outside_a_group_is_reported_how_to_join_it(tmp_path, monkeypatch):
     put(tmp_path, "etc/group", "root:x:0:\ndialout:x:20:\ni2c:x:998:\n")
     monkeypatch.setattr(os, "getgroups", lambda: [20])
     monkeypatch.setattr(os, "geteuid", lambda: 1000)

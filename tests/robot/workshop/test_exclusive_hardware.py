@@ -54,7 +54,7 @@ def test_a_service_that_runs_is_stopped_meanwhile_and_started_again(programs):
     assert said == ["baqueano.service stopped meanwhile", "baqueano.service started again"]
 
 
-def test_a_service_that_does_not_start_again_is_told_with_what_to_type(programs):
+def test_a_service_that_does_not_start_again_is_reported_with_what_to_type(programs):
     programs(systemctl='case "$1" in start) echo Unit is masked. >&2; exit 1;; esac', sudo='shift; exec "$@"')
     said = []
     with exclusive_hardware.service_off(said.append):
@@ -72,7 +72,7 @@ def test_a_service_that_does_not_run_is_left_alone(programs):
     assert "stop" not in calls.read_text()
 
 
-def test_a_user_who_may_not_stop_the_service_is_told_what_to_type(programs):
+def test_a_user_who_may_not_stop_the_service_is_reported_what_to_type(programs):
     programs(systemctl="exit 0", sudo="echo a password is required >&2; exit 1")
     with refused("hardware.service-has-it", UsageError, error="a password is required"):
         exclusive_hardware.service_off(print).__enter__()
@@ -91,7 +91,7 @@ def test_a_user_who_may_not_stop_the_service_is_told_what_to_type(programs):
         (137, RobotUnreachable, "ended there, for the reason above"),
     ],
 )
-def test_what_went_wrong_at_a_host_is_told_here(programs, code, kind, match):
+def test_what_went_wrong_at_a_host_is_reported_here(programs, code, kind, match):
     programs(ssh=f"exit {code}")
     with pytest.raises(kind, match=match):
         exclusive_hardware.there("r1", "robot", "doctor")
@@ -107,7 +107,7 @@ def test_what_was_interrupted_at_a_host_is_interrupted_here(programs):
     ("host", "match"),
     [("emulated", ("ssh.no-hardware", {"host": "emulated"})), ("/dev/ttyUSB0", ("ssh.not-a-host", {}))],
 )
-def test_what_is_no_computer_is_told_before_ssh_is_asked(host, match):
+def test_what_is_not_a_computer_is_reported_before_ssh_is_asked(host, match):
     with refused(match[0], UsageError, **match[1]):
         exclusive_hardware.there(host, "robot", "doctor")
 
@@ -118,7 +118,7 @@ def test_a_port_goes_to_ssh_as_it_wants_it(programs):
     assert "-p 2222 -- me@r1 baqueano robot doctor --json" in calls.read_text()
 
 
-def test_signs_of_life_go_to_a_host_and_what_is_said_there_comes_back(programs, monkeypatch):
+def test_signs_of_life_go_to_a_host_and_what_is_reported_there_comes_back(programs, monkeypatch):
     monkeypatch.setattr(remote_session, "BEAT_S", 0.01)
     programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
     assert exclusive_hardware.there("r1", "robot", "doctor") == [{"a": 1}]
@@ -180,7 +180,7 @@ def test_what_an_imu_at_a_host_was_found_to_be_is_written_into_the_file_here(
     assert "-y, x, z" in capsys.readouterr().out
 
 
-def test_motors_at_a_host_are_told_here(programs, tmp_path, monkeypatch, capsys):
+def test_motors_at_a_host_are_reported_here(programs, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     found = Motors(
         Settings(1, ways=(Way(300, 700, 0),) * 4),

@@ -29,22 +29,22 @@ if TYPE_CHECKING:
 @click.command(help="Drive by hand from this terminal, with keys or a game pad; write a run.")
 @options.vehicle
 @options.robot
-@click.option("--latched", is_flag=True, help="Keys move a set-point that holds, instead of being held.")
+@click.option("--latched", is_flag=True, help="Each press of a key moves a set-point, which stays.")
 @click.option(
     "--share", type=click.FloatRange(0.1, 1.0), default=0.5, show_default=True,
-    help="Of the command's limit, at a full key; + and - change it.",
+    help="Share of the command's limit with a key fully pressed (0.1 to 1); + and - change it.",
 )  # fmt: skip
 @pad_option
 @hold_option
 @click.option(
     "--length", "length_m", type=numbers.length,
-    help="Metres driven from the first m to the last, by tape: tells the scale of the wheels.",
+    help="Distance between the first and the last mark, by tape [m]; gives the scale of the wheels.",
 )  # fmt: skip
 @options.seed
 @options.backend
 @options.runs_folder
 @options.out
-@click.option("--update", is_flag=True, help="Write what the marks tell into the vehicle file.")
+@click.option("--update", is_flag=True, help="Write the scales from the marks into the vehicle file.")
 @live.page
 @options.as_json
 def command(

@@ -28,25 +28,31 @@ if TYPE_CHECKING:
     "--signal",
     default="random-steps",
     show_default=True,
-    help="random-steps, multisine, prbs, ramps; or designed, for this vehicle in this room.",
+    help=(
+        "Signal of the command: random-steps, multisine, prbs, ramps; or designed, for this "
+        "vehicle and this room."
+    ),
 )
 @click.option(
     "--room",
     metavar="WxH",
-    help="Metres; the vehicle begins in the middle, heading along W, and stays inside. Of designed: 2x2.",
+    help=(
+        "Room [m]. The vehicle begins in the middle, heading along W, and stays inside. Default "
+        "of designed: 2x2."
+    ),
 )
 @click.option(
     "--known",
     is_flag=True,
-    help="Design for the numbers of the file as they are; else a vehicle that was never fitted is driven "
-    "carefully first, and fitted to that.",
+    help="Trust the numbers of the file. Without this option, a vehicle that was never fitted "
+    "first drives carefully and is fitted.",
 )
 @click.option(
     "--rounds",
     type=click.IntRange(1),
-    help="With designed: drive, fit, and design again for what was learnt, so many times.",
+    help="With designed: number of rounds of drive, fit and new design.",
 )
-@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
+@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Duration [s].")
 @options.seed
 @options.shake
 @options.backend

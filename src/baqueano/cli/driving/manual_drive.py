@@ -28,11 +28,11 @@ FIND = ""  # --pad without a name
 
 pad_option = click.option(
     "--pad", is_flag=False, flag_value=FIND, metavar="[DEVICE]",
-    help="A game pad of this computer; it is looked for, unless named: /dev/input/event5.",
+    help="Game pad of this computer; the first one, or the one named here: /dev/input/event5.",
 )  # fmt: skip
 hold_option = click.option(
     "--no-hold", "hold", flag_value=False, default=True,
-    help="Do not hold the heading by the gyro while you go straight on.",
+    help="Do not correct the heading with the gyro while you drive straight.",
 )  # fmt: skip
 
 

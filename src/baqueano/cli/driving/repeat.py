@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.driving.route import drivable, room_option, start_option, walls
+from baqueano.cli.driving.route import as_fast_as_it_can, drivable, room_option, standing, start_option, walls
 from baqueano.cli.driving.targets import placed, say_ledger
 from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, clocked, talk
@@ -17,14 +17,50 @@ from baqueano.diagnostics import note
 @options.vehicle
 @options.robot
 @click.option(
-    "--laps", type=numbers.count_or_none, default=1, show_default=True, help="0: for ever, until Ctrl-C."
+    "--laps",
+    type=numbers.count_or_none,
+    default=1,
+    show_default=True,
+    help=("Number of laps; 0: until Ctrl-C."),
 )
 @room_option
 @start_option
-@click.option("--anyway", is_flag=True, help="Also a route that is faster than the vehicle.")
-@click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
-@click.option("--controller", metavar="FILE:CLASS", help="A controller of your own instead of the file's.")
-@click.option("--guide", metavar="FILE:CLASS", help="A guide of your own instead of the file's.")
+@click.option(
+    "--anyway", is_flag=True, help="Drive the route even if it is too fast for the vehicle, or has gaps."
+)
+@click.option(
+    "--faster", is_flag=True, help="As fast as the identified vehicle can, in place of the taught speed."
+)
+@click.option(
+    "--from",
+    "stand",
+    metavar="X,Y,DEG",
+    help="Where the vehicle stands, seen from where the route begins [m, m, degrees]; it then leads in.",
+)
+@click.option(
+    "--lead-in/--no-lead-in",
+    default=True,
+    show_default=True,
+    help="Drive onto the route first, where the vehicle does not stand at its start.",
+)
+@click.option("--return", "way_back", is_flag=True, help="Afterwards drive back to where the route begins.")
+@click.option(
+    "--caution/--no-caution",
+    default=True,
+    show_default=True,
+    help="Slow down, and stop, where a sensor is degraded or the position is uncertain.",
+)
+@click.option(
+    "--patience",
+    "patience_s",
+    type=numbers.seconds,
+    default=20.0,
+    show_default=True,
+    help="Give up a vehicle that is stuck for so long [s].",
+)
+@click.option("--estimator", metavar="FILE:CLASS", help="Estimator to use instead of that of the file.")
+@click.option("--controller", metavar="FILE:CLASS", help="Controller to use instead of that of the file.")
+@click.option("--guide", metavar="FILE:CLASS", help="Guide to use instead of that of the file.")
 @options.seed
 @options.shake
 @options.backend
@@ -35,23 +71,29 @@ from baqueano.diagnostics import note
 @options.as_json
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
-    start: str | None, anyway: bool, estimator: str | None, controller: str | None, guide: str | None,
-    seed: int, shake: tuple[str, ...],
-    backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
+    start: str | None, anyway: bool, faster: bool, stand: str | None, lead_in: bool, way_back: bool, caution: bool,
+    patience_s: float, estimator: str | None, controller: str | None, guide: str | None, seed: int,
+    shake: tuple[str, ...], backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
     from baqueano.drive.mission import Mission
+    from baqueano.drive.safety.precautions import Precautions
 
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file, robot)
     taught = options.find_route(route)
-    drivable(taught, route, file, walls(file, room, start), robot, anyway, backend)
+    if faster:
+        taught = as_fast_as_it_can(taught, route, file, backend)
+    walled = walls(file, room, start)
+    drivable(taught, route, file, walled, robot, anyway, backend)
+    care = Precautions(True, anyway, walled, lead_in, way_back, caution, patience_s)
     own = {"estimator": estimator, "controller": controller, "guide": guide}
     own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
     what = Mission(
-        "repeat", route=taught, laps=laps, blocks={room: k for room, k in own.items() if k is not None}
-    )
+        "repeat", route=taught, laps=laps, blocks={room: k for room, k in own.items() if k is not None},
+        start=standing(taught, stand), precautions=care.to_json(),
+    )  # fmt: skip
     with (
         live.live_page(shown, robot, file, folder, pace) as watching,
         placed(robot, file, seed, backend, page=watching, shake=shake) as place,
@@ -62,7 +104,7 @@ def command(
     talk(note("cli.run", path=path))
     say_ledger(run, file, shake)
     compared = compare(run)
-    answer(compared, as_json)
+    answer(compared, as_json, laps=compared.laps())
     options.advise_to_fit(compared, [run], options.naming(file, folder), folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run

@@ -17,11 +17,13 @@ if TYPE_CHECKING:
 @click.command(help="Send RUN through the same blocks again, or through others, and compare.")
 @click.argument("run")
 @options.vehicle
-@click.option("--estimator", metavar="FILE:CLASS", help="An estimator of your own instead of the file's.")
+@click.option("--estimator", metavar="FILE:CLASS", help="Estimator to use instead of that of the file.")
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
-              help="How the estimated path is laid on the true one.")  # fmt: skip
+              help="Alignment of the estimated path with the true path.")  # fmt: skip
 @click.option(
-    "--smooth", is_flag=True, help="Estimate each instant from the whole run: what came later counts too."
+    "--smooth",
+    is_flag=True,
+    help=("Smooth: estimate each instant from the whole run, later measurements included."),
 )
 @options.backend
 @options.runs_folder

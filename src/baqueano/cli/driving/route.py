@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 NAME = "NAME"  # of routes.path, which loads numpy
-FASTER = ("route.speed-too-high", "route.turns-too-fast")
 XY = (("x_m", "y_m"), ("x", "y"))  # columns of points
 
 
 @click.group(
-    cls=Verbs, help="Routes: draw, import, smooth, cut, join, turn round, scale, speed up; check one."
+    cls=Verbs, help="Draw, import, smooth, cut, join, reverse, scale or speed up a route; check one."
 )
 def command() -> None: ...
 
@@ -37,10 +36,10 @@ new_name = click.option("-o", "--out", "name", metavar="NAME", help="Route to wr
 room_option = click.option(
     "--room",
     metavar="WIDTHxHEIGHT",
-    help="Walls [m]; the route begins in the middle, along x, or at --start.",
+    help="Size of the room [m]; the route begins in the middle, along x, or at --start.",
 )
 start_option = click.option(
-    "--start", metavar="X,Y,DEG", help="Where in the room the route begins, from its middle [m, m, degrees]."
+    "--start", metavar="X,Y,DEG", help="Start of the route in the room, from its middle [m, m, degrees]."
 )
 
 
@@ -65,7 +64,7 @@ def ls(as_json: bool) -> None:
         talk(note("cli.no-routes"))
 
 
-@command.command("check", help="Judge ROUTE by the identified vehicle, and by the walls of a room.")
+@command.command("check", help=("Check if the identified vehicle can drive ROUTE, and if it fits in a room."))
 @click.argument("route")
 @vehicle
 @room_option
@@ -91,9 +90,16 @@ def check(
 @click.argument("shape", type=click.Choice(SHAPES))
 @click.argument("name")
 @click.option(
-    "--size", "size_m", type=numbers.length, default=1.0, show_default=True, help="As in teach [m]."
+    "--size",
+    "size_m",
+    type=numbers.length,
+    default=1.0,
+    show_default=True,
+    help="Radius or half length of the shape [m].",
 )
-@click.option("--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="[m/s]")
+@click.option(
+    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Speed [m/s]."
+)
 @options.as_json
 def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) -> None:
     stored(shape_or_route(shape, speed_m_s, size_m), name, as_json)
@@ -105,9 +111,16 @@ def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) 
 @click.argument("source")
 @click.argument("name")
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Of points [m/s]."
+    "--speed",
+    "speed_m_s",
+    type=numbers.speed,
+    default=0.25,
+    show_default=True,
+    help="Speed at the points [m/s].",
 )
-@click.option("--closed/--open", default=None, help="Default: closed where the end lies at the start.")
+@click.option(
+    "--closed/--open", default=None, help=("Close the route. Default: if its end lies at its start.")
+)
 @options.runs_folder
 @options.as_json
 def import_(
@@ -125,11 +138,14 @@ def import_(
     stored(route, name, as_json)
 
 
-@command.command("smooth", help="Take the short waves out of ROUTE, and its stops, within a tolerance.")
+@command.command("smooth", help="Remove short waves and stops from ROUTE, within a tolerance.")
 @click.argument("route")
-@click.option("--rms", "rms_m", type=numbers.length, help="Tolerance as root of the mean square [m].")
+@click.option("--rms", "rms_m", type=numbers.length, help="Tolerance: rms distance from the old path [m].")
 @click.option(
-    "--max", "max_m", type=numbers.length, help="Tolerance as the largest distance [m]; default 0.05."
+    "--max",
+    "max_m",
+    type=numbers.length,
+    help=("Tolerance: largest distance from the old path [m]; default: 0.05."),
 )
 @new_name
 @options.as_json
@@ -142,10 +158,19 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
     edited(route, "smooth", name, as_json, lambda one: smooth(one, *how))  # pyright: ignore[reportArgumentType]
 
 
-@command.command("cut", help="Keep the part of ROUTE between two places along it.")
+@command.command("cut", help="Keep the part of ROUTE between two distances along it [m].")
 @click.argument("route")
-@click.option("--from", "from_m", type=numbers.Number("m", above=False), default=0.0, show_default=True)
-@click.option("--to", "to_m", type=numbers.length, help="Default: the end.")
+@click.option(
+    "--from",
+    "from_m",
+    type=numbers.Number("m", above=False),
+    default=0.0,
+    show_default=True,
+    help="Start of the part that is kept [m].",
+)
+@click.option(
+    "--to", "to_m", type=numbers.length, help=("End of the part that is kept; default: the end of the whole.")
+)
 @new_name
 @options.as_json
 def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json: bool) -> None:
@@ -154,7 +179,7 @@ def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json
     edited(route, "cut", name, as_json, lambda one: cut(one, from_m, to_m))
 
 
-@command.command("join", help="Drive ROUTE, and then OTHER from where it ends.")
+@command.command("join", help="Join two routes: first ROUTE, then OTHER from the end of ROUTE.")
 @click.argument("route")
 @click.argument("other")
 @new_name
@@ -165,9 +190,9 @@ def join(route: str, other: str, name: str | None, as_json: bool) -> None:
     edited(route, f"{Path(other).stem}", name, as_json, lambda one: join(one, options.find_route(other)))
 
 
-@command.command("reverse", help="Drive ROUTE in the other direction.")
+@command.command("reverse", help="Reverse the direction of ROUTE.")
 @click.argument("route")
-@click.option("--backing", is_flag=True, help="Backward through the same poses, in place of turned round.")
+@click.option("--backing", is_flag=True, help="Keep the poses, so that the vehicle drives backward.")
 @new_name
 @options.as_json
 def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
@@ -176,7 +201,7 @@ def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
     edited(route, "reverse", name, as_json, lambda one: reverse(one, backing))
 
 
-@command.command("scale", help="Make ROUTE larger or smaller; its speed stays.")
+@command.command("scale", help="Make ROUTE larger or smaller at the same speed.")
 @click.argument("route")
 @click.argument("factor", type=numbers.Number("", high=1000.0))
 @new_name
@@ -188,23 +213,24 @@ def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
 
 
 @command.command(
-    "faster", help="Give ROUTE the fastest speeds that the identified vehicle can drive, or a steady one."
+    "faster",
+    help=("Give ROUTE the highest speeds that the identified vehicle can reach, or a constant speed."),
 )
 @click.argument("route")
 @vehicle
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, help="A steady speed in place of the fastest [m/s]."
+    "--speed", "speed_m_s", type=numbers.speed, help="Constant speed instead of the highest speeds [m/s]."
 )
 @click.option(
     "--share",
     type=numbers.Number("", high=1.0),
     default=0.8,
     show_default=True,
-    help="Of the command; the rest is left.",
+    help="Share of the command to use; the rest stays for the controller.",
 )
 @click.option(
     "--sideways", "sideways_m_s2", type=numbers.Number("m/s²"), default=3.0, show_default=True,
-    help="Largest acceleration to the side [m/s²].",
+    help="Largest lateral acceleration [m/s²].",
 )  # fmt: skip
 @new_name
 @options.backend
@@ -223,25 +249,54 @@ def faster(
 
 
 def drivable(
-    route: "Route",
-    name: str,
-    file: "VehicleFile",
-    room: "Room | None",
-    robot: str,
-    anyway: bool,
-    backend: str,
-) -> None:
-    """Refuse a route that leaves the room or jumps, and one that is faster than the vehicle unless `anyway`, before
-    anything moves. A model that nobody measured cannot tell that a route is too fast: it only warns."""
-    from baqueano.routes import examine
+    route: "Route", name: str, file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
+) -> None:  # fmt: skip
+    """Refuse a route that may not be driven before a run is begun, with the name of its file, and tell its warnings."""
+    from baqueano.drive.safety.route_check import warnings_of
 
-    for one in examine(route, file, room, backend=backend).findings:
-        finding = named(one, name)
-        warns = finding.severity != Severity.ERROR
-        if warns or (finding.code in FASTER and (anyway or not options.measured(file, robot))):
-            talk(note("cli.warning", cause=finding))
-        else:
-            raise AnswerNo(finding)
+    how = {"measured": options.measured(file, robot), "anyway": anyway, "backend": backend}
+    try:
+        warnings = warnings_of(route, file, room, **how)
+    except AnswerNo as error:
+        raise AnswerNo(named(error.diagnostic, name)) from error
+    for one in warnings:
+        talk(note("cli.warning", cause=named(one, name)))
+
+
+def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: str) -> "Route":
+    """Return the route at the fastest speeds that the identified vehicle can drive."""
+    from baqueano.routes import fastest
+
+    try:
+        return fastest(route, file, backend=backend)
+    except UsageError as error:
+        raise UsageError(named(error.diagnostic, name)) from error
+
+
+def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
+    """Return the pose in the map of a vehicle that stands at "x,y,degrees" from where the route begins; empty where it
+    stands there. UsageError for what is no pose."""
+    import numpy as np
+
+    from baqueano.geometry import map_from_body
+
+    if stand is None:
+        return ()
+    x, y, degrees = pose_of(stand, "cli.from-unreadable")
+    start = route.eta[0]
+    xy = start[:2] + map_from_body(start[2])[:2, :2] @ np.array([x, y])
+    return (float(xy[0]), float(xy[1]), float(start[2] + np.radians(degrees)))
+
+
+def pose_of(words: str, code: str) -> tuple[float, float, float]:
+    """Return x, y and degrees of an option; UsageError of this code for what is no pose."""
+    try:
+        x, y, degrees = (float(part) for part in words.split(","))
+    except ValueError as error:
+        raise UsageError(fault(code, found=words)) from error
+    if not abs(x) + abs(y) + abs(degrees) < float("inf"):
+        raise UsageError(fault(code, found=words))
+    return x, y, degrees
 
 
 def named(finding: Diagnostic, route: str) -> Diagnostic:
@@ -284,10 +339,7 @@ def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | N
 
     from baqueano.identify.design.room import room_of
 
-    try:
-        x, y, degrees = (float(part) for part in (start or "0,0,0").split(","))
-    except ValueError as error:
-        raise UsageError(fault("cli.start-unreadable", found=start)) from error
+    x, y, degrees = pose_of(start or "0,0,0", "cli.start-unreadable")
     return room_of(file, room, start=(x, y, float(np.radians(degrees))))
 
 

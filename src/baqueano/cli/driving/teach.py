@@ -45,12 +45,17 @@ SHAPES = (  # of guides.shapes, which loads numpy
 @options.robot
 @click.option(
     "--driver", default="sinuous-circle", show_default=True, metavar="SHAPE|keys|FILE",
-    help=f"Who drives: a shape ({', '.join(SHAPES)}), a stored route, or you with the keys.",
+    help=f"Driver: a shape ({', '.join(SHAPES)}), a stored route, or you with the keys.",
 )  # fmt: skip
 @pad_option
 @hold_option
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+    "--speed",
+    "speed_m_s",
+    type=numbers.speed,
+    default=0.25,
+    show_default=True,
+    help="Speed along a shape [m/s].",
 )
 @click.option(
     "--size",
@@ -58,7 +63,7 @@ SHAPES = (  # of guides.shapes, which loads numpy
     type=numbers.length,
     default=1.0,
     show_default=True,
-    help="Radius of a circle, half length of any other shape [m].",
+    help="Radius of a circle, or half the length of another shape [m].",
 )
 @options.seed
 @options.backend

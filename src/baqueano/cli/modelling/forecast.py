@@ -9,10 +9,12 @@ from baqueano.cli.terminal import answer, busy, talk
 from baqueano.diagnostics import note
 
 
-@click.command(help="Say before driving ROUTE how well the vehicle's place will be known, lap by lap.")
+@click.command(help="Predict, before a drive of ROUTE, the uncertainty of the position, lap by lap.")
 @click.argument("route")
 @options.vehicle
-@click.option("--laps", type=numbers.count, default=1, show_default=True, help="Of a closed route.")
+@click.option(
+    "--laps", type=numbers.count, default=1, show_default=True, help=("Number of laps of a closed route.")
+)
 @options.backend
 @options.page
 @options.as_json

@@ -30,7 +30,7 @@ GROUPS = {
 
 
 @click.command(
-    cls=options.Grouped,
+    cls=options.GroupedCommand,
     groups=GROUPS,
     help="Fit the model, and the noise, to one or more RUNS: by number, name, path, or 'last'.",
 )
@@ -40,47 +40,75 @@ GROUPS = {
     "--free",
     multiple=True,
     metavar="[+]KEY",
-    help="Parameter to fit in place of those that the vehicle's kind needs; with a + beside them.",
+    help="Parameter to estimate. It replaces the default set; +KEY adds to that set.",
 )
-@click.option("--fix", multiple=True, metavar="KEY", help="Parameter to leave as it is.")
-@click.option("--bound", multiple=True, metavar="KEY=LOW,HIGH", help="Range of a parameter.")
+@click.option("--fix", multiple=True, metavar="KEY", help="Parameter to keep fixed.")
+@click.option(
+    "--bound", multiple=True, metavar="KEY=LOW,HIGH", help=("Lower and upper bound of a parameter.")
+)
 @click.option(
     "--use",
     multiple=True,
     metavar="SENSOR",
-    help="Sensor to fit to, or one channel of it as imu[2]; 'truth' of a camera; default: all of the runs.",
+    help=(
+        "Sensor to use in the fit, or one of its channels, imu[2]; 'truth' is a camera; "
+        "default: all sensors of the runs."
+    ),
 )
-@click.option("--per-run", multiple=True, metavar="KEY", help="Parameter that each run has for itself.")
-@click.option("--clock", multiple=True, metavar="SENSOR", help="Sensor whose stamps may be off, run by run.")
-@click.option("--segment", type=numbers.Number("s"), help="Split each run into segments of this length.")
+@click.option("--per-run", multiple=True, metavar="KEY", help="Parameter with its own value in each run.")
+@click.option(
+    "--clock", multiple=True, metavar="SENSOR", help=("Sensor whose clock offset is estimated, one per run.")
+)
+@click.option(
+    "--segment",
+    type=numbers.Number("s"),
+    help=("Split each run into segments of this length [s] (multiple shooting)."),
+)
 @click.option(
     "--cost",
     type=click.Choice(["simulation", "innovations"]),
     default="simulation",
-    help="What is made small: the error of a simulation, or of a filter's next step where the floor disturbs.",
+    help=(
+        "Error to minimise: of the simulation, or of one-step predictions (innovations; for a "
+        "floor that disturbs the vehicle)."
+    ),
 )
 @click.option("--speed-noise", is_flag=True, help="Let the noise grow with the speed.")
-@click.option("--choose", is_flag=True, help="Add terms to the least model where held-out data ask for them.")
-@click.option("--over-time", "parameter_history", is_flag=True, help="Follow the parameters from run to run.")
-@click.option("--held-out", multiple=True, metavar="RUN", help="Run to judge by; it is not fitted to.")
+@click.option(
+    "--choose",
+    is_flag=True,
+    help=("Start from the smallest model, and add the terms that lower the error on held-out data."),
+)
+@click.option(
+    "--over-time",
+    "parameter_history",
+    is_flag=True,
+    help=("Estimate the parameters run by run, and report their drift."),
+)
+@click.option(
+    "--held-out", multiple=True, metavar="RUN", help=("Run to test the fit with; it is not used in the fit.")
+)
 @click.option(
     "--measured",
     multiple=True,
     metavar='"TIME: LENGTH, ANGLE"',
-    help='A tape measure from the mark where the run began: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
+    help='Distance and angle from the start, measured by tape: "12.4 s: 2.31 m", "end: 0 m, 720 deg".',
 )
 @click.option(
     "--tolerance",
     multiple=True,
     metavar="KEY=PART",
-    help="How far a scale of the IMU may be off, where nothing else tells the speed: sensors.imu.gyro_scale=0.01.",
+    help=(
+        "Relative error of a scale of the IMU, for a car without another speed sensor: "
+        "sensors.imu.gyro_scale=0.01."
+    ),
 )
 @click.option(
     "--route",
     metavar="SHAPE|NAME",
-    help="The lap of the forecast; default: a sinuous circle as fast as the runs.",
+    help="Route of the forecast; default: a sinuous circle at the speed of the runs.",
 )
-@click.option("--no-noise", is_flag=True, help="Leave the noise covariances of the file as they are.")
+@click.option("--no-noise", is_flag=True, help="Keep the noise covariances of the file.")
 @click.option("--table", type=click.Path(path_type=Path), help="Write the table, .csv or .tex.")
 @options.backend
 @options.runs_folder
@@ -92,47 +120,47 @@ def command(
     parameter_history: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
     page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused
 
-    _meant(parameter_history, choose, unseen=bool(held_out))
+    _meant(parameter_history, choose, with_validation=bool(held_out))
     _named(table)
     lap = _lap(how["route"])
-    recorded, unseen = (options.find_runs(names, folder) for names in (runs, held_out))
-    asked: JsonObject = _asked(how, backend)
-    file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, asked)
-    if not asked["use"]:
-        for said in unused(recorded, file):
-            talk(said)
+    recorded, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
+    settings_of_fit: JsonObject = _fit_arguments(how, backend)
+    file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, settings_of_fit)
+    if not settings_of_fit["use"]:
+        for message in unused(recorded, file):
+            talk(message)
     if parameter_history:
-        return _over_time(recorded, file, asked, table, page, update, as_json)
+        return _over_time(recorded, file, settings_of_fit, table, page, update, as_json)
     span = sum(r.duration_s for r in recorded)
     with steps() as begin:
         say = begin(note("cli.fitting-span", runs=len(recorded), span_s=span))
         say.text = text(note("cli.translating"))
-        found: Any = (
-            _chosen(recorded, file, asked, unseen, begin)
+        result: Any = (
+            _chosen(recorded, file, settings_of_fit, validation_runs, begin)
             if choose
-            else identify(recorded, file, say=say, **asked)
+            else identify(recorded, file, say=say, **settings_of_fit)
         )
-    fit = found.fit if choose else found
-    judged = _judged(fit, unseen) if fit.verdict != Verdict.REFUSED else None
+    fit = result.fit if choose else result
+    judged = _judged(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
     ahead = _predicted(fit, recorded, lap, how["route"])
     if as_json or page is None:
         answer(
-            found, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [],
+            result, as_json, _more_rows(fit, judged), forecast=ahead.rows() if ahead else [],
             findings=list(map(row_of, fit.findings)),
         )  # fmt: skip
     else:
-        tell(found.table(reported=True))
+        tell(result.table(reported=True))
     for beside in filter(None, (judged, ahead) if not as_json else ()):
         tell(beside.table())
     _written(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
         from baqueano.printable import typed
-        from baqueano.report.of_fit import page_of_fit
+        from baqueano.report.fit_report import page_of_fit
 
         with busy(note("cli.drawing")):
             whole = page_of_fit(fit, held_out=judged, ahead=ahead)
@@ -140,22 +168,22 @@ def command(
             written = whole.save(page)
         talk(note("cli.report", page=written))
     if say.stopped:
-        raise Interrupted(fault("cli.fit-interrupted"))
+        raise Interruption(fault("cli.fit-interrupted"))
     if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(fit.reasons, page))
     if judged is not None and judged.verdict == Verdict.REFUSED:
         raise AnswerNo(_refused(judged.reasons, page, held_out=True))
     fitted = fit.vehicle_file
     if not no_noise:
-        fitted = _with_noise(fit, recorded, unseen, backend).updated(fitted, ", ".join(fit.runs))
+        fitted = _with_noise(fit, recorded, validation_runs, backend).updated(fitted, ", ".join(fit.runs))
     options.kept(fitted, update)
 
 
-def _meant(parameter_history: bool, choose: bool, *, unseen: bool) -> None:
+def _meant(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
     """UsageError where one option would make another do nothing."""
     from baqueano.errors import UsageError
 
-    if parameter_history and (choose or unseen):
+    if parameter_history and (choose or with_validation):
         other = "--choose" if choose else "--held-out"
         raise UsageError(fault("cli.options-conflict", other=other))
 
@@ -206,7 +234,7 @@ def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
     if judged is None:
         return own
 
-    reasons, outside = (list(map(row_of, found)) for found in (judged.reasons, judged.outside))
+    reasons, outside = (list(map(row_of, table)) for table in (judged.reasons, judged.outside))
     summary = {
         "verdict": judged.verdict, "sentence": judged.sentence, "reasons": reasons, "outside": outside,
     }  # fmt: skip
@@ -217,7 +245,7 @@ def _more_rows(fit: "Fit", judged: Any) -> list["TableRow"]:
     ]
 
 
-def _asked(how: "JsonObject", backend: str) -> "JsonObject":
+def _fit_arguments(how: "JsonObject", backend: str) -> "JsonObject":
     """Return the keywords of `identify`."""
     from baqueano.identify import FitOptions
 
@@ -236,7 +264,7 @@ def _asked(how: "JsonObject", backend: str) -> "JsonObject":
 
 
 def _known_to(
-    file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", asked: "JsonObject"
+    file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
 ) -> Any:
     """The file with how well its scales are known. UsageError where the fit would not ask."""
     from baqueano.errors import UsageError
@@ -245,8 +273,8 @@ def _known_to(
 
     if not tolerances:
         return file
-    other = _other(asked)
-    if other or not imu_is_all(file, runs, asked["use"], asked["free"]):
+    other = _other(arguments)
+    if other or not imu_is_all(file, runs, arguments["use"], arguments["free"]):
         code = "cli.tolerance-beside" if other else "cli.tolerance-unused"
         raise UsageError(fault(code, "--use imu", given=tolerances[0], other=other[:1]))
     parts = {}
@@ -264,31 +292,31 @@ def _known_to(
 def _chosen(
     runs: "list[Run]",
     file: "VehicleFile",
-    asked: "JsonObject",
-    unseen: "list[Run]",
+    arguments: "JsonObject",
+    validation_runs: "list[Run]",
     say: Callable[[str], object],
 ) -> Any:
-    """The terms that held-out data ask for, the `unseen` runs where there are any, by the plain simulation error."""
+    """Return the terms that held-out data ask for, by the simulation error of `validation_runs`, if any."""
     from baqueano.errors import UsageError
     from baqueano.identify.imu_only import imu_is_all
     from baqueano.identify.selection.selection import choose
 
-    if more := _other(asked):
+    if more := _other(arguments):
         raise UsageError(fault("cli.choose-conflict", "--choose --update", others=more))
-    if imu_is_all(file, runs, asked["use"], asked["free"]):
+    if imu_is_all(file, runs, arguments["use"], arguments["free"]):
         raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
     return choose(
         runs,
         file,
         say=say,
-        held_out=unseen,
-        **asked,
+        held_out=validation_runs,
+        **arguments,
     )
 
 
-def _other(asked: dict[str, Any]) -> list[str]:
+def _other(arguments: dict[str, Any]) -> list[str]:
     """Return the options of the command line that only a plain fit takes."""
-    return [_OPTIONS[name] for name in asked["options"].changed if name in _OPTIONS]
+    return [_OPTIONS[name] for name in arguments["options"].changed if name in _OPTIONS]
 
 
 _OPTIONS = {
@@ -301,54 +329,54 @@ _OPTIONS = {
 }
 
 
-def _judged(fit: "Fit", unseen: "list[Run]") -> Any:
+def _judged(fit: "Fit", validation_runs: "list[Run]") -> Any:
     """The fit on runs that it has not seen; None without any."""
-    if not unseen:
+    if not validation_runs:
         return None
     from baqueano.identify.validation import validate
 
-    with busy(note("cli.judging", runs=len(unseen))):
-        return validate(fit, unseen)
+    with busy(note("cli.judging", runs=len(validation_runs))):
+        return validate(fit, validation_runs)
 
 
-def _with_noise(fit: "Fit", runs: "list[Run]", unseen: "list[Run]", backend: str) -> Any:
+def _with_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
     """Return Q and R; with held-out runs, from the source of R that predicts them best."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise.covariances import measure_noise
     from baqueano.identify.noise.held_out import compare_noise
 
     with busy(note("cli.measuring-noise")):
-        noise = measure_noise(fit, runs, held_out=unseen, backend=backend)
-    if unseen and noise.source == "truth":
+        noise = measure_noise(fit, runs, held_out=validation_runs, backend=backend)
+    if validation_runs and noise.source == "truth":
         with busy(note("cli.trying-noise")):
             other = measure_noise(fit, runs, source="innovations", backend=backend)
-            known = {noise.source: noise, other.source: other}
+            by_source = {noise.source: noise, other.source: other}
             try:
-                found = compare_noise(fit, known, unseen, backend)
+                comparison = compare_noise(fit, by_source, validation_runs, backend)
             except UsageError as why:
                 talk(why.diagnostic)
             else:
-                talk(found.table())
-                noise = known[found.best]
+                talk(comparison.table())
+                noise = by_source[comparison.best]
     talk(noise.table())
     return noise
 
 
 def _over_time(
-    runs: "list[Run]", file: "VehicleFile", asked: "JsonObject", table: Path | None, page: Path | None, update: bool,
-    as_json: bool,
+    runs: "list[Run]", file: "VehicleFile", arguments: "JsonObject", table: Path | None, page: Path | None,
+    update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.parameter_drift import parameter_history
 
     with steps() as begin:
-        found = parameter_history(runs, file, say=begin, **asked)
-    answer(found, as_json)
-    _written(found, file, table, f"{file.name} over {len(runs)} runs")
+        drift = parameter_history(runs, file, say=begin, **arguments)
+    answer(drift, as_json)
+    _written(drift, file, table, f"{file.name} over {len(runs)} runs")
     if page is not None:
-        from baqueano.report.of_wear import page_of_wear
+        from baqueano.report.drift_report import page_of_drift
 
-        talk(note("cli.report", page=page_of_wear(found).save(page)))
-    options.kept(found.vehicle_file, update)
+        talk(note("cli.report", page=page_of_drift(drift).save(page)))
+    options.kept(drift.vehicle_file, update)
 
 
 def _written(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
@@ -360,13 +388,13 @@ def _written(result: Any, file: "VehicleFile", table: Path | None, caption: str)
         talk(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
 
 
-def bounded(said: str) -> tuple[str, tuple[float, float]]:
+def bounded(argument: str) -> tuple[str, tuple[float, float]]:
     """("model.friction.linear", (0, 10)) from "model.friction.linear=0,10"."""
     from baqueano.errors import UsageError
 
-    key, _, limits = said.partition("=")
+    key, _, limits = argument.partition("=")
     try:
         low, high = (float(x) for x in limits.split(","))
     except ValueError as error:
-        raise UsageError(fault("cli.bound", f"--bound {key}=0,10", found=said)) from error
+        raise UsageError(fault("cli.bound", f"--bound {key}=0,10", found=argument)) from error
     return key, (low, high)

@@ -27,14 +27,14 @@ def command() -> None: ...
 def ls(folder: str, as_json: bool) -> None:
     from baqueano.runs.folder import listing, listing_rows, listing_table
 
-    found = listing(folder)
+    folder_rows = listing(folder)
     if as_json:
-        answer(Listed(listing_rows(found)), as_json)
+        answer(Listed(listing_rows(folder_rows)), as_json)
     else:
-        tell(listing_table(found))
+        tell(listing_table(folder_rows))
 
 
-@command.command("show", help="What RUN holds: topics, rates, gaps, events.")
+@command.command("show", help="Show the content of RUN: topics, rates, gaps, events.")
 @click.argument("run")
 @options.runs_folder
 @options.as_json
@@ -46,8 +46,20 @@ def show(run: str, folder: str, as_json: bool) -> None:
 
 @command.command("cut", help="Write the part of RUN between two times [s].")
 @click.argument("run")
-@click.option("--from", "from_s", type=numbers.moment, default=0.0, show_default=True)
-@click.option("--to", "to_s", type=numbers.Number("s"), help="Default: the end.")
+@click.option(
+    "--from",
+    "from_s",
+    type=numbers.moment,
+    default=0.0,
+    show_default=True,
+    help="Start of the part that is kept [s].",
+)
+@click.option(
+    "--to",
+    "to_s",
+    type=numbers.Number("s"),
+    help=("End of the part that is kept; default: the end of the whole."),
+)
 @options.runs_folder
 @options.out
 def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | None) -> None:
@@ -72,17 +84,22 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     )
 
 
-@command.command("recover", help="Save what is whole of a run that was cut or damaged.")
+@command.command("recover", help="Save the complete part of a run that was cut or damaged.")
 @click.argument("run")
 @options.runs_folder
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="Default: NAME-recovered.mcap beside it.")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    help=("File to write; default: NAME-recovered.mcap beside it."),
+)
 def recover(run: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.folder import find
     from baqueano.runs.recover import recover
 
     saved = recover(find(run, folder), out)
-    for said in saved.notes:
-        talk(said)
+    for message in saved.notes:
+        talk(message)
     tell(note("cli.recovered", path=saved.path, duration_s=saved.run.duration_s))
 
 
@@ -116,16 +133,16 @@ eta = [
 
 @command.command(
     "import",
-    help="Make runs of CSV files or ROS bags, by a map of their columns (TOML): one run a file, or one for each "
-    "part of a file that the map splits. -o FOLDER takes them under their names, -o NAME.mcap one; else they are "
-    "numbered.",
+    help="Import CSV files or ROS bags as runs. MAP is a TOML file that assigns their columns. "
+    "Each file becomes one run, or several if the map splits it. -o FOLDER keeps their "
+    "names; -o NAME.mcap names a single run; by default the runs are numbered.",
     epilog=A_MAP,
 )
 @click.argument("map", metavar="MAP")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--draft", type=click.Path(path_type=Path), metavar="MAP.toml",
-    help="Write a draft of a map for the CSV file that stands in the place of MAP.",
+    help="Write a draft of a map for a CSV file, which is given in place of MAP.",
 )  # fmt: skip
 @options.vehicle
 @options.runs_folder
@@ -204,7 +221,7 @@ class Written(NamedTuple):
         return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         return "\n".join(
             filter(
                 None,
@@ -217,10 +234,10 @@ class Written(NamedTuple):
 
     def _holds(self) -> str:
         run = self.imported.run
-        held = [*run.sensors, *([_("truth")] if run.truth is not None else [])]
+        channels = [*run.sensors, *([_("truth")] if run.truth is not None else [])]
         return _(
             "{ticks} ticks, {duration_s:.1f} s, with {sensors}",
-            ticks=len(run.t_ns), duration_s=run.duration_s, sensors=", ".join(held) or _("commands alone"),
+            ticks=len(run.t_ns), duration_s=run.duration_s, sensors=", ".join(channels) or _("commands alone"),
         )  # fmt: skip
 
 
@@ -239,16 +256,19 @@ def _in(out: Path | None, folder: str, name: str) -> Path:
 
 @command.command(
     "calibrate",
-    help="Gyro, odometer and clocks of RUN by its truth (camera), without a model. Of a run in which no command moved: "
-    "the gyro by whole turns by hand, between rests on a mark.",
+    help="Calibrate the gyro, the odometer and the clocks of RUN with its truth (a camera); no "
+    "model is needed. A run without commands calibrates the gyro by whole turns by hand, "
+    "between rests on a mark.",
 )
 @click.argument("run")
 @click.option(
-    "--turns", type=numbers.count, help="Whole turns by hand between two rests. Default: the nearest number."
+    "--turns",
+    type=numbers.count,
+    help=("Number of whole turns by hand between two rests; default: the nearest number."),
 )
 @click.option(
     "--map", "map_", type=click.Path(path_type=Path),
-    help="Write where the mark of the truth sits, and its clock, into the map by which RUN was imported.",
+    help="Write the position of the camera's mark, and its clock offset, into the map of RUN.",
 )  # fmt: skip
 @options.vehicle
 @options.runs_folder
@@ -263,40 +283,64 @@ def calibrate(
 
     file, recorded = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
     if turns is not None or turned_by_hand(recorded):
-        found = by_hand(recorded, file, turns)
+        calibration = by_hand(recorded, file, turns)
     else:
         with busy(note("cli.comparing")):
-            found = calibrate(recorded, file)
-    answer(found, as_json)
+            calibration = calibrate(recorded, file)
+    answer(calibration, as_json)
     if map_ is not None:
         from baqueano.runs.maps.mount import write_mount
 
-        write_mount(map_, recorded, *found.mount(file))
+        write_mount(map_, recorded, *calibration.mount(file))
         talk(note("cli.mount-written", fix=typed("runs", "import", str(map_), "RECORDING"), path=map_))
-    options.kept(found.updated(file), update)
+    options.kept(calibration.updated(file), update)
 
 
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
 @click.argument("run")
-@click.option("--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True)
-@click.option("--which", default="estimate", show_default=True, help="TUM: estimate, truth or reference.")
 @click.option(
-    "--decimal", type=click.Choice([".", ","]), default=".", help="With ',' columns are parted by ';'."
+    "--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True, help="Format of the file."
+)
+@click.option(
+    "--which",
+    default="estimate",
+    show_default=True,
+    help=("Trajectory to write as TUM: estimate, truth or reference."),
+)
+@click.option(
+    "--decimal",
+    type=click.Choice([".", ","]),
+    default=".",
+    help=("Decimal sign of the CSV file; with ',' the columns are separated by ';'."),
 )
 @options.runs_folder
 @options.out
 def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.export import export_csv, export_tum
 
-    found = options.find_runs((run,), folder)[0]
-    path = out if out is not None else Path(f"{found.name}.{to}")
-    tell(str(export_csv(found, path, decimal) if to == "csv" else export_tum(found, path, which)))
+    loaded = options.find_runs((run,), folder)[0]
+    path = out if out is not None else Path(f"{loaded.name}.{to}")
+    tell(str(export_csv(loaded, path, decimal) if to == "csv" else export_tum(loaded, path, which)))
 
 
-@command.command("noise", help="The sensors of RUN while it stands: bias, Allan deviation, warmth.")
+@command.command(
+    "noise", help=("Measure the sensors of RUN at rest: bias, Allan deviation, effect of temperature.")
+)
 @click.argument("run")
-@click.option("--from", "from_s", type=numbers.moment, default=0.0, show_default=True)
-@click.option("--to", "to_s", type=numbers.Number("s"), help="Default: the end.")
+@click.option(
+    "--from",
+    "from_s",
+    type=numbers.moment,
+    default=0.0,
+    show_default=True,
+    help="Start of the part that is kept [s].",
+)
+@click.option(
+    "--to",
+    "to_s",
+    type=numbers.Number("s"),
+    help=("End of the part that is kept; default: the end of the whole."),
+)
 @options.vehicle
 @options.runs_folder
 @options.update
@@ -310,17 +354,19 @@ def noise(
 
     recorded = options.find_runs((run,), folder)[0]
     with busy(note("cli.averaging")):
-        found = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
-    answer(found, as_json)
+        rest = at_rest(recorded, from_s, float("inf") if to_s is None else to_s)
+    answer(rest, as_json)
     if page is not None:
-        from baqueano.report.of_rest import page_of_rest
+        from baqueano.report.rest_report import page_of_rest
 
-        talk(note("cli.report", page=page_of_rest(found).save(page)))
+        talk(note("cli.report", page=page_of_rest(rest).save(page)))
     if vehicle or update:
-        options.kept(found.updated(options.load_vehicle(vehicle, settings)), update)
+        options.kept(rest.updated(options.load_vehicle(vehicle, settings)), update)
 
 
-@command.command("wear", help="Which parameter moved beyond its error bars over several RUNS, and when.")
+@command.command(
+    "wear", help=("Find the parameters that changed beyond their error bars over several RUNS, and when.")
+)
 @click.argument("runs", nargs=-1, required=True)
 @options.vehicle
 @options.backend
@@ -332,15 +378,15 @@ def wear(
     page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify import FitOptions
-    from baqueano.identify.parameter_drift import Wear, parameter_history
+    from baqueano.identify.parameter_drift import Drift, parameter_history
 
     recorded, how = options.find_runs(runs, folder), FitOptions(backend=backend)
     with steps() as begin:
         followed = parameter_history(
             recorded, options.load_vehicle(vehicle, settings), options=how, say=begin
         )
-    answer(Wear(followed), as_json)
+    answer(Drift(followed), as_json)
     if page is not None:
-        from baqueano.report.of_wear import page_of_wear
+        from baqueano.report.drift_report import page_of_drift
 
-        talk(note("cli.report", page=page_of_wear(followed).save(page)))
+        talk(note("cli.report", page=page_of_drift(followed).save(page)))

@@ -13,18 +13,23 @@ from baqueano.diagnostics import note
 @click.command(help="Drive one simulated vehicle, or thousands, with a signal; write a run.")
 @options.vehicle
 @click.option(
-    "--signal", default="random-steps", show_default=True, help="random-steps, multisine, prbs or ramps."
+    "--signal",
+    default="random-steps",
+    show_default=True,
+    help=("Signal of the command: random-steps, multisine, prbs or ramps."),
 )
-@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True)
+@click.option("--seconds", type=numbers.seconds, default=60.0, show_default=True, help="Duration [s].")
 @click.option(
     "--vehicles",
     type=numbers.count,
     default=1,
     show_default=True,
-    help="More than 1: drawn from the covariance of the fit.",
+    help="Number of vehicles; more than 1 are drawn from the covariance of the fit.",
 )
 @click.option(
-    "--model", is_flag=True, help="The vehicle of the file itself, also where [simulation] names another."
+    "--model",
+    is_flag=True,
+    help=("Simulate the model of the file itself, even if [simulation] names another vehicle."),
 )
 @options.seed
 @options.backend

@@ -14,10 +14,13 @@ from baqueano.printable import typed
 keep = click.option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),
-    help="A folder for what is done, from which an interrupted study goes on. Delete it after a change of the code.",
+    help=(
+        "Folder for finished drives: an interrupted command continues from it. Delete it after "
+        "a change of the code."
+    ),
 )
 cluster = click.option(
-    "--cluster", metavar="ADDRESS", help="A Dask scheduler, in place of the own processors."
+    "--cluster", metavar="ADDRESS", help=("Dask scheduler to use instead of the processors of this computer.")
 )
 BLOCKS = [
     click.option(
@@ -25,7 +28,7 @@ BLOCKS = [
         f"{room}s",
         multiple=True,
         metavar="KIND",
-        help='Ours, or "file.py:Class"; again for more.',
+        help='Block to compare: a name, or "file.py:Class". Repeat the option for more.',
     )
     for room in ("estimator", "controller", "guide")
 ]
@@ -37,27 +40,38 @@ BLOCKS = [
 @options.together(*BLOCKS)
 @click.option(
     "--route", "routes", multiple=True, metavar="SHAPE|NAME",
-    help="A shape, or a path that was taught; again for more.",
+    help="Route: a shape, or a stored route. Repeat the option for more.",
 )  # fmt: skip
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+    "--speed",
+    "speed_m_s",
+    type=numbers.speed,
+    default=0.25,
+    show_default=True,
+    help="Speed along a shape [m/s].",
 )
 @click.option(
     "--size", "size_m", type=numbers.length, default=1.0, show_default=True,
-    help="Radius of a circle, half length of any other shape [m].",
+    help="Radius of a circle, or half the length of another shape [m].",
 )  # fmt: skip
 @options.seed
-@click.option("--seeds", type=numbers.count, default=5, show_default=True, help="From --seed on.")
-@click.option("--laps", type=numbers.count, default=1, show_default=True)
+@click.option(
+    "--seeds",
+    type=numbers.count,
+    default=5,
+    show_default=True,
+    help=("Number of seeds, counted from --seed."),
+)
+@click.option(
+    "--laps", type=numbers.count, default=1, show_default=True, help="Number of laps of each drive."
+)
 @click.option(
     "--aside", "aside_m", type=numbers.Number("m", low=-100.0), default=0.0, show_default=True,
     help="Start of the drive, left of the route [m].",
 )  # fmt: skip
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
-              help="How the estimated path is laid on the true one.")  # fmt: skip
-@click.option(
-    "--reference", metavar="CELL", help="The cell with which the others are compared; else the first."
-)
+              help="Alignment of the estimated path with the true path.")  # fmt: skip
+@click.option("--reference", metavar="CELL", help="Cell to compare the others with; default: the first.")
 @keep
 @cluster
 @options.backend
@@ -71,19 +85,19 @@ def command(
     cluster: str | None, backend: str, folder: str, page: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
-    from baqueano.cli.errors import Interrupted
+    from baqueano.cli.errors import Interruption
     from baqueano.sweep import sweep
     from baqueano.sweep.drawing import page_of_sweep
 
     own = {"estimators": estimators, "controllers": controllers, "guides": guides}
-    found = partial(
+    start = partial(
         sweep, **own, reference=reference, keep=keep, cluster=cluster, alignment=align, backend=backend
     )
     if runs:
         over = options.find_runs(runs, folder)
         file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
         named = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
-        found, drives = partial(found, over, vehicle=file, routes=named), len(over)
+        start, drives = partial(start, over, vehicle=file, routes=named), len(over)
     else:
         file = options.load_vehicle(vehicle, settings)
         named = {name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)}
@@ -93,14 +107,17 @@ def command(
             "laps": laps,
             "start": (0.0, aside_m, 0.0),
         }
-        found, drives = partial(found, file, **given), len(named) * seeds
+        start, drives = partial(start, file, **given), len(named) * seeds
+    for room, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
+        for kind in kinds:
+            options.own_block(file, room, kind)
     count = drives * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
     with progress(note("cli.sweep", drives=count), count) as each:
-        result = found(each=each)
+        result = start(each=each)
     answer(result, as_json, cells=result.cells())
     if page is not None:
         with busy(note("cli.drawing")):
             written = page_of_sweep(result, reproduce=typed(*sys.argv[1:])).save(page)
         talk(note("cli.report", page=written))
     if len(result.drives) < result.asked:
-        raise Interrupted(fault("cli.study-interrupted", done=len(result.drives), asked=result.asked))
+        raise Interruption(fault("cli.study-interrupted", done=len(result.drives), asked=result.asked))

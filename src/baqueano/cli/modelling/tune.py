@@ -13,13 +13,20 @@ from baqueano.diagnostics import note
 @options.vehicle
 @click.option(
     "--route",
-    default="sinuous-circle",
-    show_default=True,
+    "routes",
+    multiple=True,
+    default=["sinuous-circle"],
+    show_default="sinuous-circle",
     metavar="SHAPE|NAME",
-    help="What it is to drive: a shape, or a path that was taught.",
+    help="Route to tune for: a shape, or a stored route. Repeat the option for gains that suit several routes.",
 )
 @click.option(
-    "--speed", "speed_m_s", type=numbers.speed, default=0.25, show_default=True, help="Along a shape [m/s]."
+    "--speed",
+    "speed_m_s",
+    type=numbers.speed,
+    default=0.25,
+    show_default=True,
+    help="Speed along a shape [m/s].",
 )
 @click.option(
     "--size",
@@ -27,22 +34,47 @@ from baqueano.diagnostics import note
     type=numbers.length,
     default=1.0,
     show_default=True,
-    help="Radius of a circle, half length of an eight [m].",
+    help="Radius of a circle, or half the length of an eight [m].",
 )
-@click.option("--estimator", "with_estimator", is_flag=True, help="With the estimator in the loop and noise.")
+@click.option(
+    "--controller",
+    metavar="KIND|FILE:CLASS",
+    help="Another controller than the file's; --update writes it too.",
+)
+@click.option(
+    "--estimator",
+    "with_estimator",
+    is_flag=True,
+    help="Simulate with the estimator in the loop, and with noise.",
+)
 @click.option(
     "--draws",
     type=numbers.count_or_none,
     default=0,
-    help="Suit so many vehicles drawn from the covariance of the fit.",
+    help="Number of vehicles to tune for, drawn from the covariance of the fit.",
+)
+@click.option(
+    "--seeds",
+    type=numbers.count,
+    default=1,
+    show_default=True,
+    help="Number of draws of the noise to tune for, with --estimator.",
+)
+@click.option(
+    "--jerk",
+    "jerk_m2",
+    type=numbers.Number("m^2", above=False),
+    default=0.1,
+    show_default=True,
+    help="Weight of changes of the command [m^2]; with 0 the command jumps between its limits.",
 )
 @click.option(
     "--effort",
     "effort_m2",
     type=numbers.Number("m^2", above=False),
-    default=0.1,
+    default=0.0,
     show_default=True,
-    help="Price of a jerky command [m^2]; without one, 0, the drive is mostly from limit to limit.",
+    help="Weight of the command [m^2]: the cost of a tick at its limit.",
 )
 @click.option(
     "--aside",
@@ -50,39 +82,46 @@ from baqueano.diagnostics import note
     type=numbers.Number("m", above=False),
     default=0.1,
     show_default=True,
-    help="Start of the drive, behind and beside the route [m]; 0 with --effort 0 is the paper's cost.",
+    help="Start of the drive, behind and beside the route [m]; 0 and --jerk 0 give the paper's cost.",
 )
 @click.option(
-    "--radian", "radian_m", type=numbers.length, help="What a radian weighs [m]; default half the track."
+    "--radian",
+    "radian_m",
+    type=numbers.length,
+    help=("Weight of an error of 1 rad in heading [m]; default: half the track."),
 )
 @options.seed
 @options.backend
 @options.update
 @options.as_json
 def command(
-    vehicle: str | None, settings: tuple[str, ...], route: str, speed_m_s: float, size_m: float,
-    with_estimator: bool, draws: int, effort_m2: float, aside_m: float, radian_m: float | None, seed: int, backend: str,
-    update: bool, as_json: bool,
+    vehicle: str | None, settings: tuple[str, ...], routes: tuple[str, ...], speed_m_s: float, size_m: float,
+    controller: str | None, with_estimator: bool, draws: int, seeds: int, jerk_m2: float, effort_m2: float,
+    aside_m: float, radian_m: float | None, seed: int, backend: str, update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import SHAPES, shape_or_route
     from baqueano.tune import tune
 
     file = options.load_vehicle(vehicle, settings)
     options.advise_to_measure(file)
-    path = shape_or_route(route, speed_m_s, size_m)
+    controller = options.own_block(file, "controller", controller)
+    paths = [shape_or_route(route, speed_m_s, size_m) for route in routes]
     with busy(note("cli.tuning")):
         tuned = tune(
             file,
-            path,
+            paths,
+            controller=controller,
             radian_m=radian_m,
+            jerk_m2=jerk_m2,
             effort_m2=effort_m2,
             aside_m=aside_m,
             estimator=with_estimator,
             draws=draws,
+            seeds=seeds,
             seed=seed,
             backend=backend,
         )
     answer(tuned, as_json)
     options.kept(tuned.applied(), update)
-    if route in SHAPES:
-        talk(note("cli.tuned", fix="baqueano tune --route NAME", route=route, speed_m_s=speed_m_s))
+    if routes[0] in SHAPES:
+        talk(note("cli.tuned", fix="baqueano tune --route NAME", route=routes[0], speed_m_s=speed_m_s))

@@ -10,13 +10,13 @@ from pathlib import Path
 from baqueano.diagnostics import Diagnostic
 from baqueano.errors import BaqueanoError
 from baqueano.messages import text
-from baqueano.web.run import Served, show_vehicle
+from baqueano.web.run import PageOptions, show_vehicle
 from baqueano.web.service import Link, on_pipes
 
 LOOK_S = 0.05  # between two looks at who has come
 
 
-async def serve(how: Served) -> None:
+async def serve(how: PageOptions) -> None:
     """Serve the drives of the verb until its end of the pipes is closed; say who watches."""
     link: list[Link] = []
     viewers: list[Callable[[], int]] = []
@@ -26,9 +26,9 @@ async def serve(how: Served) -> None:
         link.append(await on_pipes(sys.stdin.buffer, sys.stdout.buffer))
         return link[0]
 
-    def say(said: Diagnostic | str) -> None:
-        print(text(said), file=sys.stderr, flush=True)
-        if isinstance(said, Diagnostic) and said.code == "web.at":
+    def say(message: Diagnostic | str) -> None:
+        print(text(message), file=sys.stderr, flush=True)
+        if isinstance(message, Diagnostic) and message.code == "web.at":
             counting.append(asyncio.get_running_loop().create_task(count()))
 
     async def count() -> None:
@@ -52,7 +52,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m baqueano.cli.page.attached", description=__doc__)
     parser.add_argument("folder", type=Path, help="the folder of the runs")
     try:
-        asyncio.run(serve(Served(parser.parse_args().folder)))
+        asyncio.run(serve(PageOptions(parser.parse_args().folder)))
     except BaqueanoError as error:
         print(error, file=sys.stderr)
         return error.exit_code

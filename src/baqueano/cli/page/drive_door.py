@@ -65,7 +65,7 @@ class DriveDoor:
         self._seen: Record | None = None
         self._told_s = float("-inf")
         self._robot: Remote | None = None
-        words = {"viewers": self._viewers, "routes": lambda guest, said: {"is": "routes", "routes": []}}
+        words = {"viewers": self._viewers, "routes": lambda guest, message: {"is": "routes", "routes": []}}
         for do in ("pause", "go", "pace"):
             words[do] = self._time
         self._door = Door(None, self.operator, folder, words | {"stop": self._stop, "set": self._set})
@@ -85,14 +85,14 @@ class DriveDoor:
     def wait_for_hand(self, there: Callable[[], bool]) -> None:
         """Wait until somebody begins to drive by hand on the page; RobotUnreachable where that is no more `there`."""
         while there():
-            asked = self.operator.next()
-            if asked is None:
+            request = self.operator.next()
+            if request is None:
                 time.sleep(TELL_S / 10)
                 continue
-            if json.loads(asked[0]).get("kind") in BY_HAND:
+            if json.loads(request[0]).get("kind") in BY_HAND:
                 return
             self.operator.free()
-            self._end(asked[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
+            self._end(request[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
         raise RobotUnreachable(fault("cli.page-gone"))
 
     def here(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
@@ -100,8 +100,8 @@ class DriveDoor:
         started = {} if mission.kind != "repeat" or mission.route is None else {"eta": mission.route.eta[0]}
         given = started | given
         if "world" not in given:
-            known = ("truth", "seed", "eta", "backend")
-            given["world"] = Conditions(**{k: given[k] for k in known if k in given}).world_of(file)
+            world_options = ("truth", "seed", "eta", "backend")
+            given["world"] = Conditions(**{k: given[k] for k in world_options if k in given}).world_of(file)
         watching = _PageObserver(self, mission, file, cast(WorldWithBody, given["world"]))
         given["observers"] = (
             *given.get("observers", ()),
@@ -120,20 +120,20 @@ class DriveDoor:
     def there(self, remote: "Remote") -> "JsonObject":
         """Return the options of `Remote.perform` with which the page shows the drive of a robot."""
         self._robot, remote.overheard = remote, self._relay
-        begun, stopped = False, False
+        watching, stopped = False, False
 
         def words() -> list[JsonObject]:
-            nonlocal begun, stopped
-            said: list[JsonObject] = [] if begun else [{"do": "watch", "hz": HZ}]
-            said += [{"do": "mark"}] * self.operator.marked()
+            nonlocal watching, stopped
+            replies: list[JsonObject] = [] if watching else [{"do": "watch", "hz": HZ}]
+            replies += [{"do": "mark"}] * self.operator.marked()
             if self.operator.done:
                 raise KeyboardInterrupt
             why = self.operator.why(self.by_hand)
             if why is not None and not stopped:
                 stopped = True
-                said.append({"do": "stop", "why": why})
-            begun = True
-            return said
+                replies.append({"do": "stop", "why": why})
+            watching = True
+            return replies
 
         return {"words": words}
 
@@ -180,44 +180,44 @@ class DriveDoor:
             yield t_ns if ticking is None else next(ticking)
             self.publish()
 
-    def _relay(self, said: "JsonObject") -> None:
-        if said["is"] in RELAYED:
-            self._door.tell(said)
+    def _relay(self, message: "JsonObject") -> None:
+        if message["is"] in RELAYED:
+            self._door.tell(message)
 
-    def _viewers(self, guest: object, said: "JsonObject") -> None:
+    def _viewers(self, guest: object, message: "JsonObject") -> None:
         """The page listens, and this many look at it."""
         if not self.listens.is_set() and not self.by_hand:  # no mission is taken: the verb has its own
             with suppress(SafetyStop):
                 self.operator.ask(guest, "", attended=False)
                 self.operator.next()
         self.listens.set()
-        if int(said["count"]) > 0:
+        if int(message["count"]) > 0:
             self.visited.set()
 
-    def _stop(self, guest: object, said: "JsonObject") -> "JsonObject":
-        why = Diagnostic.of_json(said["why"])
+    def _stop(self, guest: object, message: "JsonObject") -> "JsonObject":
+        why = Diagnostic.of_json(message["why"])
         if self._robot is not None:  # at once, from this thread
             self._robot.say(do="stop", why=why)
         else:
             self.operator.stop(why)
         return {"is": "heard", "do": "stop"}
 
-    def _set(self, guest: object, said: "JsonObject") -> "JsonObject":
+    def _set(self, guest: object, message: "JsonObject") -> "JsonObject":
         if self._robot is not None:
             raise SafetyStop(note("cli.page-set", Severity.ERROR))
-        self.operator.change(guest, str(said["path"]), said["value"])
+        self.operator.change(guest, str(message["path"]), message["value"])
         return {"is": "heard", "do": "set"}
 
-    def _time(self, guest: object, said: "JsonObject") -> None:
+    def _time(self, guest: object, message: "JsonObject") -> None:
         if self._robot is not None:
             raise SafetyStop(note("cli.page-time", Severity.ERROR))
-        match said["do"]:
+        match message["do"]:
             case "pause":
                 self.pace.pause()
             case "go":
-                self.pace.go(int(said.get("ticks", 0)))
+                self.pace.go(int(message.get("ticks", 0)))
             case _:
-                self.pace.set(float(said["factor"]))
+                self.pace.set(float(message["factor"]))
         self.publish(at_once=True)
 
     def _end(self, name: str, why: Diagnostic, code: int) -> None:

@@ -33,7 +33,7 @@ page = options.together(
     click.option("--page", "shown", is_flag=True, help="Show the drive in a browser while it happens."),
     click.option(
         "--pace", type=click.FloatRange(0.05, 50.0), default=1.0, show_default=True,
-        help="With --page, of a simulated drive: its seconds in a second.",
+        help="Simulated seconds per real second (with --page).",
     ),
 )  # fmt: skip
 
@@ -92,11 +92,11 @@ def show_both(run: Path, ghost: Path | None, folder: str) -> None:
     needs_websockets()
     import asyncio
 
-    from baqueano.web.run import Served, show_runs
+    from baqueano.web.run import PageOptions, show_runs
 
     names = tuple(str(path.resolve()) for path in (run, ghost) if path is not None)
     talk(note("cli.page-replayed"))
-    asyncio.run(show_runs(names, Served(Path(folder)), talk, lasting=False))
+    asyncio.run(show_runs(names, PageOptions(Path(folder)), talk, lasting=False))
 
 
 def needs_websockets() -> None:

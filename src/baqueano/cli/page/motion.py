@@ -29,19 +29,19 @@ class PageOfDrives:
         """Show a run after those before it."""
         self._send({"play": str(run.resolve())})
 
-    def tuned(self, found: "TuneResult") -> None:
+    def tuned(self, result: "TuneResult") -> None:
         """Show how the cost fell, and the gains before and after."""
-        costs = list(accumulate(found.history[:, 1].tolist(), min))
+        costs = list(accumulate(result.history[:, 1].tolist(), min))
         gains = [
             {"name": one.name, "unit": one.unit, "before": one.before, "value": one.value}
-            for one in found.gains
+            for one in result.gains
         ]
-        around = {"cost": found.cost, "before": found.cost_before, "gains": gains}
+        around = {"cost": result.cost, "before": result.cost_before, "gains": gains}
         self._send({"tuned": around | {"history": costs[:: max(1, len(costs) // POINTS)]}})
 
-    def say(self, said: Diagnostic) -> None:
+    def say(self, message: Diagnostic) -> None:
         """Show an event."""
-        self._send({"say": said.to_json()})
+        self._send({"say": message.to_json()})
 
     def _send(self, word: dict[str, object]) -> None:
         if self._program is not None and self._program.stdin is not None:
@@ -51,7 +51,7 @@ class PageOfDrives:
 
 
 @contextmanager
-def in_motion(folder: Path, wanted: bool | None, pace: float) -> Iterator[PageOfDrives]:
+def run_with_page(folder: Path, wanted: bool | None, pace: float) -> Iterator[PageOfDrives]:
     """Open a page for the runs of `folder`, at a pace; wait at the end until whoever watches has seen them. `wanted`
     None: where there is a display."""
     if wanted is None:

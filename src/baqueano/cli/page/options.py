@@ -11,26 +11,28 @@ from baqueano.cli import options
 from baqueano.cli.page.live import needs_websockets
 
 if TYPE_CHECKING:
-    from baqueano.web.run import Served
+    from baqueano.web.run import PageOptions
 
 serving = options.together(
-    click.option("--port", type=click.IntRange(0, 65535), default=0, help="Default: a free one."),
+    click.option("--port", type=click.IntRange(0, 65535), default=0, help=("Port of the page; "
+                                                                          "default: a free one.")),
     click.option(
         "--share", is_flag=True,
-        help="Also for others of this network, who need the printed address or its QR code. "
-        "Default: this machine alone.",
+        help="Open the page to this network too; others need the printed address or its QR code. "
+             "Default: this machine only.",
     ),
-    click.option("--address", default="", metavar="IP", help="The address that is shared. Default: the network's."),
-    click.option("--browser/--no-browser", default=True, help="Open a tab, where there is a display."),
+    click.option("--address", default="", metavar="IP", help=("Address to share; default: that of "
+                                                             "the network.")),
+    click.option("--browser/--no-browser", default=True, help="Open a browser tab, if there is a display."),
 )  # fmt: skip
 
 
-def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "Served":
+def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "PageOptions":
     """Return how the page is served. UsageError where its library is missing."""
     needs_websockets()
-    from baqueano.web.run import Served
+    from baqueano.web.run import PageOptions
 
-    return Served(Path(folder), port, share or bool(address), address, browser)
+    return PageOptions(Path(folder), port, share or bool(address), address, browser)
 
 
 def run(page: Coroutine[None, None, None]) -> None:

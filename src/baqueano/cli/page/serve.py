@@ -21,10 +21,14 @@ GARAGE = "small"  # where there is no vehicle file
 @click.option(
     "--vehicle",
     metavar="FILE|NAME",
-    help="What is simulated, or the file of the robot. Else vehicle.toml or small.",
+    help="Vehicle to simulate, or the file of the robot. Default: vehicle.toml, else small.",
 )
-@click.option("--robot", metavar="HOST", help="A vehicle by ssh, here, or the socket of its service.")
-@click.option("--pace", type=click.FloatRange(0.05, 50.0), default=1.0, help="Simulated seconds in a second.")
+@click.option(
+    "--robot", metavar="HOST", help=("Vehicle to show: HOST by ssh, here, or the socket of its service.")
+)
+@click.option(
+    "--pace", type=click.FloatRange(0.05, 50.0), default=1.0, help="Simulated seconds per real second."
+)
 @options.seed
 @options.runs_folder
 @page_options.serving

@@ -7,7 +7,7 @@ from baqueano.cli.page import options as page_options
 from baqueano.cli.terminal import talk
 
 
-@click.command(help="Open RUN in a browser: map, strips, events; scrub it, beside a ghost of another run.")
+@click.command(help="Open RUN in a browser: map, time plots, events; compare it with another run.")
 @click.argument("run", default="last")
 @click.option("--ghost", metavar="RUN", help="A second run, drawn beside the first.")
 @options.runs_folder

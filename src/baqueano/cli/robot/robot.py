@@ -24,7 +24,7 @@ def command() -> None:
     pass
 
 
-@command.command(help="Run the onboard service until it is stopped. On the vehicle; systemd does this.")
+@command.command(help="Run the service of the vehicle, on the vehicle. Normally systemd starts it.")
 @options.vehicle
 @options.runs_folder
 @click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True,
@@ -45,14 +45,20 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
 
 
 @command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
-@click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True)
+@click.option(
+    "--door",
+    type=click.Path(path_type=Path),
+    default=SOCKET,
+    show_default=True,
+    help="Socket of the service.",
+)
 def attach(door: Path) -> None:
     from baqueano.door.pipes import attach
 
     attach(door, sys.stdin.buffer, sys.stdout.buffer)
 
 
-@command.command(help="State of the vehicle at HOST: what it does, and why it does not.")
+@command.command(help="Show the state of the vehicle at HOST, and why it cannot drive.")
 @host
 @options.as_json
 def status(host: str, as_json: bool) -> None:
@@ -62,7 +68,7 @@ def status(host: str, as_json: bool) -> None:
         answer(RobotStatus(remote.state), as_json)
 
 
-@command.command(help="Stop the vehicle at HOST, at once and until somebody clears it.")
+@command.command(help="Stop the vehicle at HOST at once; the stop lasts until it is cleared.")
 @host
 def stop(host: str) -> None:
     from baqueano.diagnostics import StopReason
@@ -72,7 +78,7 @@ def stop(host: str) -> None:
     tell(f"{host}: {stop(host, because(StopReason.STOPPED_BY_COMMAND))['state']}")
 
 
-@command.command(help="Take a stop of the vehicle at HOST away: you have looked at it.")
+@command.command(help="Clear a stop of the vehicle at HOST, after you looked at the vehicle.")
 @host
 def clear(host: str) -> None:
     from baqueano.messages import text
@@ -80,11 +86,13 @@ def clear(host: str) -> None:
     with _reached(host) as remote:
         remote.say(do="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
-        said = remote.state
-        tell(f"{host}: {said['state']}" + (f": {text(said['why'])}" if said.get("why") else ""))
+        state = remote.state
+        tell(f"{host}: {state['state']}" + (f": {text(state['why'])}" if state.get("why") else ""))
 
 
-@command.command(help="The runs on the vehicle at HOST; with --fetch, copy those that are not here.")
+@command.command(
+    help=("List the runs on the vehicle at HOST; with --fetch, copy those that are missing here.")
+)
 @host
 @click.option("--fetch", is_flag=True, help="Copy them into the folder of runs.")
 @options.runs_folder
@@ -117,18 +125,18 @@ for verb in (
 class RobotStatus:
     """The state of the vehicle, as the vehicle reports it."""
 
-    def __init__(self, said: "JsonObject") -> None:
-        self.said = {k: v for k, v in said.items() if k != "is"}
-        self.verdict = str(said.get("state"))
+    def __init__(self, reply: "JsonObject") -> None:
+        self.reply = {k: v for k, v in reply.items() if k != "is"}
+        self.verdict = str(reply.get("state"))
 
     def rows(self) -> list["TableRow"]:
         """Return one row; the reason for a stopped vehicle as a sentence, as its code and as its figures."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 
-        why = self.said.get("why")
+        why = self.reply.get("why")
         data = why.to_json() if isinstance(why, Diagnostic) else {"code": None, "figures": {}}
-        plain = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.said.items()}
+        plain = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.reply.items()}
         return [plain | {"code": data["code"], "figures": data["figures"]}]
 
     def table(self) -> str:
@@ -136,8 +144,8 @@ class RobotStatus:
         from baqueano.printable import in_lines
 
         (row,) = self.rows()
-        wide = max(len(name) for name in self.said)
-        shown = {k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.said}
+        wide = max(len(name) for name in self.reply)
+        shown = {k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.reply}
         return in_lines(f"{k:{wide}}  {v}" for k, v in shown.items() if v not in (None, ""))
 
 

@@ -11,24 +11,26 @@ from baqueano.cli.terminal import answer, talk
 WATCH_S = 20.0
 TURNED, SWAPPED = "straight|reversed", "straight|swapped"
 NAMES = {  # option: what is typed behind it, help; names and ranges are those of robot/uno/settings.py
-    "bridge": ("l298n|tb6612|l293d", "The motors' bridge."),
-    "encoders": ("none|single|quadrature", "What is wired to D2, D4 (left) and D3, D7 (right)."),
-    "left-motor": (TURNED, "How its two wires are plugged in."),
-    "right-motor": (TURNED, "How its two wires are plugged in."),
-    "motors": (SWAPPED, "Whether left and right changed places."),
-    "left-encoder": (TURNED, "A and B of a quadrature encoder."),
-    "right-encoder": (TURNED, "A and B of a quadrature encoder."),
-    "encoder-plugs": (SWAPPED, "Whether left and right changed places."),
-    "mark": ("high|low", "Output of the lap mark's sensor over the tape."),
-    "battery-ratio": ("RATIO", "Battery over A0: 3 for 20 kΩ and 10 kΩ."),
-    "kick-ms": ("MS", "How long a wheel that starts gets its kick at least."),
-    "dither": ("SHARE", "Duty that is added and taken away in turn, against stiction."),
-    "dither-ms": ("MS", "After which dither changes its sign."),
+    "bridge": ("l298n|tb6612|l293d", "Type of the motors' bridge."),
+    "encoders": ("none|single|quadrature", "Type of the encoders at D2, D4 (left) and D3, D7 (right)."),
+    "left-motor": (TURNED, "Polarity of the two wires of this motor."),
+    "right-motor": (TURNED, "Polarity of the two wires of this motor."),
+    "motors": (SWAPPED, "Whether left and right are swapped."),
+    "left-encoder": (TURNED, "Order of the wires A and B of this encoder."),
+    "right-encoder": (TURNED, "Order of the wires A and B of this encoder."),
+    "encoder-plugs": (SWAPPED, "Whether left and right are swapped."),
+    "mark": ("high|low", "Output of the lap mark's sensor when it is over the tape."),
+    "battery-ratio": ("RATIO", "Voltage of the battery divided by that of A0: 3 for 20 kΩ and 10 kΩ."),
+    "kick-ms": ("MS", "Shortest duration of the kick of a wheel that starts [ms]."),
+    "dither": ("SHARE", "Dither: duty that is alternately added and subtracted, against stiction."),
+    "dither-ms": ("MS", "Time after which the dither changes its sign [ms]."),
 }
 WAYS = {
-    "dead-zone": "Duty below which this wheel stands in this direction; calibrate motors finds it.",
-    "slope": "Duty beyond the dead zone at a request of 1; calibrate motors finds it.",
-    "kick": "Least duty while a wheel starts, for --kick-ms.",
+    "dead-zone": (
+        "Duty below which this wheel does not turn in this direction; calibrate motors measures it."
+    ),
+    "slope": "Duty beyond the dead zone for a command of 1; calibrate motors measures it.",
+    "kick": "Smallest duty while a wheel starts, for --kick-ms.",
 }
 choices = options.together(
     *(click.option(f"--{name}", metavar=what, help=text) for name, (what, text) in NAMES.items()),
@@ -40,15 +42,16 @@ choices = options.together(
 
 
 @click.command(
-    help="What the Uno keeps of this vehicle: bridge, encoders, lap mark, polarity, and each wheel's dead zone and "
-    "slope. Options change it; without one it is shown. WAY is left-forwards, left-backwards, right-forwards, "
-    "right-backwards or all."
+    help="Show or set what the Uno stores: bridge, encoders, lap mark, polarity, and dead zone "
+    "and slope of each wheel. Without options it is shown. WAY is left-forwards, "
+    "left-backwards, right-forwards, right-backwards or all."
 )
 @click.argument("host", default="here")
 @choices
-@click.option("--defaults", is_flag=True, help="First back to what the firmware begins with.")
+@click.option("--defaults", is_flag=True, help="Restore the default values of the firmware first.")
 @click.option("--watch", "watch_s", type=numbers.seconds, is_flag=False, flag_value=WATCH_S, metavar="[SECONDS]",
-              help="Tell battery, counts and marks as they change: turn a wheel by hand; default 20 s.")  # fmt: skip
+              help=("Show battery, counts and marks while they change (turn a wheel by hand); "
+                   "default: 20 s."))  # fmt: skip
 @options.vehicle
 @options.as_json
 def settings(
@@ -81,9 +84,9 @@ def settings(
 
 def typed(given: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return the typed values by the name of their option, without those left out."""
-    found: dict[str, list[str]] = {}
+    changed: dict[str, list[str]] = {}
     for name in (*NAMES, *WAYS):
-        said = given[name.replace("-", "_")]
-        if said is not None and said != ():
-            found[name] = list(said) if name in WAYS else [said]
-    return found
+        value = given[name.replace("-", "_")]
+        if value is not None and value != ():
+            changed[name] = list(value) if name in WAYS else [value]
+    return changed

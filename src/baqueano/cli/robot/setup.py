@@ -18,14 +18,26 @@ host = click.argument("host")
 )
 @click.argument("folder", required=False, type=click.Path(path_type=Path))
 @click.option("--name", help="Host name of the robot; default: a new one.")
-@click.option("--user", default="pilot", show_default=True, help="Who logs in, by ssh key alone.")
-@click.option("--key", type=click.Path(path_type=Path), help="Public ssh key; default: yours in ~/.ssh.")
-@click.option("--wifi", metavar="SSID", help="The Wi-Fi that it joins.")
 @click.option(
-    "--own-network", "own", is_flag=True, help="It opens a Wi-Fi of its own, of its name, for four clients."
+    "--user",
+    default="pilot",
+    show_default=True,
+    help=("User name for ssh; the key is the only way to log in."),
 )
-@click.option("--password", help="Of the Wi-Fi; asked for, or made up for its own.")
-@click.option("--country", default="", help="Two letters; Wi-Fi is off without.")
+@click.option("--key", type=click.Path(path_type=Path), help="Public ssh key; default: yours in ~/.ssh.")
+@click.option("--wifi", metavar="SSID", help="Name of the Wi-Fi that the robot joins.")
+@click.option(
+    "--own-network",
+    "own",
+    is_flag=True,
+    help=("Let the robot open its own Wi-Fi, with its host name, for up to four clients."),
+)
+@click.option(
+    "--password", help=("Password of the Wi-Fi; asked for if it is left out; generated for its own network.")
+)
+@click.option(
+    "--country", default="", help=("Country of the Wi-Fi, two letters; without it the Wi-Fi stays off.")
+)
 def card(
     folder: Path | None, name: str | None, user: str, key: Path | None, wifi: str | None, own: bool,
     password: str | None, country: str,
@@ -56,9 +68,9 @@ def card(
 )
 @host
 @options.vehicle
-@click.option("--dry-run", "dry", is_flag=True, help="Only say what would be changed.")
+@click.option("--dry-run", "dry", is_flag=True, help="Only show the changes, and do not make them.")
 @click.option("--bundle", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
-              help="Where the robot's packages are, or are put; default: the cache.")  # fmt: skip
+              help="Folder of the robot's packages; default: the cache.")  # fmt: skip
 def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
     from baqueano.robot.setup.install import bundle, machine_at
     from baqueano.robot.setup.install import setup as install
@@ -77,7 +89,7 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
         tell(note("cli.is-a-vehicle", fix=typed("robot", "doctor", host), host=host))
 
 
-@click.command(help="Take everything away again that setup installed at HOST. Its runs stay.")
+@click.command(help="Remove everything that setup installed at HOST. Its runs stay.")
 @host
 def remove(host: str) -> None:
     from baqueano.robot.setup.install import machine_at

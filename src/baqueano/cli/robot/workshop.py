@@ -13,13 +13,13 @@ host = click.argument("host", default="here")
 
 
 @click.command(
-    help="Look at everything: line, firmware, IMU, battery, supply, rights, disk, clock; say what to do."
+    help="Check line, firmware, IMU, battery, supply, permissions, disk and clock; advise what to do."
 )
 @host
 @options.vehicle
 @options.runs_folder
 @click.option("--jitter", "jitter_s", type=float, is_flag=False, flag_value=10.0, default=0.0, metavar="[SECONDS]",
-              help="Also measure how late a loop of 100 Hz wakes; default 10 s.")  # fmt: skip
+              help="Also measure how late a loop of 100 Hz wakes up; default: 10 s.")  # fmt: skip
 @options.as_json
 def doctor(
     host: str, vehicle: str | None, settings: tuple[str, ...], folder: str, jitter_s: float, as_json: bool
@@ -53,7 +53,7 @@ def flash(
 ) -> None:
     from baqueano.errors import UsageError
     from baqueano.robot import VEHICLE
-    from baqueano.robot.uno.flash import Flashed
+    from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
     from baqueano.robot.workshop.exclusive_hardware import service_off, there
 
@@ -64,19 +64,22 @@ def flash(
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
-        done = Flashed(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
+        done = FlashResult(**there(host, "robot", "flash", "--vehicle", VEHICLE)[0])
     answer(done, as_json)
 
 
 @click.group(
-    cls=Verbs, help="Find what belongs to this one vehicle: how its IMU sits, how its motors are wired."
+    cls=Verbs,
+    help=(
+        "Calibrate what differs from vehicle to vehicle: the mounting of the IMU, the wiring of the motors."
+    ),
 )
 def calibrate() -> None:
     pass
 
 
 @calibrate.command(
-    help="Axes and biases of the IMU: at rest, by a lift of the front, and half a turn by hand."
+    help=("Calibrate axes and biases of the IMU: at rest, with the front lifted, and by half a turn by hand.")
 )
 @host
 @options.vehicle
@@ -84,14 +87,14 @@ def calibrate() -> None:
 @options.as_json
 def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
     from baqueano.robot import VEHICLE
-    from baqueano.robot.workshop.calibrate_imu import MountedImu, Watched
+    from baqueano.robot.workshop.calibrate_imu import ImuReader, MountedImu
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import opened, there
 
     file = options.load_vehicle(vehicle, settings)
     if host == "here":
-        with opened(file.robot, talk, in_chip_axes=True, motors=False) as bench:
-            mounted = find(Watched(bench.imu), talk)
+        with opened(file.robot, talk, in_chip_axes=True, motors=False) as floor:
+            mounted = find(ImuReader(floor.imu), talk)
     else:  # its service opens the IMU by its own file, so that one is written there
         more = ["--update"] if update else []
         mounted = MountedImu.of(there(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0])
@@ -101,7 +104,10 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
 
 
 @calibrate.command(
-    help="Wiring, dead zones and slopes of the motors, kept in the Uno. It needs 1 m of free floor."
+    help=(
+        "Measure wiring, dead zones and slopes of the motors, and store them in the Uno. It "
+        "needs 1 m of free floor."
+    )
 )
 @host
 @options.vehicle
@@ -113,12 +119,12 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import opened, there
 
-    found: Any
+    motors: Any
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
-        with opened(file.robot, talk) as bench:
-            bench.uno.configure(config_of(file.robot, bench.uno.info))
-            found = find(bench, talk)
+        with opened(file.robot, talk) as floor:
+            floor.uno.configure(config_of(file.robot, floor.uno.info))
+            motors = find(floor, talk)
     else:
-        found = Motors.of(there(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
-    answer(found, as_json)
+        motors = Motors.of(there(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
+    answer(motors, as_json)

@@ -58,6 +58,8 @@ class MissionPlan:
     @property
     def start(self) -> np.ndarray:
         """Return the pose (3,) at which it begins."""
+        if self.mission.start:
+            return np.array(self.mission.start)
         return np.zeros(3) if self.mission.route is None else self.mission.route.eta[0]
 
 

@@ -131,8 +131,8 @@ class Cockpit(Observer):
     @property
     def near(self) -> float:
         """Return the share of the speed at this delay of the picture, (0, 1]."""
-        known = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
-        return min(1.0, FAR_MS / max(sum(known), 1e-3))
+        delays = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
+        return min(1.0, FAR_MS / max(sum(delays), 1e-3))
 
     def stop(self, why: Diagnostic) -> None:
         """Stops the vehicle for this reason, for good."""
@@ -150,12 +150,12 @@ class Cockpit(Observer):
 
     def words(self) -> list[TableRow]:
         """Return the driver's messages to the vehicle besides the command, since the last call."""
-        said: list[TableRow] = [{"do": "mark"}] * (self._marks - self._said_marks)
+        commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._said_marks)
         self._said_marks = self._marks
         if self._stop and not self._told_stop:
             self._told_stop = True
-            said.append({"do": "stop", "why": self._stop})
-        return said
+            commands.append({"do": "stop", "why": self._stop})
+        return commands
 
     def look(self, record: Record) -> None:
         """A tick of a world in this process, for the screen."""
@@ -227,7 +227,7 @@ class Cockpit(Observer):
         self._held = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
         self.status.way = HOW[self._held.way]
         if not alive:
-            self.say(_("this terminal never says that it is there: a key counts for its time only"))
+            self.say(_("this terminal does not confirm that it is alive: each key counts for a short time"))
 
     def _listen(self, now_s: float) -> None:
         """Return the driver's events since the last call."""

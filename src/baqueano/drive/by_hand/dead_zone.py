@@ -31,8 +31,8 @@ def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> Short | Non
         return None
     w = drivetrain.mix(u)
     zone = np.where(w > 0.0, drivetrain.dead_zone_forward, drivetrain.dead_zone_backward)
-    asked = w != 0.0
-    if not np.any(asked) or np.any(np.abs(w)[asked] > zone[asked]):  # (1)
+    commanded = w != 0.0
+    if not np.any(commanded) or np.any(np.abs(w)[commanded] > zone[commanded]):  # (1)
         return None
-    nearest = np.flatnonzero(asked)[np.argmin((zone - np.abs(w))[asked])]
+    nearest = np.flatnonzero(commanded)[np.argmin((zone - np.abs(w))[commanded])]
     return Short(float(np.abs(w)[nearest]), float(zone[nearest]))

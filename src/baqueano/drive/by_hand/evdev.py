@@ -47,7 +47,7 @@ def request(number: int, size: int) -> int:
 
 
 class InputDevice:
-    """The device at `path`. OSError where it cannot be opened, or is none of these."""
+    """The device at `path`. OSError where it cannot be opened, or is another kind."""
 
     def __init__(self, path: Path, long_bytes: int = struct.calcsize("@l")) -> None:
         import fcntl
@@ -56,19 +56,19 @@ class InputDevice:
         self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             self.keys, self.axes = self._bits(KEY, KEYS), self._bits(ABS, AXES)
-            self.name = self._asked(0x06, LONGEST_NAME).partition(b"\0")[0].decode(errors="replace")
+            self.name = self._query(0x06, LONGEST_NAME).partition(b"\0")[0].decode(errors="replace")
         except OSError:
             self.close()
             raise
 
     def axis(self, code: int) -> Axis:
         """Return the state of this axis. OSError once the device is gone, as from all functions here."""
-        value, low, high, _, flat, _ = AXIS.unpack(self._asked(0x40 + code, AXIS.size))
+        value, low, high, _, flat, _ = AXIS.unpack(self._query(0x40 + code, AXIS.size))
         return Axis(value, low, high, flat)
 
     def down(self) -> set[int]:
         """The keys that are held now."""
-        return _numbers(self._asked(0x18, KEYS // 8))
+        return _numbers(self._query(0x18, KEYS // 8))
 
     def read(self) -> list[InputEvent]:
         """Return the events since the last call."""
@@ -87,9 +87,9 @@ class InputDevice:
         os.close(self._fd)
 
     def _bits(self, kind: int, most: int) -> set[int]:
-        return _numbers(self._asked(0x20 + kind, most // 8))
+        return _numbers(self._query(0x20 + kind, most // 8))
 
-    def _asked(self, number: int, size: int) -> bytes:
+    def _query(self, number: int, size: int) -> bytes:
         call: Callable[..., Any] = self._ioctl
         answer = bytearray(size)
         call(self._fd, request(number, size), answer, True)

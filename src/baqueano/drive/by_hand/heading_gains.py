@@ -28,7 +28,7 @@ SLOWEST_S = 10.0  # a τ beyond is of no matter for (3)
 
 
 def holding(hand: Controller, vehicle_file: VehicleFile) -> Controller:
-    """`hand`, a controller, with the heading held; as it is where `gains_of` has none."""
+    """`hand`, a controller, with the heading held; unchanged where `gains_of` gives nothing."""
     gains = gains_of(vehicle_file)
     if gains is None:
         return hand

@@ -116,7 +116,7 @@ class KeyHold:
         self._heard_s = now_s
 
     def _learn(self, gap_s: float) -> None:
-        """The first wait is a delay only if more follow soon: two taps are none."""
+        """The first wait is a delay only if more follow soon: two taps do not count."""
         if self._repeats == 0:
             self._delay_s = gap_s
             return

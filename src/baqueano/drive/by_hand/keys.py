@@ -44,11 +44,11 @@ class KeyDecoder:
         text, self._rest = self._rest + data.decode("utf-8", errors="ignore"), ""
         events, at = [], 0
         while at < len(text):
-            if found := _WHOLE.match(text, at):
-                events += _event(*(part or "" for part in found.groups()))
-                at = found.end()
-            elif (begun := _BEGUN.match(text, at)) and len(begun[0]) < LONGEST:
-                self._rest = begun[0]
+            if match := _WHOLE.match(text, at):
+                events += _event(*(part or "" for part in match.groups()))
+                at = match.end()
+            elif (partial := _BEGUN.match(text, at)) and len(partial[0]) < LONGEST:
+                self._rest = partial[0]
                 break
             else:
                 events += _typed(text[at])
@@ -75,8 +75,8 @@ def _event(private: str, numbers: str, final: str, application: str) -> list[Key
     if final != "u" or not letter or int(letter) > 0x10FFFF:
         return []
     key = chr(int(letter)).lower()
-    held = int(modifiers or 1) - 1
-    return [KeyEvent(KINDS[kind], INTERRUPT if held & CTRL and key == "c" else key)]
+    modifier_bits = int(modifiers or 1) - 1
+    return [KeyEvent(KINDS[kind], INTERRUPT if modifier_bits & CTRL and key == "c" else key)]
 
 
 def _typed(letter: str) -> list[KeyEvent]:

@@ -116,8 +116,8 @@ class Pad:
 
 
 def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
-    """The pad of this computer, or the one that is `named`. UsageError where there is none, may not be read, or are
-    several: it says what was looked at."""
+    """The pad of this computer, or the one that is `named`. UsageError where none exists, where several do, or where it
+    may not be read: it says what was looked at."""
     if sys.platform != "linux":
         raise UsageError(fault("pad.not-linux"))
     if named is not None:

@@ -4,7 +4,7 @@
     again              up to its first line, each line written over and cut off behind, in one write           (1)
 
 A terminal that knows synchronised updates shows (1) at once; with the others lines are written over by their like, so
-nothing is ever empty in between. Letters are ASCII: a serial console has no others.
+nothing is ever empty in between. Letters are ASCII: a serial console knows only these.
 """
 
 from dataclasses import dataclass, field
@@ -94,8 +94,8 @@ def figure(value: float, digits: int) -> str:
 
 def _hold(u: float | None) -> str:
     if u is None:
-        return _("heading not held")
-    return _("heading held by {u:+.2f}", u=u) if isfinite(u) else _("heading free")
+        return _("heading not corrected")
+    return _("heading hold {u:+.2f}", u=u) if isfinite(u) else _("heading free")
 
 
 def _bar(duty: float) -> str:

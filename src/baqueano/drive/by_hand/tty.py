@@ -145,7 +145,7 @@ class WindowsConsole:
 
 
 def terminal() -> TerminalLine:
-    """The terminal of this program. UsageError where there is none."""
+    """The terminal of this program. UsageError where none exists."""
     try:
         import msvcrt  # noqa: F401
     except ImportError:
@@ -165,7 +165,7 @@ def _unix() -> Tty:
 
 def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
     """The name of a program between this one and the terminal which answers in its place and outlives it (tmux,
-    screen, mosh); "" if there is none."""
+    screen, mosh); "" without one."""
     for name in (parents or _parents)():
         for one in ("tmux", "screen", "mosh-server", "zellij"):
             if name.lower().startswith(one):

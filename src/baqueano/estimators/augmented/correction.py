@@ -17,7 +17,7 @@ from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.motion import pushed
 from baqueano.estimators.augmented.state import BIASES, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
-from baqueano.estimators.kalman import Gaussian, correct, moved
+from baqueano.estimators.kalman import Gaussian, boxplus, correct
 from baqueano.estimators.readings.place_gate import TURN_STD, PlaceDoubt, PlaceNumbers, growth, judged
 from baqueano.estimators.readings.sensor_numbers import age_s
 from baqueano.geometry import map_from_body
@@ -100,7 +100,7 @@ def corrected(
     refused = np.sum(np.where(w < 0.5, has, 0.0))
     gap = np.where(has > 0.0, update.e * np.sqrt(update.s), last)
     S = mirrored(H @ x.cov @ H.T + Q)
-    x = Gaussian(moved(x.mean, update.move), update.cov)
+    x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(has > 0.0, one, np.nan) for one in (y, w))
     return x, Innovations(gap, of_place.doubt, refused, y, S, w)
 

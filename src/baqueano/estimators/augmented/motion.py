@@ -88,7 +88,7 @@ def beside_wheels(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.nd
 
 
 def kicks(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) -> np.ndarray:
-    """Return the covariance (8, 8) of what the walk of ν, that of d and the way of both add to (η, ν, d) in a row.
+    """Return the covariance (8, 8) that a row adds to (η, ν, d): the walks of ν and d, and the way of both.
 
     Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not; of what d gives to ν
     likewise. `kept` is the part of ν_y that a row leaves.  (7)"""

@@ -34,20 +34,25 @@ class DoubtUpdate(NamedTuple):
 
 
 def doubted(
-    doubt: np.ndarray, slope: np.ndarray, seen: Value, against: np.ndarray, psi: Value, dt_s: Value
+    doubt: np.ndarray, slope: np.ndarray, innovations: Value, against: np.ndarray, psi: Value, dt_s: Value
 ) -> DoubtUpdate:
     """Return the doubt a row of `dt_s` on.
 
-    `slope` (m, 2) of each number by speed and yaw rate, 0 where it corrects neither; `seen` has the innovations y (m,),
-    NaN where nothing arrived, and their weight (m,); `against` (2,) by how much the model is overruled.
+    `slope` (m, 2) of each number by speed and yaw rate, 0 where it corrects neither; `innovations` y (m,), NaN where
+    nothing arrived, with their weight (m,); `against` (2,) by how much the model is overruled.
     """
     refused, came = [], []
     for h in slope.T:
         mine = np.flatnonzero(h)
         refused.append(
-            _largest([np.where(seen.weight[c] < 0.5, np.abs(seen.y[c]) / abs(h[c]), 0.0) for c in mine])
+            _largest(
+                [
+                    np.where(innovations.weight[c] < 0.5, np.abs(innovations.y[c]) / abs(h[c]), 0.0)
+                    for c in mine
+                ]
+            )
         )
-        came.append(_largest([np.where(np.isfinite(seen.y[c]), 1.0, 0.0) for c in mine]))
+        came.append(_largest([np.where(np.isfinite(innovations.y[c]), 1.0, 0.0) for c in mine]))
     now = lasting(doubt, np.array(refused), against, np.array(came) > 0.0, dt_s)
     return DoubtUpdate(now, *wider(np.maximum(now[0], against), doubt[1], now[1], psi, dt_s))
 

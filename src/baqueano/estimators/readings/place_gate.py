@@ -96,7 +96,7 @@ def judged(
     return GateDecision(weights, grown, PlaceDoubt(np.array(before), past))
 
 
-def _later(past: Past, refused: Value, mistake: Value, believed: Value) -> Past:
+def _later(past: Past, refused: Value, mistake: Value, trusted: Value) -> Past:
     """Return what became of the readings of one sensor, with that of this tick."""
     counts = refused & (past.since_s >= AGAIN_S)
     since_s = np.where(counts, 0.0, np.minimum(past.since_s, LONG_AGO_S))
@@ -104,7 +104,7 @@ def _later(past: Past, refused: Value, mistake: Value, believed: Value) -> Past:
     mistakes = past.mistakes + np.where(counts & mistake, 1.0, 0.0)
     return Past(
         *(
-            np.where(believed, a, b)
+            np.where(trusted, a, b)
             for a, b in zip((LONG_AGO_S, 0.0, 0.0), (since_s, witness, mistakes), strict=True)
         )
     )

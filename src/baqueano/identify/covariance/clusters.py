@@ -1,4 +1,4 @@
-"""Error bars of a regression whose residuals are coloured, and how far they may be trusted.
+"""Error bars of a regression whose residuals are autocorrelated, and how far they may be trusted.
 
     x̂ = arg min Σ_i ρ(y_i − h_i(x)),   A = Σ_i ρ''_i ∂h_iᵀ ∂h_i                                            (1)
     s_b = Σ_{i in batch b} ρ'_i ∂h_iᵀ,   cov x̂ = A⁻¹ (Σ_b s_b s_bᵀ) A⁻¹ B/(B − p)                        (2)
@@ -20,8 +20,8 @@ def batch_covariance(
     slopes: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
 ) -> np.ndarray:
     """(p, p) of (2): `slopes` (N, p) of what was regressed on, `residuals` and `weights` (N,), `batch` (N,) the
-    number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, and have no ρ''. Infinite
-    where a direction has no slope."""
+    number of the batch of each row. Rows whose weight is below 1 are Huber's outliers, where ρ'' = 0. Infinite where a
+    direction has zero slope."""
     p, count = slopes.shape[1], len(np.unique(batch))
     scale = np.sqrt(np.maximum(np.sum(slopes**2, axis=0), 1e-300))
     J = slopes / scale
@@ -35,11 +35,11 @@ def batch_covariance(
     return half @ half.T / np.outer(scale, scale) * (count / (count - p))
 
 
-def regress(slopes: np.ndarray, y: np.ndarray, rounds: int = 10) -> tuple[np.ndarray, np.ndarray]:
+def regress(slopes: np.ndarray, y: np.ndarray, iterations: int = 10) -> tuple[np.ndarray, np.ndarray]:
     """Huber's regression of y (N,) on `slopes` (N, p): estimate (p,) and weights (N,)."""
     weights = np.ones(len(y))
     x = np.zeros(slopes.shape[1])
-    for _ in range(rounds):
+    for _ in range(iterations):
         root = np.sqrt(weights)
         x = np.linalg.lstsq(root[:, None] * slopes, root * y, rcond=None)[0]
         residuals = np.abs(y - slopes @ x)

@@ -32,7 +32,7 @@ class Information(NamedTuple):
     bread: np.ndarray  # A (p, p)
     meat: np.ndarray  # B (p, p)
     channels: np.ndarray  # (m, p) diagonal of Σ ∂r ∂rᵀ, channel by channel
-    coloured: bool  # whether B is that of (2)
+    autocorrelated: bool  # whether B is that of (2)
     colour: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
     samples: int
     scores: np.ndarray | None = (
@@ -42,12 +42,12 @@ class Information(NamedTuple):
 
 
 def information(problem: Residuals, theta: np.ndarray) -> Information:
-    """A and B at θ (p,): those of (2) where the residuals are coloured, else of (1)."""
+    """A and B at θ (p,): those of (2) where the residuals are autocorrelated, else of (1)."""
     p, m = problem.size, len(problem.sigma)
     A, B, channels = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
     pieces = problem.sensitivities(theta)
     colour = autocorrelation([r for r, _, _ in pieces], problem.has)
-    coloured = bool(np.any(colour > COLOUR))
+    autocorrelated = bool(np.any(colour > COLOUR))
     few = np.sum([has.sum(axis=0) for has in problem.has], axis=0) < FEW
 
     def parts(piece: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -55,7 +55,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
         if not (np.max(d, initial=0.0) < FAR and np.min(d, initial=0.0) > -FAR and np.isfinite(r).all()):
             r, d = np.zeros_like(r), np.zeros_like(d)  # a model that runs away tells nothing
         bread, meat = _white(np.where(few & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
-        if coloured:
+        if autocorrelated:
             scored = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))
             meat = coloured_scores(scored, has, d, record.dt_s)
             meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
@@ -66,9 +66,9 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
         channels[:, index] += channel
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
-    scores = _by_piece(problem, pieces) if coloured else None
+    scores = _by_piece(problem, pieces) if autocorrelated else None
     samples = int(sum(has.sum() for has in problem.has))
-    return Information(A, B, channels, coloured, colour, samples, scores, problem.layout.starts)
+    return Information(A, B, channels, autocorrelated, colour, samples, scores, problem.layout.starts)
 
 
 def _by_piece(problem: Residuals, pieces: list[Any]) -> np.ndarray | None:

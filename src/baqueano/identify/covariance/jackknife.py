@@ -138,8 +138,8 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
 def no_smaller(
     problem: Residuals, cov: np.ndarray, other: np.ndarray | None, k: int, by_piece: bool = False
 ) -> np.ndarray:
-    """`cov` (p, p) with the errors of `told` (p, p) where these are larger, of the k shared entries, which come first,
-    if the blocks, or the pieces if `by_piece`, disagree.  (4)"""
+    """Return `cov` (p, p) with the errors of `told` (p, p) where these are larger. It does so for the k shared entries,
+    which come first, if the blocks (`by_piece`: the pieces) disagree.  (4)"""
     if other is None or not k:
         return cov
     shared, blocks = cov[:k, :k], other[:k, :k]

@@ -56,7 +56,7 @@ def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | No
 
 def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
     """The file that tells of scales how well they are known: {"sensors.imu.gyro_scale": 0.01} is ± 1 % of its
-    value. UsageError for what is no scale of an IMU of the file, and for what is no part of 1."""
+    value. UsageError for anything but a scale of an IMU of the file, and for a tolerance outside 0 to 1."""
     from baqueano.vehicle_file import Provenance
 
     within = [
@@ -104,8 +104,8 @@ def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
 def covariance_by_zeros(
     problem: Residuals, theta: np.ndarray, identifiable: np.ndarray, bread: np.ndarray, file: "VehicleFile"
 ) -> np.ndarray:
-    """Return the covariance (p, p) that zeros of gyros, which are held, give to the entries `kept` (p,) of θ, of the
-    information `bread` (p, p); of a zero that is in θ itself none.  (3), (4)"""
+    """Return the covariance (p, p) that fixed zeros of gyros give to the entries `kept` (p,) of θ; `bread` (p, p) is
+    the information; of a zero that is in θ itself none.  (3), (4)"""
     cov, at, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
     free = {*problem.shape.shared, *problem.shape.own}
     gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]

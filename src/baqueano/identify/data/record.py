@@ -5,12 +5,12 @@
 Ticks need not be regular. A long one is cut into equal rows, of which the last alone has measurements, so that the
 integrator stays exact: a step of Runge-Kutta is to be short beside the fastest motion of a small vehicle, 15 ms. A
 measurement belongs to the tick that ended at its own time stamp (not at its arrival) or first after it; of several in
-one tick the last one counts. Left out are entries that are not finite, what diagnostics/samples.py found to be no
-measurement among them, what was measured before the first tick, where the model has not begun, and, counted, those at
-the end of the sensor's range.
+one tick the last one counts. Left out are entries that are not finite, also those that diagnostics/samples.py removed.
+What was measured before the first tick is left out too, where the model has not begun. So are readings at the end of
+the sensor's range, which are counted.
 
 Where a sensor's clock is not the commands', what it showed at t happened at t + o, |o| ≤ CLOCK_S: a measurement is read
-CLOCK_S after its stamp, and the model's h at the age of t + o from a line of the rows before (vehicles/delay.py).
+CLOCK_S after its stamp. The model's h is read at the age of t + o, from a line of the rows before (vehicles/delay.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,10 +24,10 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import ByName, seconds
+from baqueano.vehicles.rk4 import ROW_S, rows_in
 
 LONG_STEP = 2.5  # median steps, above which a step is a gap
 JUST = 1e-6  # of a row: rounding
-ROW_S, MORE = 0.02, 0.25  # the longest row; of it, what a tick may last longer and stay one
 LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
 CLOCK_S = 0.25  # the largest offset of a clock that a fit looks for
 
@@ -90,15 +90,6 @@ def record_of(
     return FitRecord(run.name, t_s, dt_s, u, readings, tuple(notes))
 
 
-def rows_in(dt_s: np.ndarray) -> np.ndarray:
-    """Into how many rows (N,) ticks of `dt_s` (N,) are cut.
-
-    >>> rows_in(np.array([0.01, 0.022, 0.05]))
-    array([1, 1, 3])
-    """
-    return np.maximum(np.ceil(dt_s / ROW_S - MORE), 1).astype(int)
-
-
 def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
     """Return how many rows of the past a delay [s] needs, in the rows of `runs`."""
     ticks = [seconds(np.diff(run.t_ns)) for run in runs if len(run.t_ns) > 1]
@@ -118,7 +109,7 @@ def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
     return slots
 
 
-def beginning(record: FitRecord, rows: int) -> FitRecord:
+def first_rows(record: FitRecord, rows: int) -> FitRecord:
     """The first rows of it."""
     sensors = {
         name: Measurements(z[:rows], has[:rows], None if sample_fraction is None else sample_fraction[:rows])
@@ -161,8 +152,8 @@ def _measured(
     z, has = np.zeros((rows, m)), np.zeros((rows, m))
     good = _sound(name, block, channel, notes)
     tick = np.searchsorted(run.t_ns, channel.t_ns + round(late_s * 1e9))
-    begun = run.t_ns[0] - round(LATE * float(np.median(np.diff(run.t_ns))))
-    inside = (tick < len(run.t_ns)) & ((channel.t_ns >= begun) | (late_s > 0.0))
+    first_ns = run.t_ns[0] - round(LATE * float(np.median(np.diff(run.t_ns))))
+    inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (late_s > 0.0))
     at = ends[tick[inside]]
     z[at] = np.where(good[inside], channel.z[inside], 0.0)
     has[at] = good[inside]

@@ -5,8 +5,8 @@
 
 A car that only drives cannot tell the bias of its gyro from a steering that is a little off. So of a car the bias is
 not estimated along with the model: it is (1) where a run stands for LEAST_S more, else the one of the vehicle file. A
-run begins at rest where its first readings of a speed are 0 within FAR times their white noise w (von Neumann's, of the
-whole run); where no sensor shows a speed, where it begins without a command, and until the first one no reading
+run begins at rest where its first readings of a speed are 0 within FAR times their white noise w; w is von Neumann's,
+of the whole run; where no sensor shows a speed, where it begins without a command, and until the first one no reading
 scatters by more than QUIET w: a vehicle that coasts slows down.
 """
 

@@ -105,8 +105,8 @@ def without(
 
 
 def slopes_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """d⊥ (N, m, q) of the slopes d (N, m, p) of a piece, whose entries `start` (p,) bool are its start's, with weights
-    w (N, m).  (2)"""
+    """Return d⊥ (N, m, q) of the slopes d (N, m, p) of a piece with weights w (N, m); `start` (p,) bool marks the
+    entries of its start.  (2)"""
     own, others = d[..., start], d[..., ~start]
     weighted = own * w[..., None]
     axes = (0, 1), (0, 1)

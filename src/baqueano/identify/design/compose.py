@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baqueano.identify.design.motion_library import moved
+from baqueano.identify.design.motion_library import in_map
 from baqueano.identify.design.room import DEVIATIONS, Room, reach
 
 CLOSER = 24  # pieces that are weighed exactly at once, those of the highest bound first
@@ -39,8 +39,8 @@ class Composer:
         self.upper = np.zeros((0, 0))  # (P, M q (q + 1) / 2) the upper triangles of F, for sums over all
 
     def grow(self, F: np.ndarray, path: np.ndarray) -> None:
-        """More pieces: their F (P, M, q, q) for M possible vehicles, and the poses (P, L, S, 3) of all
-        possible vehicles along them, from the origin, the last where they come to rest."""
+        """More pieces: their F (P, M, q, q) for M possible vehicles, and the poses (P, L, S, 3) of all possible
+        vehicles along them; the last is where they come to rest."""
         upper = F[:, :, *np.triu_indices(F.shape[-1])].reshape(len(F), -1)
         self.upper = upper if not len(self.F) else np.concatenate([self.upper, upper])
         self.F = F if not len(self.F) else np.concatenate([self.F, F])
@@ -95,8 +95,8 @@ class Composer:
         return list(dict.fromkeys(np.concatenate(best).tolist()))
 
     def keep(self, count: int) -> np.ndarray:
-        """Forgets all but the `count` pieces that are worth most beside what is chosen, a quarter as many that
-        also keep near, those that are chosen and the first; which are left, in order."""
+        """Forget all but the `count` pieces that are worth most beside the chosen ones; a quarter as many that also
+        keep near, the chosen and the first stay too; which are left, in order."""
         bound = self._bound(self.F[self.chosen].sum(axis=0))
         near = np.argsort(NEAR * self.reach - bound)[: count // 4]
         kept = np.unique([0, *self.chosen, *near, *np.argsort(self.price - bound)[:count].tolist()])
@@ -112,7 +112,7 @@ class Composer:
             k = 0 if place is None else place[0]
             self.chosen.append(k)
             total = total + self.F[k]
-            pose = moved(pose, self.path[k, :, -1])
+            pose = in_map(pose, self.path[k, :, -1])
 
     def _sort(self) -> None:
         """Put pieces that leave the position unsure last, if that order stays inside too: the sum is the same."""
@@ -125,7 +125,7 @@ class Composer:
         before, after = self.chosen[:place], self.chosen[place + 1 :]
         pose = self._start()
         for k in before:
-            pose = moved(pose, self.path[k, :, -1])
+            pose = in_map(pose, self.path[k, :, -1])
         others = [*before, *after]
         paid = float(self.price[others].sum())
         first_inside = self._first_inside(self.F[others].sum(axis=0), pose, after, best + paid + 1e-6)
@@ -168,13 +168,13 @@ class Composer:
         """(C,) bool: whether the corridor of each of these pieces, followed by all of `after`, stays in the room
         from the poses (L, 3) on.  (3)"""
         fits = self._margin(pose[None], pieces) >= 0.0
-        poses = moved(pose, self.path[pieces][:, :, -1])
+        poses = in_map(pose, self.path[pieces][:, :, -1])
         for k in after:
             candidates = np.flatnonzero(fits)
             if not len(candidates):
                 break
             fits[candidates] = self._margin(poses[candidates], np.array([k])) >= 0.0
-            poses[candidates] = moved(poses[candidates], self.path[k, :, -1])
+            poses[candidates] = in_map(poses[candidates], self.path[k, :, -1])
         return fits
 
     def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:

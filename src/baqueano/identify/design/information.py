@@ -129,8 +129,8 @@ def mean_error(relative_sd: np.ndarray) -> float:
 
 
 def _size(blocks: FittedBlocks, path: str, wanted: Sequence[Free]) -> float:
-    """The largest entry of the row of a matrix, or of the frictions of an axis, as if it went at 1 m/s or 1 rad/s; of
-    the whole field, where these are 0; 1 where it is."""
+    """Return the largest entry of the row of a matrix; of the frictions of an axis, as if it went at 1 m/s or 1 rad/s;
+    of the whole field, where these are 0; 1 where it is."""
     one = described(blocks, path, {})
     same = [other for other in wanted if one.axis is not None and other.axis == one.axis]
     row = [

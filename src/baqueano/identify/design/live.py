@@ -46,24 +46,26 @@ class RecursiveInformation:
         shape = shape_of(example, "x")
         names = [name for leaf in leaves(shape) for name in leaf.names]
         self._live = [
-            k for k, name in enumerate(names) if name.replace("x", "carry", 1) not in informant.kernel.dead
+            k
+            for k, name in enumerate(names)
+            if name.replace("x", "carry", 1) not in informant.kernel.unused_carry
         ]
         rest, q = _flat(shape, example), len(self.nominal)
 
-        def state_of(known: np.ndarray) -> "Tree":
+        def state_of(numbers: np.ndarray) -> "Tree":
             flat = list(rest)
             for k, at in enumerate(self._live):
-                flat[at] = known[q + k]
+                flat[at] = numbers[q + k]
             return _unflat(shape, flat)
 
-        def step(known: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
-            state, outputs = tick(known[:q], state, u)
+        def step(numbers: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
+            state, outputs = tick(numbers[:q], state, u)
             flat = _flat(shape, state)
             return state, np.concatenate([outputs, np.array([flat[k] for k in self._live])])
 
-        known = np.concatenate([self.nominal, np.array([rest[k] for k in self._live], dtype=float)])
+        numbers = np.concatenate([self.nominal, np.array([rest[k] for k in self._live], dtype=float)])
         commands, backend = np.zeros(informant.commands), informant.kernel.backend
-        self._kernel = scan(step, state_of, commands, known, backend=backend)
+        self._kernel = scan(step, state_of, commands, numbers, backend=backend)
         self._begin = lambda theta: np.array([_flat(shape, begin(theta))[k] for k in self._live])
         self._slope = jacobian(self._begin)
 

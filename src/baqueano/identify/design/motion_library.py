@@ -5,14 +5,13 @@
 The levels, their holds and their number are drawn (seeded): a search that knows the information of every
 piece exactly needs variety, not taste. Some levels are full, some none, the others anything: dry friction and
 dead zones show at small ones. The way back is one of four: all signs turned (a vehicle with two wheels comes
-back on its own arc), the first channel's alone (a car does), the others' alone, or on and on (circles stay in
-a room by themselves, and a signal that ends where it began needs no way back). Children of pieces that were
-found good differ from them in one thing: a level for a while, a size, the way back, or the other half is of
-another parent.
+back on its own arc), the first channel's alone (a car does), or the others' alone; or on and on. Circles stay in a room
+by themselves, and a signal that ends where it began needs no way back. Children of pieces that were found good differ
+from them in one thing: a level for a while, a size, the way back, or the other half is of another parent.
 
 Nothing here knows what a vehicle is: channels with limit 0 are left out, the rest is told by simulation.
-Because a piece begins and ends at rest, what it tells (information.py) and where it takes the possible
-vehicles (vehicle_cloud.py) belong to it, and add up over a sequence.
+Because a piece begins and ends at rest, its information (information.py) belongs to it and adds up over a sequence. So
+does the way of the possible vehicles (vehicle_cloud.py).
 """
 
 from collections.abc import Sequence
@@ -59,11 +58,11 @@ class PieceShape(NamedTuple):
 
     @property
     def moving(self) -> np.ndarray:
-        """Channels that may be used."""
+        """Return the usable channels."""
         return np.flatnonzero(self.limit > 0.0)
 
 
-def drawn(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
+def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
     """`count` pieces by chance, the first of which is to stand still."""
     length = shape.ticks - shape.coast
     pieces = [MotionPiece(np.zeros((length, len(shape.limit))), BACK - 1)]
@@ -100,7 +99,7 @@ def gentler(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
     return MotionPiece(out, piece.back)
 
 
-def moved(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
+def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
     """Poses `path` (…, 3), told from `pose` (…, 3), in the map."""
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     x, y = path[..., 0], path[..., 1]

@@ -1,15 +1,15 @@
 """The experiment for this vehicle in this room: `designed`.
 
-Pieces by chance, composed; then, some rounds long, children of the pieces that were chosen join the library and what
-is better takes its place. So far a few of the possible vehicles drive every piece. They allow more than all of them
-would, the more so the longer one searches: so all VEHICLES drive the best of the library, and with their paths it is
-composed again. A piece ends with a coast in which COVERED of the way that a vehicle at full command still rolls is
-covered; the composition counts on the rest of that way too, but not on what the speed that is left does to the next
-piece. So the plan is driven as a whole by as many others that had no part in the search, in three orders: as
-composed, and by how far its pieces reach, up and down. The one that then tells most is the plan, and where those
-others go is told with it. The numbers of pieces and rounds are fixed, not the time: the same seed gives the same plan
-everywhere. A piece that is not allowed (room.py, (4)) waits, and one that would come later has its turn; last comes
-the one of the library that is worth most beside the others.
+1. Draw random pieces of command and compose a drive of them. In each of some rounds, variations of the chosen pieces
+   join the library, and better pieces replace worse ones.
+2. Only a small sample of the possible vehicles drives each piece of step 1. A small sample is too permissive, and the
+   search exploits that. So all VEHICLES drive the best pieces, and the drive is composed again with their paths.
+3. Each piece ends with a coast over COVERED of the stopping distance. The composition reserves the rest of that
+   distance, but ignores the effect of the remaining speed on the next piece.
+4. So new vehicles, which took no part in the search, drive the whole plan in three orders: as composed, and sorted by
+   the reach of its pieces, both ways. The most informative order becomes the plan; its room is that of these vehicles.
+
+The numbers of pieces and rounds are fixed, not the time: the same seed gives the same plan on every machine.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.design.compose import Composer
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import MotionPiece, PieceShape, children, drawn, gentler
+from baqueano.identify.design.motion_library import MotionPiece, PieceShape, children, gentler, random_pieces
 from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contained, first_allowed
 from baqueano.identify.design.vehicle_cloud import Cloud, VehicleDistribution, possible_vehicles
 from baqueano.identify.parallel import each
@@ -160,7 +160,7 @@ class PlanSearch:
         coast_s = self._coast_s(limit)
         self.shape = PieceShape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
         self.to_rest = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
-        self._grow(drawn(self.shape, FIRST, self.rng))
+        self._grow(random_pieces(self.shape, FIRST, self.rng))
         self.composer.search()
         for turn in range(ROUNDS):
             if (
@@ -205,8 +205,8 @@ class PlanSearch:
         return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
-        """The time in which the nominal vehicle, after a second of the first command at its limit, covers COVERED
-        of the way that it still rolls."""
+        """Return the time in which the nominal vehicle covers COVERED of its rolling distance, after a second at the
+        limit of its first command."""
         second = round(self.cloud.rate_hz)
         u = np.zeros((3 * second, len(limit)))
         first = int(np.argmax(limit > 0.0))
@@ -238,8 +238,8 @@ class PlanSearch:
         return slow, path, F
 
     def _path(self, cloud: Cloud, tick: int, u: np.ndarray, each: int) -> tuple[bool, np.ndarray]:
-        """Return if a cloud keeps to the limits of speed in the piece (T, n), and its poses (L, S, 3) in `each`
-        sample, the last where it comes to rest."""
+        """Return if a cloud keeps to the limits of speed in the piece (T, n), and its poses (L, S, 3) in `each` sample.
+        The last is where it comes to rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         rest, eta = cloud.drive(cloud.at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
         sampled = eta[:, stride - 1 : ticks : stride]

@@ -1,7 +1,7 @@
 """The room in which an experiment takes place: whether a cloud of drives stays in it, and a signal that does.
 
-The origin of the map is the middle of the room, x along its width. With mean m(t) and standard deviation
-s(t) of the position over the vehicles x_l that the plan believes possible, and the radius ρ of the body,
+The origin of the map is the middle of the room, x along its width. m(t) and s(t) are mean and standard deviation of the
+position over the possible vehicles x_l; with the radius ρ of the body,
 
     |m_x(t)| + k s_x(t) + ρ ≤ w/2,   |m_y(t)| + k s_y(t) + ρ ≤ h/2,   k = 3                               (1)
     m_v(t) + k s_v(t) ≤ fastest,     m_r(t) + k s_r(t) ≤ fastest turn,     m_vr(t) + k s_vr(t) ≤ sideways  (2)
@@ -112,7 +112,7 @@ def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
     """The room "2x2.5", width and height in metres, for the vehicle of the file: its radius, the limits of its
-    supervisor and SIDEWAYS_M_S2, unless `options`, fields of Room, say others. UsageError for what is no size, or a
+    supervisor and SIDEWAYS_M_S2, unless `options`, fields of Room, say others. UsageError for an invalid size, or a
     room too small.
 
     >>> from baqueano.vehicle_file import load
@@ -138,7 +138,7 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
 
 
 def body_radius(vehicle_file: "VehicleFile") -> float:
-    """Radius of the circle about the origin that holds the whole body [m]; 0 where the file has no size."""
+    """Radius of the circle about the origin that holds the whole body [m]; 0 where the file gives no size."""
     g = vehicle_file.geometry
     box = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0
     return max(g.radius_m or 0.0, box, (g.track_m or 0.0) / 2.0)
@@ -204,7 +204,7 @@ def contained(
 
 
 def alternatives(u: np.ndarray) -> np.ndarray:
-    """(C, T, n): what may stand for a chunk (T, n), in order; the last is no command."""
+    """(C, T, n): what may stand for a chunk (T, n), in order; the last is the command zero."""
     n = u.shape[1]
     first = np.where(np.arange(n) == 0, -1.0, 1.0)
     signs = (np.ones(n), -np.ones(n), first, -first)

@@ -7,9 +7,9 @@
 
 A standard error of more than LEAST_KNOWN of the value is taken for that, as if a data sheet S had told it. Entries B of
 a draw beyond their bounds b go back to them. Both take along what is tied to these entries: bounded one by one, some
-vehicles would have no friction and roll for ever. The n_l come in pairs ± n, so that the draw does not move the mean.
-What is 0 in the file stays 0 in (1). All of the cloud is one call of one kernel; several candidates for what comes next
-are shared out over the cores.
+vehicles would be without friction and roll for ever. The n_l come in pairs ± n, so that the draw does not move the
+mean. What is 0 in the file stays 0 in (1). All of the cloud is one call of one kernel; several candidates for what
+comes next are shared out over the cores.
 """
 
 from collections.abc import Sequence
@@ -124,7 +124,7 @@ class Cloud:
         """The cloud (L, …) under `u` (T, n), from its `tick` on: where it is then, and poses (L, T, 3) on the
         way.  (3)"""
         noise = self._noise(tick, len(u))
-        return self.kernel.lanes((u, noise), self.belief.theta, carry=state, outputs=True)
+        return self.kernel.batch((u, noise), self.belief.theta, carry=state, outputs=True)
 
     def under(
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0

@@ -33,7 +33,7 @@ def clean(
     """Return the runs without impossible measurements, split where time jumps, and messages on the repairs."""
 
     def of(run: Run) -> tuple[list[Run], list[Diagnostic]]:
-        pieces, messages = timestamps.checked(run, file.rate_hz)
+        pieces, messages = timestamps.check_timestamps(run, file.rate_hz)
         messages += physical_units.implausible(run, file, sensors)
         out = []
         for piece in pieces:
@@ -54,7 +54,7 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
     channels, messages = dict(run.sensors), []
     for name, block in sensors.items():
         if name in channels and channels[name].z.shape[1] == block.size:
-            channels[name], of_sensor = samples.checked(name, block, channels[name])
+            channels[name], of_sensor = samples.check_samples(name, block, channels[name])
             messages += of_sensor
     return replace(run, sensors=channels) if messages else run, messages
 
@@ -76,7 +76,7 @@ def diagnose(
     )  # starts of pieces
 
     messages, before = (
-        channel_map.checked(problem, theta) if np.isfinite(theta).all() else [],
+        channel_map.check_channels(problem, theta) if np.isfinite(theta).all() else [],
         list(end.doubts),
     )
     if not {one.code for one in before} & {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}:
@@ -86,14 +86,16 @@ def diagnose(
     if not (end.search.solution.converged and np.isfinite(theta).all() and identifiable[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
         codes = {one.code for one in messages}
-        messages += [one for one in channel_map.checked(problem, end.task.first) if one.code not in codes]
+        messages += [
+            one for one in channel_map.check_channels(problem, end.task.first) if one.code not in codes
+        ]
         return before + channel_map.with_mount(end, messages), {}
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     estimate, sigma = np.where(identifiable[:s], theta[:s], np.nan), end.search.sigma
-    messages += gain_changes.checked(
+    messages += gain_changes.check_gain_changes(
         end.blocks, problem.shape.shared, estimate, sd[:s], file_sigma, sigma, labels
     )
-    findings_of_residuals, off = residual_checks.checked(end.blocks, problem, theta, identifiable, sd)
+    findings_of_residuals, off = residual_checks.check_residuals(end.blocks, problem, theta, identifiable, sd)
     return before + channel_map.with_mount(end, messages + findings_of_residuals), off
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.data.record import FitRecord, FittedBlocks, beginning
+from baqueano.identify.data.record import FitRecord, FittedBlocks, first_rows
 from baqueano.identify.diagnostics import gain_changes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.noise_level import MAD
@@ -37,7 +37,7 @@ ALIKE = 0.5  # of the largest gain: ways that bring so much are one by the data
 AXES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 
 
-def checked(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
+def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Swapped and inverted channels."""
     out = []
     for name, size in zip(problem.names, problem.sizes, strict=True):
@@ -63,7 +63,7 @@ def of_sensor(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndar
 
 
 def measured(problem: Residuals) -> np.ndarray:
-    """Return the measurements of all segments (N, m), NaN where there are none."""
+    """Return the measurements of all segments (N, m), NaN where none exist."""
     return np.where(np.concatenate(problem.has) > 0.0, np.concatenate(problem.z), np.nan)
 
 
@@ -129,19 +129,19 @@ def _astray(task: Task, name: str) -> bool:
 def _named(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
     """Return the mount with smaller residuals that acts as the file says, and its diagnostic."""
     task, blocks = end.task, end.blocks
-    records = [beginning(record, MOST_ROWS) for record in task.problem.records]
+    records = [first_rows(record, MOST_ROWS) for record in task.problem.records]
     at = sum(task.problem.sizes[: task.problem.names.index(name)])
     own = slice(at, at + 3)
     n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)
-    begun = [
+    starts = [
         task.first,
         np.where(np.isfinite(end.search.solution.theta), end.search.solution.theta, task.first),
     ]
     here = min(
-        (_searched(task, blocks, records, theta) for theta in begun), key=lambda one: _log_sigma(one, own, n)
+        (_searched(task, blocks, records, theta) for theta in starts), key=lambda one: _log_sigma(one, own, n)
     )
     ways = [
-        (way, _searched(task, blocks, [_other_way(r, name, way) for r in records], begun[0])) for way in WAYS
+        (way, _searched(task, blocks, [_other_way(r, name, way) for r in records], starts[0])) for way in WAYS
     ]
     gains = [_log_sigma(here, own, n) - _log_sigma(result, own, n[list(way.order)]) for way, result in ways]
     best = max(gains)

@@ -3,10 +3,10 @@
     G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)      (1)
     G_y = l_x G_ψ,   G_x = −l_y G_ψ      what an IMU at (l_x, l_y) adds to those of a command that turns    (2)
 
-The file need not be right, but a command that pushed forward and now pushes backward, or sideways, or five
-times as hard, is more often a column that was swapped, inverted or in other units than a vehicle that was
-misjudged. A scale that all commands and readings share cannot be seen in the residuals: only the file
-knows better. Noise is held against the file too, as it changes with the unit and not with the vehicle.
+The file need not be right. But a command may push backward that pushed forward, or sideways, or five times as hard.
+Then a column is more often swapped, inverted or in other units than the vehicle misjudged. A scale that all commands
+and readings share cannot be seen in the residuals: only the file knows better. Noise is held against the file too, as
+it changes with the unit and not with the vehicle.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ UNITS = {
 AXES, TURNING = ("forward", "sideways", "turning"), 2
 
 
-def checked(
+def check_gain_changes(
     file: FittedBlocks,
     names: Sequence[str],
     estimate: np.ndarray,
@@ -44,7 +44,7 @@ def checked(
     """Return messages on gains and noise that differ from the file as it was before the fit.
 
     `estimate` and `sd` (p,) belong to `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file, 0
-    where the file has none, and `sigma` (m,) the estimated one."""  # fmt: skip
+    where the file gives nothing, and `sigma` (m,) the estimated one."""  # fmt: skip
     return gains(file, names, estimate, sd) + _noise(file_sigma, sigma, labels)
 
 

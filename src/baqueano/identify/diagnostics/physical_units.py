@@ -23,7 +23,7 @@ from baqueano.identify.diagnostics import channel_map
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
-from baqueano.runs.diagnostics.plausible import FASTEST_RAD_S
+from baqueano.runs.diagnostics.physical_limits import FASTEST_RAD_S
 from baqueano.runs.diagnostics.signal_map import NOTHING, Hypothesis, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
@@ -50,7 +50,7 @@ FEW_AT_REST = 20  # ticks at rest
 FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
-def checked(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
+def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
     """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
     wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (3), (4)"""
     sensors, turned, curves = file.sensors._asdict(), [], []
@@ -85,9 +85,9 @@ def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
 
 
 def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
-    """A gyro in another unit than the turning that commands make by the numbers of the vehicle file, of a finished
-    search, and whether every gyro is cleared: it turns as they say, or as wheels do, or the fit
-    explains it with the file's own gains. Where the search began tells nothing of it.  (3), (5)"""
+    """Report a gyro in another unit than the turning that commands make by the vehicle file, and whether every gyro is
+    cleared. The search has ended: it turns as they say, or as wheels do, or the fit explains it with the file's own
+    gains. Where the search began tells nothing of it.  (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     freed = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
     by_file, _, _ = first_theta(end.blocks, freed, problem.shape, problem.records, FitOptions())
@@ -168,7 +168,7 @@ def implausible(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list
             and run.sensors[name].z.shape[1] == block.size
         ):
             messages += _imu(run, name, block)
-            messages += checked(run, file, name)
+            messages += check_gyro_unit(run, file, name)
     return messages
 
 

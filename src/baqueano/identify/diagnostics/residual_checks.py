@@ -4,14 +4,14 @@
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
-The terms of unmodelled_terms.py are tested, and changes of each parameter in the first quarter, third, half,
-two thirds, three
-quarters of the time, in each run, forward and backward, left and right, fast and slow, speeding up and slowing down. An
-answer counts if chance gives it in 1 of 40,000 cases (some 250 are asked; a low-pass of the IMU, 1 of 300) and a
-parameter would move by over 2 of its errors and 2 %, or differs in parts by over 5 %. What it would move, and half of
-what parts differ by, is added to the error bars. γ(1), of neighbouring residuals, is motion that the model does not
-know: above 5 % of what it knows, or a tenth with (2) above 1.3, parameters are not told to 5 %. Outliers that come when
-the model changes fast (3) are a model that is late, early or too simple.
+The terms of unmodelled_terms.py are tested, and changes of each parameter between parts of the data. The parts are the
+first quarter, third, half, two thirds and three quarters of the time, and each run. They are also forward and backward,
+left and right, fast and slow, speeding up and slowing down. An answer counts if chance gives it in 1 of 40,000 cases
+(some 250 are asked; a low-pass of the IMU, 1 of 300) and a parameter would move by over 2 of its errors and 2 %; or it
+differs in parts by over 5 %. What it would move, and half of what parts differ by, is added to the error bars. γ(1), of
+neighbouring residuals, is motion that the model does not know: above 5 % of what it knows, or a tenth with (2) above
+1.3, parameters are not told to 5 %. Outliers that come when the model changes fast (3) are a model that is late, early
+or too simple.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,12 +23,17 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics.score_test import (
     FitResiduals,
-    ProbeResult,
+    ScoreTest,
     fit_residuals,
     score_test,
     score_test_parts,
 )
-from baqueano.identify.diagnostics.unmodelled_terms import FittedMotion, LabelledTerm, fitted_motion, probes
+from baqueano.identify.diagnostics.unmodelled_terms import (
+    FittedMotion,
+    LabelledTerm,
+    fitted_motion,
+    term_columns,
+)
 from baqueano.identify.parameters.free import DELAY
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
@@ -56,22 +61,22 @@ TOLD = 2  # answers that are told, the clearest first
 RUNS = 8  # that are held against the others one by one
 
 
-def checked(
+def check_residuals(
     blocks: FittedBlocks,
     problem: Residuals,
     theta: np.ndarray,
     identifiable: np.ndarray,
     sd: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return findings at θ (p,), of which `kept` (p,) were told with errors `sd` (p,), and by how much each parameter,
-    by path, may be off for them; the problem is weighed with the noise that was found."""
+    """Return findings at θ (p,), of which `kept` (p,) were identified with errors `sd` (p,). Return also by how much
+    each parameter, by path, may be off; the problem is weighed with the noise that was found."""
     index = np.flatnonzero(identifiable[: problem.layout.shared])
     if not len(index):
         return _of_residuals(problem, problem.residuals(theta)), {}
     now = fitted_motion(blocks, problem, theta)
-    candidates = list if now is None else probes(blocks, problem, now)
+    candidates = list if now is None else term_columns(blocks, problem, now)
     fit = fit_residuals(problem, theta, identifiable)
-    here = _Fitted(fit, [problem.shape.shared[i] for i in index], theta[index], sd[index])
+    here = _FitEvidence(fit, [problem.shape.shared[i] for i in index], theta[index], sd[index])
     messages, parts = _of_residuals(problem, fit.residuals), _parts(here, now)
     answers = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     off: dict[str, float] = {}
@@ -89,7 +94,7 @@ class _Clear(NamedTuple):
     by: np.ndarray  # (k,) what the parameters may be off by
 
 
-class _Fitted:
+class _FitEvidence:
     """A fit and what it left."""
 
     def __init__(
@@ -98,7 +103,7 @@ class _Fitted:
         self.residuals, self.paths, self.theta, self.sd = residuals, paths, theta, sd
         self.names = [path.removeprefix("model.") for path in paths]
 
-    def clear(self, answer: ProbeResult) -> bool:
+    def clear(self, answer: ScoreTest) -> bool:
         """Return True where chance does not explain it."""
         if abs(answer.z) <= SURE[-1][1]:
             return False
@@ -110,21 +115,21 @@ class _Fitted:
         """`by` (k,) as a finding has it."""
         return tuple((path, float(x)) for path, x in zip(self.paths, by, strict=True) if x > 0.0)
 
-    def moved(self, answer: ProbeResult) -> int | None:
+    def most_biased(self, answer: ScoreTest) -> int | None:
         """Which parameter the answer moves most, in standard errors; None if none is moved by enough."""
         far = np.abs(answer.shift) / np.maximum(self.sd, 1e-300)
         counts = (far > MOVES_SD) & (np.abs(answer.shift) > MOVES * np.abs(self.theta))
         return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
 
 
-def _missing(fit: _Fitted, answers: Sequence[tuple[LabelledTerm, ProbeResult]]) -> list[_Clear]:
+def _missing(fit: _FitEvidence, answers: Sequence[tuple[LabelledTerm, ScoreTest]]) -> list[_Clear]:
     ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
     for (code, what), answer in ranked:
         filtered = what.code == "term.low-pass"
         if not (abs(answer.z) > LIKELY if filtered else fit.clear(answer)):
             continue
-        k, delay = fit.moved(answer), code == "delay"
+        k, delay = fit.most_biased(answer), code == "delay"
         if delay and DELAY in fit.paths:
             continue  # it is in the model: what is left has another shape
         if k is not None:
@@ -138,7 +143,7 @@ def _missing(fit: _Fitted, answers: Sequence[tuple[LabelledTerm, ProbeResult]]) 
     return out
 
 
-def _parts(fit: _Fitted, now: FittedMotion | None) -> list[_Clear]:
+def _parts(fit: _FitEvidence, now: FittedMotion | None) -> list[_Clear]:
     worst: list[_Clear] = []
     parts = list(_masks(fit.residuals, now))
     for (part, _), answers in zip(
@@ -188,7 +193,7 @@ def _channels(
 
 
 def _of_residuals(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
-    """Residuals that are coloured, and outliers that are none."""
+    """Report autocorrelated residuals, and outliers that repeat."""
     out = []
     for label, r, h in _channels(problem, residuals):
         if sum(map(len, r)) >= ENOUGH:
@@ -210,7 +215,7 @@ def _coloured(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diag
     if not (share > SHARE or (share > 0.1 * SHARE and excess > EXCESS)):
         return []
     percent = 100.0 * float(share) if np.isfinite(share) else 100.0
-    return [note("residual.coloured", Severity.WARNING, subject=label, percent=percent, times=excess)]
+    return [note("residual.autocorrelated", Severity.WARNING, subject=label, percent=percent, times=excess)]
 
 
 def _timely(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:

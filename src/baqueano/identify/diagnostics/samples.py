@@ -1,13 +1,13 @@
-"""Samples that are no measurements: not finite, held, stuck, logged as zero, at the end of an unknown range.
+"""Samples that are not measurements: not finite, held, stuck, logged as zero, at the end of an unknown range.
 
     P(equal) = q / (2 √π σ),   P(zero) = q / (√(2π) σ)     of white noise σ in steps of q, at most         (1)
     σ = 1.4826 median |z_{k+1} − 2 z_k + z_{k−1}| / √6     of the values that changed
     n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
-What is `FACTOR` times more frequent than (1) is no chance and is left out: samples that repeat the one before, exact
+What is `FACTOR` times more frequent than (1) is not chance and is left out: samples that repeat the one before, exact
 zeros. Where the signal moves by less than a step, nothing is. Of encoders the values between two jumps decide
-(runs/diagnostics/repeated_readings.py), a pile is their top speed, and a zero counts only between two readings far from
+(runs/diagnostics/repeated_readings.py). A pile is their top speed, and a zero counts only between two readings far from
 it. A pile (2) shows a range that the file does not tell: tails fall towards the extreme, only a clip piles up there.
 Left out is then (3), which does not depend on the noise of the sample itself and so does not pull the fit.
 """
@@ -41,8 +41,8 @@ class Grain(NamedTuple):
     step: float  # least difference of two values, rounding aside
 
 
-def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
-    """The channel with NaN in place of what is no measurement, and what was found."""
+def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
+    """Return the channel with NaN in place of invalid samples, and the findings."""
     z, messages = channel.z.copy(), []
     lost = int(np.sum(~np.isfinite(z)))
     if lost:
@@ -58,7 +58,7 @@ def checked(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Dia
 
 
 def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Which samples of one channel (M,) are none, and why."""
+    """Return the mask of invalid samples of one channel (M,), and why."""
     good, none = np.isfinite(x), np.zeros(len(x), bool)
     if good.sum() < ENOUGH:
         return none, []

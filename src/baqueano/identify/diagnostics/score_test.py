@@ -56,7 +56,7 @@ class FitResiduals(NamedTuple):
     power: float  # of ψ where white noise has 1, over the part of it that is not clipped
 
 
-class ProbeResult(NamedTuple):
+class ScoreTest(NamedTuple):
     """Of one probe."""
 
     size: float  # δ (2)
@@ -66,7 +66,7 @@ class ProbeResult(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """Of K probes D: all that (1) to (3) need of them."""
+    """Of K columns D: all that (1) to (3) need of them."""
 
     whole: np.ndarray  # (K,) D w D
     total: np.ndarray  # (K,) D ψ
@@ -144,8 +144,8 @@ def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
         D[:, at] -= ties @ d[:, at]
 
 
-def score_test(fit: FitResiduals, D: np.ndarray) -> list[ProbeResult]:
-    """Probes D (K, N m), in standard deviations as `fit` is: what the model would say more. One that ran away
+def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
+    """Columns D (K, N m), in standard deviations as `fit` is: what the model would say more. One that ran away
     asks nothing."""
     sums = _sums(fit, D)
     away = ~np.isfinite(sums.whole)
@@ -155,7 +155,7 @@ def score_test(fit: FitResiduals, D: np.ndarray) -> list[ProbeResult]:
 
 
 def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
-    """Of probes (K, N m)."""
+    """Of columns (K, N m)."""
     whole, both = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
         for at in in_cache(D.shape[1], both.size):
@@ -167,7 +167,7 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
         )
 
 
-def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ProbeResult]]:
+def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ScoreTest]]:
     """Test if each of the k entries differs in the rows of each mask (N,): D = 1_part d."""
     k, n = len(fit.d), len(fit.run)
     m, there = len(fit.psi) // n, np.array(masks)
@@ -213,8 +213,8 @@ def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray
 
 def _score_tests(
     fit: FitResiduals, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]
-) -> list[ProbeResult]:
-    """(1)-(3) of the probes' sums; (4) of those `column`s that may be clear."""
+) -> list[ScoreTest]:
+    """(1)-(3) of the columns' sums; (4) of those `column`s that may be clear."""
     ties = sums.cross @ fit.inverse
     power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
     total = sums.total - ties @ fit.score
@@ -227,7 +227,7 @@ def _score_tests(
     size = np.where(there, total / np.where(there, power, 1.0), 0.0)
     clear = np.flatnonzero(there & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * fit.power)))
     shift = -ties * size[:, None]
-    out = [ProbeResult(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
+    out = [ScoreTest(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
     for first in range(0, len(clear), AT_ONCE):
         some = clear[first : first + AT_ONCE]
         D = column(some)

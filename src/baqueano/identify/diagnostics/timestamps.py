@@ -1,14 +1,14 @@
-"""Time that is no time: jumps, bursts, stamps that repeat or go back, a clock in other units.
+"""Timestamps that are wrong: jumps, bursts, stamps that repeat or go back, a clock in other units.
 
     steps   Δ_k = t_k − t_{k−1},   usual step = median Δ,   regular rate = 1 / mean Δ                     (1)
 
 A step above 1 s and 20 usual steps is a pause or a clock that was set: the run is cut there and never integrated
-across; pieces below 2 s are dropped, and what was measured in the first 0.5 s after a cut, when motors still
-follow commands that nobody knows. Where more than a fifth of the steps are shorter than a fifth of the mean,
-samples were stamped as they were read, in bursts: they are spread evenly from the end of the burst before to
-the end of their own, which is right to one sample if the sensor is regular. A usual step that is 20 times off
-the file's rate is a clock in another unit. A sensor's stamp that lies more than 0.25 s from the usual lateness
-of its samples is no time of measurement: the sample is left out.
+across; pieces below 2 s are dropped. So is the first 0.5 s after a cut, when motors still follow commands that nobody
+knows. Where more than a fifth of the steps are shorter than a fifth of the mean, samples were stamped as they were
+read, in bursts: they are spread evenly from the end of the burst before to the end of their own. That is right to one
+sample if the sensor is regular. A usual step that is 20 times off the file's rate is a clock in another unit. A
+sensor's stamp that lies more than 0.25 s from the usual lateness of its samples is not the time of measurement: the
+sample is left out.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ LATE_S = 0.25
 FEW = 20  # samples
 
 
-def checked(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
+def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
     """The run, mended and in pieces, and what was found."""
     if len(run.t_ns) < FEW:
         return [run], []

@@ -1,7 +1,7 @@
 """Forces that a model often lacks, as accelerations φ(t) along an axis: what unmodelled_terms.py pushes with.
 
-With w the channels of the drivetrain (left and right wheel, or the commands) and ν what the model says, both over
-their largest value, φ is one of
+w are the channels of the drivetrain (left and right wheel, or the commands), ν is that of the model; both over their
+largest value, φ is one of
 
     tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (1)
     tanh 10 ν    ν |ν|    ν³     |ν|            sign ν e^(−s/0.2 s), s since ν changed its sign             (2)
@@ -10,8 +10,8 @@ their largest value, φ is one of
 
 (1) are dead zones and backlash, motors that saturate or slip, that are unequal forward and backward, and a
 battery that fades; (2) dry and other friction, a caster that flips; (3), (4) what corners cost. A tyre that slips
-sideways in proportion to its force brakes with the square of the sideways acceleration, the third of (3), and turns
-less than it is steered, by the third of (4).
+sideways in proportion to its force brakes with the square of the sideways acceleration, the third of (3). It turns less
+than it is steered, by the third of (4).
 """
 
 from typing import NamedTuple
@@ -38,9 +38,9 @@ class Force(NamedTuple):
     channel: int | None = None
 
 
-def forces(axis: int, channels: int) -> list[Force]:
-    """Return the forces along `axis`, 0 or 2, and, last, one sideways, in the order of `commanded`
-    and `moved`."""
+def force_terms(axis: int, channels: int) -> list[Force]:
+    """Return the forces along `axis`, 0 or 2, and, last, one sideways, in the order of `command_features`
+    and `motion_features`."""
     of_commands = [
         Force(f"{code} of channel {j}", _term(code), axis, j) for code in COMMANDED for j in range(channels)
     ]
@@ -52,14 +52,14 @@ def _term(code: str) -> Diagnostic:
     return note(f"term.{code.replace(' ', '-')}")
 
 
-def commanded(w: np.ndarray, record: FitRecord) -> np.ndarray:
+def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
     """φ (N, 5 c) of one piece with channels w (N, c) over their largest.  (1)"""
     t, size = np.cumsum(record.dt_s), np.abs(w)
     fading = w * (t / t[-1] - 0.5)[:, None]
     return np.concatenate([np.tanh(w / SMALL), w * size, size, fading, _since_turn(w, t)], axis=1)
 
 
-def moved(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
+def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
     """φ (N, 9) of one piece with motion ν (N, 3): (2), then (3) or (4)."""
     v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
     x, w, size = nu[:, :1], nu[:, 2:], np.abs(v)

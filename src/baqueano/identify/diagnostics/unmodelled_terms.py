@@ -23,10 +23,17 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
-from baqueano.identify.diagnostics.unmodelled_forces import COMMANDED, Force, commanded, driven, forces, moved
+from baqueano.identify.diagnostics.unmodelled_forces import (
+    COMMANDED,
+    Force,
+    command_features,
+    driven,
+    force_terms,
+    motion_features,
+)
 from baqueano.identify.parallel import ahead, each
 from baqueano.identify.parameters.free import DELAY, substitute
-from baqueano.identify.parameters.setup import Shape, beginning, example, shown_by
+from baqueano.identify.parameters.setup import Shape, example, initial_state, shown_by
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
@@ -37,7 +44,7 @@ SIDEWAYS = np.array([0.0, 1.0, 0.0])
 AXES = (0, 2)  # of all pushes but the last of each, which goes sideways
 
 LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # name of a probe, and what it asks
-Probes: TypeAlias = tuple[
+TermColumns: TypeAlias = tuple[
     list[LabelledTerm], np.ndarray
 ]  # and their columns D (K, N m) in standard deviations
 
@@ -95,7 +102,7 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
     if not has_field(blocks.model, "process_noise_std"):
         return None
     kernels = cached_kernel(blocks, problem.shape, problem.scan.backend, _traced)
-    begin = beginning(blocks, problem.shape)
+    begin = initial_state(blocks, problem.shape)
     starts, motions = [], []
     for record, index in zip(problem.records, problem.layout.indices, strict=True):
         own = theta[index]
@@ -104,13 +111,15 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
     return FittedMotion(kernels, starts, motions)
 
 
-def probes(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], list[Probes]]:
-    """Return a function that gives the probes of a fitted motion; their long part runs ahead on another core."""
+def term_columns(
+    blocks: FittedBlocks, problem: Residuals, now: FittedMotion
+) -> Callable[[], list[TermColumns]]:
+    """Return a function that gives the columns of a fitted motion; their long part runs ahead on another core."""
     of_forces = _of_forces(blocks, problem, now)
     return lambda: [of_forces(), _of_readings(blocks, problem, now)]
 
 
-def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Probes:
+def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> TermColumns:
     """(2)"""
     labels: list[LabelledTerm] = []
     columns = []
@@ -121,7 +130,7 @@ def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) ->
     return labels, np.concatenate(columns, axis=1)
 
 
-def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], Probes]:
+def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], TermColumns]:
     """(1)"""
     channels = [driven(blocks.model, record.u) for record in problem.records]
     most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
@@ -129,7 +138,10 @@ def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> C
 
     def rows_of(k: int) -> np.ndarray:
         record, nu = problem.records[k], now.motions[k].nu
-        phi = [commanded(channels[k] / scale, record), *(moved(axis, nu, record) for axis in AXES)]
+        phi = [
+            command_features(channels[k] / scale, record),
+            *(motion_features(axis, nu, record) for axis in AXES),
+        ]
         return _rows(record, problem.weights[k], *phi)
 
     def slopes(k: int, rows: np.ndarray) -> np.ndarray:
@@ -141,14 +153,14 @@ def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> C
     else:
         pieces = each(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
         whole = partial(np.concatenate, pieces)
-    candidates = [force for axis in AXES for force in forces(axis, len(most))]
+    candidates = [force for axis in AXES for force in force_terms(axis, len(most))]
     some = [k for k, force in enumerate(candidates) if force.channel is None or most[force.channel] > 0.0]
 
-    def probes() -> Probes:
+    def columns() -> TermColumns:
         D = whole().reshape(-1, len(candidates)).T  # (K, N m)
         return [_words(candidates[k]) for k in some], D if len(some) == len(candidates) else D[some]
 
-    return probes
+    return columns
 
 
 def _words(force: Force) -> LabelledTerm:
@@ -167,7 +179,7 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Kernels:
 
 def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     n, paths = blocks.model.commands, (*shape.shared, *shape.own)
-    begin = beginning(blocks, shape)
+    begin = initial_state(blocks, shape)
 
     def start(theta: np.ndarray) -> MotionState:
         return MotionState(*begin(theta))
@@ -185,9 +197,9 @@ def _pushed(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """ε (K,) of all forces, axis by axis, the last of each sideways → what the sensors show, times 1/σ.  (1)"""
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
     channels = driven(blocks.model, np.zeros((1, n))).shape[1]
-    c, count = len(COMMANDED) * channels, len(forces(0, channels))
+    c, count = len(COMMANDED) * channels, len(force_terms(0, channels))
     theta, every = example(blocks, shape), c + len(AXES) * (count - c)
-    start = PushedState(*beginning(blocks, shape)(theta), theta)
+    start = PushedState(*initial_state(blocks, shape)(theta), theta)
 
     def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
         for k, axis in enumerate(AXES):

@@ -7,10 +7,10 @@
     C(θ; u) − C(θ; steps · round(u / steps)) > CLEAR    at the θ that was fitted without them             (5)
 
 Without a lag of the motors the cost jumps at delays of whole ticks δ; with one, commands in even steps leave valleys on
-both sides of the deepest. Where (4) comes back to a whole tick from both sides, the least cost is at the tick, and the
-search has converged although its slope is not 0. The grid (1) is half a period of 20 Hz, the fastest command that a
-small vehicle follows; where a tick is much shorter, it is halved about d_0 until MOST ticks are left for (2).
-A timer of 8 bits rounds a duty to 1/255, behind a dead zone more than the noise of a gyro: (5) finds its steps.
+both sides of the deepest. Where (4) comes back to a whole tick from both sides, the least cost is at the tick. The
+search has then converged although its slope is not 0. The grid (1) is half a period of 20 Hz, the fastest command that
+a small vehicle follows; where a tick is much shorter, it is halved about d_0 until MOST ticks are left for (2). A timer
+of 8 bits rounds a duty to 1/255, behind a dead zone more than the noise of a gyro: (5) finds its steps.
 """
 
 from collections.abc import Callable

@@ -8,10 +8,10 @@
 
 C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w. H lies above the cost, so that an undamped
 step falls short by E ψ' / E w = 1/1.17 on normal noise, which o makes up for. A parameter whose cost rises both ways
-(5), at a kink of a delay or a dead zone, is where it is best, and the others go on without it; it is asked where
-hardly anything gains and (4) is not met. An entry at its bound that would leave is taken out of (1); a step that
-crosses bounds is solved again with those entries on them. H of many pieces is an arrow (block_arrow.py).
-Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
+(5) is at a kink of a delay or a dead zone. It stays there, and the others go on without it; it is asked where hardly
+anything gains and (4) is not met. An entry at its bound that would leave is taken out of (1); a step that crosses
+bounds is solved again with those entries on them. H of many pieces is an arrow (block_arrow.py). Sources: Marquardt
+1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
 """
 
 from collections.abc import Callable
@@ -155,7 +155,10 @@ def _at_kinks(
     scale: np.ndarray,
     movable: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Which entries (p,) have no slope to go down, though they have one, and how many evaluations it took.  (5)"""
+    """Return the mask (p,) of parameters at a kink, and the number of evaluations.  (5)
+
+    At a kink the cost rises in both directions although the gradient is not zero.
+    """
     at_kink, slope = np.zeros(len(theta), bool), here.gradient / np.sqrt(np.maximum(scale, 1e-300))
     steep = np.flatnonzero(movable & (np.abs(slope) > STEEP))
     for i in steep:

@@ -28,7 +28,7 @@ from baqueano.identify.covariance.information import (
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
 from baqueano.identify.parallel import each
-from baqueano.identify.residuals.block_arrow import Evaluation, add, begun, dense, places_of
+from baqueano.identify.residuals.block_arrow import Evaluation, add, dense, diagonal_matrix, places_of
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.language import translated as _
@@ -107,7 +107,7 @@ class Prediction:
     def evaluate(self, x: np.ndarray) -> Evaluation:
         """J, its gradient and its curvature by x.  (1), (2)"""
         cost, g = 0.0, np.zeros(len(x))
-        H = begun(g, places_of(self.simulation.layout, len(x) - self.size))
+        H = diagonal_matrix(g, places_of(self.simulation.layout, len(x) - self.size))
         parts, places = self._each(x, _normal), self._places()
         for part, index in zip(parts, places, strict=True):
             cost += part.cost
@@ -116,7 +116,7 @@ class Prediction:
         return Evaluation(cost if np.isfinite(cost) else np.inf, g, H)
 
     def innovations(self, x: np.ndarray) -> list[np.ndarray]:
-        """Per piece e (N, m), 0 where there is no measurement."""
+        """Per piece e (N, m), 0 without a measurement."""
         return self._each(x, lambda one: one.e)
 
     def slopes(self, x: np.ndarray) -> list[Slopes]:
@@ -149,20 +149,20 @@ class Prediction:
         channels = np.zeros((self.channels, len(x)))
         has, records = self.simulation.has, self.simulation.records
         colour = autocorrelation(self.innovations(x), has)
-        coloured = bool(np.any(np.abs(colour) > COLOUR))
+        autocorrelated = bool(np.any(np.abs(colour) > COLOUR))
         pieces = zip(self.simulation.rows, self._places(), has, records, strict=True)
         for rows, places, there, record in pieces:
             one = self._slopes(rows, x, places)
             at, psi = np.ix_(one.places, one.places), weight(one.e) * one.e
             A[at] += _square(slope(one.e), one.e_slopes) + _square(0.25 * BETA, one.s_slopes)
             channels[:, one.places] += np.einsum("tmp,tmp->mp", one.e_slopes, one.e_slopes)
-            if coloured:
+            if autocorrelated:
                 B[at] += coloured_scores(psi, there, one.e_slopes, record.dt_s)
                 B[at] += _square(0.25 * (BETA - psi * one.e) ** 2, one.s_slopes)
             else:
                 U = np.einsum("tm,tmp->tp", psi, one.e_slopes) + 0.5 * BETA * one.s_slopes.sum(axis=1)
                 B[at] += U.T @ U
-        return Information(A, B, channels, coloured, colour, int(sum(there.sum() for there in has)))
+        return Information(A, B, channels, autocorrelated, colour, int(sum(there.sum() for there in has)))
 
 
 def most_likely(

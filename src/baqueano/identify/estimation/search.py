@@ -2,10 +2,10 @@
 
     σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ settles                            (1)
 
-It begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic, and ends
-with that of the noise. Where what is left is coloured and large, or the search got stuck, it is begun again
-from a vehicle whose motors are without force, with less and with more friction, until two ends agree; the
-best of all is taken.
+It begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic. It ends with that of
+the noise. Where what is left is autocorrelated and large, or the search got stuck, it begins again until two ends
+agree. Each start is a vehicle whose motors are without force, with less and with more friction; the best of all is
+taken.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ NEAR = 0.2  # relative change below which the next round is run to its end
 ROUGH, FINE = 1e-1, 1e-7  # decrements while σ is still moving, and at the end
 PATIENCE = 20  # evaluations while σ is still moving
 GAINS = ("actuator_matrix", "velocity_matrix", "throttle_gain")
-LACKING = 0.14  # of a channel's own spread: coloured residuals above it are a doubt
+LACKING = 0.14  # of a channel's own spread: autocorrelated residuals above it are a doubt
 SAME = 1e-3  # of the logarithm of σ: ends that are no further apart are one
 TWICE = 0.7  # of the logarithm of σ: a rough end that leaves so much more is not gone on with
 AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, where the search begins again without force

@@ -1,7 +1,7 @@
 """Unobservable parameters (identifiability/identifiable.py) in words, and the motion that would show them,
 as the fields of the blocks say it (parameter.py).
 
-What the vehicle can never show is said once, and is no reproach to the run.
+What the vehicle can never show is reported once; the run is not at fault.
 """
 
 from collections.abc import Sequence
@@ -19,21 +19,21 @@ def weakly(one: Free, near: Sequence[Free]) -> Diagnostic:
     if near:
         others = _listed(near)
         return note(
-            "seen.weakly-beside",
+            "identifiability.weakly-beside",
             WARNING,
             subject=one.path,
             others=others,
             why=_moved((one, *near)),
             needs=_needs(one),
         )
-    return note("seen.weakly", WARNING, subject=one.path, why=_moved((one,)), needs=_needs(one))
+    return note("identifiability.weakly", WARNING, subject=one.path, why=_moved((one,)), needs=_needs(one))
 
 
 def unobservable(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free] = ()) -> Diagnostic:
     """Return why a parameter is held `at` its value, and what would help."""
     if ties:
         return note(
-            "seen.tied",
+            "identifiability.tied",
             subject=one.path,
             others=_listed(ties),
             at=at,
@@ -41,19 +41,21 @@ def unobservable(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free
             apart=_apart((one, *ties)),
         )
     if one.of.role == "scale":
-        return note("seen.scale", subject=one.path, at=at, needs=_needs(one))
+        return note("identifiability.scale", subject=one.path, at=at, needs=_needs(one))
     why, needs = _moved((one, *near)), _needs(one)
     if near:
-        return note("seen.not-beside", subject=one.path, others=_listed(near), at=at, why=why, needs=needs)
-    return note("seen.not", subject=one.path, at=at, why=why, needs=needs)
+        return note(
+            "identifiability.not-beside", subject=one.path, others=_listed(near), at=at, why=why, needs=needs
+        )
+    return note("identifiability.not", subject=one.path, at=at, why=why, needs=needs)
 
 
 def missing_command(some: Sequence[Free], command: str, never: bool) -> Diagnostic:
     """Return why a column of T or V is not known."""
     names = _listed(some)
     if never and command == "u_y":
-        return note("seen.never-sideways", subject=some[0].path, names=names)
-    code = "seen.never" if never else "seen.command-still"
+        return note("identifiability.never-sideways", subject=some[0].path, names=names)
+    code = "identifiability.never" if never else "identifiability.command-still"
     return note(code, subject=some[0].path, names=names, command=command)
 
 
@@ -66,29 +68,33 @@ def _moved(some: Sequence[Free]) -> Diagnostic | str:
     """Return what the vehicle did, that it does not tell these from each other."""
     axes = {one.axis for one in some if one.axis is not None}
     if axes == {1}:
-        return note("seen.hardly-sideways")
+        return note("identifiability.hardly-sideways")
     frictions = {one.path.partition("[")[0] for one in some if one.axis is not None and one.of.role != "gain"}
     if len(axes) == 1 and len(frictions) > 1:
-        return note("seen.few-speeds") if axes == {0} else note("seen.few-turn-rates")
+        return note("identifiability.few-speeds") if axes == {0} else note("identifiability.few-turn-rates")
     return ""
 
 
 def _by_hand(one: Free) -> Diagnostic:
-    return note("seen.by-hand", by=one.of.measured_by) if one.of.measured_by else note("seen.fix-one")
+    return (
+        note("identifiability.by-hand", by=one.of.measured_by)
+        if one.of.measured_by
+        else note("identifiability.fix-one")
+    )
 
 
 def _apart(some: Sequence[Free]) -> Diagnostic | str:
     """Return the motions that tell them from each other, two at most."""
     motions = [*dict.fromkeys(one.shown_by for one in some if one.shown_by)][:2]
     if len(motions) == 2:
-        return note("seen.apart-by-two", first=motions[0], second=motions[1])
-    return note("seen.apart", motion=motions[0]) if motions else ""
+        return note("identifiability.apart-by-two", first=motions[0], second=motions[1])
+    return note("identifiability.apart", motion=motions[0]) if motions else ""
 
 
 def _needs(one: Free) -> Diagnostic:
     if one.shown_by:
-        return note("seen.needs", motion=one.shown_by)
+        return note("identifiability.needs", motion=one.shown_by)
     if one.of.role == "gain" and one.of.shape == (3, 3):
         row, column = (AXES[i] for i in one.entry)
-        return note("seen.needs-command", command=column, motion=row)
-    return note("seen.needs-run")
+        return note("identifiability.needs-command", command=column, motion=row)
+    return note("identifiability.needs-run")

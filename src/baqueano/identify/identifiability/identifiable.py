@@ -3,13 +3,13 @@
     C_ij = A_ij / √(A_ii A_jj)                   information in units of each parameter's own effect      (1)
     s_i  = √((E_c − 30) / A_ii^c)                the change of θ_i that is as large as a signal itself    (2)
 
-A_ii^c is the information of the channel c that has most of it on θ_i, E_c the energy of what the model says there, both
-in standard deviations of the noise; 30 is what a fit to noise alone may have. A direction v with C v ≈ 0 moves no
-measurement: one of its parameters is held, by preference one that scale or tape can measure, of two starts the one
-that the data show less. Held is also what has an error above `BLIND` s_i, or half the span of its bounds, and a scale
-known no better than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL`
-of (2) is weak. What it could be mistaken for: parameters with `LOADING` of the largest entry of the direction v_j of
-C that has most of its variance, Σ_j v_ij²/λ_j. In words: identifiability/advice.py.
+A_ii^c is the information of the channel c that has most of it on θ_i; E_c is the energy of the model's signal there.
+Both are in standard deviations of the noise; 30 is what a fit to noise alone may have. A direction v with C v ≈ 0 moves
+no measurement: one of its parameters is held, by preference one that scale or tape can measure, of two starts the one
+that the data show less. Fixed is also what has an error above `BLIND` s_i, or half the span of its bounds. So is a
+scale known no better than by its data sheet, `TOLERANCE`. One with an error above `WEAK_VALUE` of its value and
+`WEAK_SIGNAL` of (2) is weak. What it could be mistaken for: parameters with `LOADING` of the largest entry of the
+direction v_j of C that has most of its variance, Σ_j v_ij²/λ_j. In words: identifiability/advice.py.
 """
 
 from collections.abc import Mapping, Sequence

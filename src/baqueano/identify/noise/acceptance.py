@@ -78,12 +78,15 @@ class Acceptance(NamedTuple):
 
 
 def accepted(
-    ekf: AugmentedEkf, found_again: Callable[[], AugmentedEkf], unseen: Sequence[Run], backend: str = "auto"
+    ekf: AugmentedEkf,
+    found_again: Callable[[], AugmentedEkf],
+    validation_runs: Sequence[Run],
+    backend: str = "auto",
 ) -> tuple[AugmentedEkf, Acceptance]:
-    """Return the filter whose noise is to be written: `ekf` if the `unseen` runs agree with it, else that of
+    """Return the filter whose noise is to be written: `ekf` if the `validation_runs` runs agree with it, else that of
     `found_again()`, the noise over all runs; and one sentence."""
-    runs, kernel = ", ".join(run.name for run in unseen), _filtered(ekf, backend)
-    judged = [one for one in nis_of(ekf, unseen, kernel) if one.verdict != FilterBelief.CANNOT_TELL]
+    runs, kernel = ", ".join(run.name for run in validation_runs), _filtered(ekf, backend)
+    judged = [one for one in nis_of(ekf, validation_runs, kernel) if one.verdict != FilterBelief.CANNOT_TELL]
     if not judged:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
     off, code = [one for one in judged if one.disagrees], "noise.holds"
@@ -91,13 +94,13 @@ def accepted(
     if off:
         ekf, code = found_again(), "noise.found-again"
         kernel, names = _filtered(ekf, backend), {one.name for one in off}
-        then = [one for one in nis_of(ekf, unseen, kernel) if one.name in names or one.disagrees]
+        then = [one for one in nis_of(ekf, validation_runs, kernel) if one.name in names or one.disagrees]
         figures |= {"nis": _figures(off), "again": _figures(then)}
         if still := [one for one in then if one.disagrees]:
             return ekf, Acceptance(
                 note("noise.still-off", Severity.WARNING, **figures, **_by_belief(still)), True
             )
-    nees = nees_of(ekf, unseen[0], kernel)
+    nees = nees_of(ekf, validation_runs[0], kernel)
     if wrong := [one for one in nees if one.disagrees]:
         figures = {"nees": _figures(nees), **_by_belief(wrong)}
         return ekf, Acceptance(note("noise.nees-off", Severity.WARNING, **figures), True)

@@ -94,7 +94,7 @@ class AtRest:
         return out
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         head = f"{'':16}{_('mean'):>12} {_('± sd'):>9} {_('scatter'):>10} {_('white'):>10} "
         head += f"{_('instab.'):>10} {_('walk'):>10}"
         lines = [

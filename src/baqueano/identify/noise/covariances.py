@@ -125,7 +125,7 @@ class Noise(Result):
         return out
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         rows = self.rows()
         wide = max([12, *(len(row["name"]) for row in rows)])
         lines = [f"{'':{wide}} {_('in motion'):>11} {_('at rest'):>11}   {_('standard deviations')}"]
@@ -219,13 +219,13 @@ def measure_noise(
         f"{name}[{i}]": channel_unit(fit.file, name, i) for name, q in moving.items() for i in range(len(q))
     }
     if fit.file.kind("estimator") is AugmentedEkf:
-        own, moved = fit.file.estimator(), dict(moving)
-        filters = cache(lambda names: filter_noise(fit, runs, moved, still, backend, names))
+        own, covariances = fit.file.estimator(), dict(moving)
+        filters = cache(lambda names: filter_noise(fit, runs, covariances, still, backend, names))
         speed = speed_channels(filters, own.speed_from, held_out, backend)
         names, checked = speed.names if speed else own.speed_from, None
         ekf = filters(names)
         if held_out:
-            again = partial(filter_noise, fit, [*runs, *held_out], moved, still, backend, names)
+            again = partial(filter_noise, fit, [*runs, *held_out], covariances, still, backend, names)
             ekf, checked = accepted(ekf, again, held_out, backend)
         moving |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}

@@ -3,10 +3,10 @@
     NIS = mean of yᵀ S⁻¹ y / m,   1 where the filter knows how wrong it is                                 (1)
     L   = −½ mean of (log |S| + yᵀ S⁻¹ y),   the higher, the better the filter foretells                   (2)
 
-y are the innovations of the filter with their covariance S over a run that it has not seen, measurements beyond
-FAR standard deviations counted as FAR. The interval of (1) is from means over blocks of BLOCK_S: the innovations
-of a real vehicle are not white, and χ² bands are too narrow for them. NIS alone is a weak test, because the
-measurement noise is most of S: (2) decides.
+y are the innovations of the filter with their covariance S over a validation run. Measurements beyond FAR standard
+deviations count as FAR. The interval of (1) is from means over blocks of BLOCK_S: the innovations of a real vehicle are
+not white, and χ² bands are too narrow for them. NIS alone is a weak test, because the measurement noise is most of S:
+(2) decides.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -74,7 +74,7 @@ class NoiseComparison:
         return [one._asdict() | {"consistent": one.consistent} for one in self.tried]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         on = _("on {runs}", runs=", ".join(self.runs))
         lines = [f"{_('R from'):16}{'NIS':>8} {'95 %':>15}  {_('log-likelihood'):>18}   {on}"]
         for one in self.tried:

@@ -62,8 +62,8 @@ def most_likely(
 
 
 def valley(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The q (n,) between `low` and `high` from which no step of STEPS[-1] improves, along an axis or, from TRADED on,
-    along one axis and back along another: two noises that explain the same trade places."""
+    """Return the q (n,) between `low` and `high` from which no step of STEPS[-1] improves. Steps go along an axis or,
+    from TRADED on, along one axis and back along another: two noises that explain the same trade places."""
     here, axes = cost(q), np.eye(len(q))
     ways = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     traded = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]

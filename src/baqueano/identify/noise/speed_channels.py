@@ -1,7 +1,7 @@
 """Which accelerometers may correct the speed: those that make it better on runs that the fit has not seen.
 
 An accelerometer shows ν̇ and ν_x ν_ψ. A filter that takes its speed from them is better than the model where both fit
-the vehicle, and worse where its tilt, its misalignment or the tyres do not; nothing on board tells which it will be.
+the vehicle. It is worse where its tilt, its misalignment or the tyres do not; nothing on board tells which it will be.
 So each number alone, and all together, is tried on held-out runs in which a witness shows the speed:
 
     r = √(Σ_b e_b² / Σ_b ẽ_b²),   e with the number, ẽ without, b blocks of BLOCK_S                       (1)
@@ -43,7 +43,7 @@ class SpeedChannels(NamedTuple):
 def speed_channels(
     filters: Callable[[tuple[str, ...]], AugmentedEkf],
     own: tuple[str, ...],
-    unseen: Sequence[Run],
+    validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> SpeedChannels | None:
     """Return which numbers may correct the speed; None for a filter without accelerometers.  (1)
@@ -54,7 +54,7 @@ def speed_channels(
     numbers = tuple(_undecided(alone))
     if not numbers:
         return None
-    witnesses = [(run, *_witness(run, alone)) for run in unseen]
+    witnesses = [(run, *_witness(run, alone)) for run in validation_runs]
     with_speed = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
     if not with_speed:
         code = "speed.by-the-file" if own else "speed.by-the-model"

@@ -1,4 +1,4 @@
-"""Q of a sensor of which not all channels took part in a fit: such a channel has no residuals.
+"""Q of a sensor of which not all channels took part in a fit: such a channel lacks residuals.
 
     σ_i = the file's,   where it has one for every channel of the sensor; else, of these the first above 0    (1)
     σ_i = the residuals of a channel that took part,   else the scatter of its readings at rest,   else
@@ -24,7 +24,7 @@ def not_fitted(
     name: str, block: Tree, took_part: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
     """Q (m, m) of a sensor; `took_part` (m,) are the variances of the residuals of its channels, 0 for those that took
-    no part. None where the runs have no such sensor.  (1)"""
+    no part. None where the runs lack such a sensor.  (1)"""
     of_file = np.diagonal(block.cov)
     if np.all(of_file > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))

@@ -70,6 +70,12 @@ class Free(NamedTuple):
         """The motion that shows it; "" if nobody says."""
         return words_of(self.of.shown_by, self.entry)
 
+    @property
+    def label(self) -> str:
+        """Its short name for people; "" where its field lacks one, and off the diagonal of a matrix."""
+        diagonal = len(set(self.entry)) <= 1
+        return words_of(self.of.label, self.entry) if diagonal else ""
+
 
 def words_of(words: Words, entry: tuple[int, ...]) -> str:
     """The words of one entry."""
@@ -156,12 +162,13 @@ def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[st
 def enable_parameters(
     blocks: FittedBlocks, free: list[Free], rate_hz: float, u: np.ndarray, slots: Callable[[float], int]
 ) -> tuple[FittedBlocks, list[Free]]:
-    """The blocks with what the free numbers need to be seen, and the bounds that this sets; u (N, n) are all
-    commands of the runs, `slots` tells how many rows a delay needs.
+    """Prepare the model so that every free parameter affects the output; return it with the implied bounds.
 
-    A delay gets enough past; a lag of 0 begins at FIRST_LAG ticks; the end of a motor
-    lies below the largest command, or nothing shows it; with the battery's effect free the voltage of the runs is
-    believed; friction stops nothing within so little of a tick that it cannot be integrated.
+    u (N, n): all commands of the runs. `slots`: returns the number of rows that a delay needs.
+
+    A delay gets a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor lies below the
+    largest command, or the data cannot determine it. A free effect of the battery uses the logged voltage. Bounds on
+    friction keep the motion integrable within a tick.
     """
     paths = [one.path for one in free]
     if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:

@@ -35,7 +35,7 @@ from baqueano.identify.parameters.free import (
 )
 from baqueano.printable import typed
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import Signal, begun, shown, tells_pose
+from baqueano.sensors.sampling import Signal, steady_signal, step_signal, tells_pose
 from baqueano.signals import ByName, Motion
 from baqueano.vehicles.freedoms import kept
 
@@ -126,7 +126,7 @@ def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
-            raise UsageError(fault("clock.not-believed", sensor=name, known=names))
+            raise UsageError(fault("clock.unreliable", sensor=name, known=names))
     poses = any(tells_pose(sensor) for sensor in blocks.sensors)
     return replace(options, segment_s=POSE_S) if poses and options.segment_s is None else options
 
@@ -288,14 +288,16 @@ def example(blocks: FittedBlocks, shape: Shape) -> np.ndarray:
     return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
 
 
-def beginning(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
+def initial_state(
+    blocks: FittedBlocks, shape: Shape
+) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
     """Return the function θ → (vehicle at the start of a piece, signal of each sensor until then)."""
     vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own)
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
         there, vehicle = substitute(blocks, paths, theta), vehicle_at(theta)
         motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, there.model.gravity(vehicle.eta[2]))
-        return vehicle, tuple(begun(sensor, sensor.h(motion)) for sensor in there.sensors)
+        return vehicle, tuple(steady_signal(sensor, sensor.h(motion)) for sensor in there.sensors)
 
     return start
 
@@ -304,5 +306,7 @@ def shown_by(
     sensors: ByName[Tree], signals: tuple[Signal, ...], motion: Motion, dt_s: Value
 ) -> tuple[list[np.ndarray], tuple[Signal, ...]]:
     """Return h of each sensor at the end of a row (m,), and its signal."""
-    both = [shown(sensor, signal, motion, dt_s) for sensor, signal in zip(sensors, signals, strict=True)]
+    both = [
+        step_signal(sensor, signal, motion, dt_s) for sensor, signal in zip(sensors, signals, strict=True)
+    ]
     return [h for _, h in both], tuple(signal for signal, _ in both)

@@ -1,16 +1,16 @@
 """Normal equations of a run in many pieces: an arrow, solved piece by piece.
 
-The start of a piece acts on its own piece alone, as the biases of a run do on the run, so that their blocks never
-meet each other:
+The start of a piece acts on its own piece alone, as the biases of a run do on the run. So their blocks never meet each
+other:
 
     ( S    B_1 … B_K ) ( x )   ( g   )
     ( B_kᵀ     W_k   ) ( y_k ) = ( g_k )                                                                  (1)
 
     (S − Σ B_k W_k⁻¹ B_kᵀ) x = g − Σ B_k W_k⁻¹ g_k,      y_k = W_k⁻¹ (g_k − B_kᵀ x)                        (2)
 
-x what all pieces share, y_k what piece k has for itself: K small solves and one of the size of x in place of one of
-the size of all, and nothing of that size is ever stored. Source: Schur's complement, as in bundle adjustment
-(Brown 1958). What the data say of x with the starts taken out is the same complement: data/segments.py.
+x what all pieces share, y_k what piece k has for itself: K small solves and one of the size of x replace one of the
+size of all. Nothing of that size is ever stored. Source: Schur's complement, as in bundle adjustment (Brown 1958). What
+the data say of x with the starts taken out is the same complement: data/segments.py.
 """
 
 from collections.abc import Sequence
@@ -135,7 +135,7 @@ class Evaluation(NamedTuple):
     hessian: np.ndarray | BlockArrow  # (p, p)
 
 
-def begun(diagonal: np.ndarray, places: Places | None) -> np.ndarray | BlockArrow:
+def diagonal_matrix(diagonal: np.ndarray, places: Places | None) -> np.ndarray | BlockArrow:
     """diag(diagonal) (p, p), to be summed into."""
     return np.diag(diagonal) if places is None else BlockArrow.of_diagonal(places, diagonal)
 

@@ -25,10 +25,10 @@ from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.parameters.free import DELAY, substitute
-from baqueano.identify.parameters.setup import Shape, beginning, example, vehicle_at_start
+from baqueano.identify.parameters.setup import Shape, example, initial_state, vehicle_at_start
 from baqueano.identify.residuals.noise_level import MAD, profile_of_slow
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
-from baqueano.sensors.sampling import Signal, low_pass_s, shown
+from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
@@ -45,7 +45,7 @@ FEWEST = 64  # rows of a piece, below which the gyro leads alone
 class GyroAidedState(NamedTuple):
     """State of the two simulations."""
 
-    led: Tree  # by the gyro
+    gyro_aided: Tree  # by the gyro
     free: Any  # of it
     signals: tuple[Signal, Signal]  # of the IMU on each of them
     before: np.ndarray  # h of the row before (3,); (0,) where it is not needed
@@ -122,7 +122,7 @@ def _led(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) ->
     z, has, sample_fraction = record.sensors[imu]
     there = has[:, 2] > 0.0
     if np.sum(there) < 2:
-        raise UsageError(fault("led.silent-gyro", run=record.name))
+        raise UsageError(fault("imu-only.silent-gyro", run=record.name))
     block = blocks.sensors[0]
     late_s = float(block.delay_s) + float(low_pass_s(block))
     t_s = (
@@ -139,7 +139,7 @@ def _led(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) ->
 
 def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
-    at_start, sample_fraction = beginning(blocks, shape), shape.sample_fraction[0]
+    at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 
     def start(theta: np.ndarray) -> GyroAidedState:
         vehicle, (signal,) = at_start(theta)
@@ -148,22 +148,22 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
         there = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
         imu = there.sensors[0]
-        at = with_speed(there.model, state.free.nu, state.led.nu[0])
+        at = with_speed(there.model, state.free.nu, state.gyro_aided.nu[0])
         free, motion = there.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
-        led, readings = move(there, state.led, row)
-        of_led, accel = shown(imu, state.signals[0], readings, row[0])
-        of_free, gyro = shown(imu, state.signals[1], motion, row[0])
+        aided, readings = move(there, state.gyro_aided, row)
+        of_aided, accel = step_signal(imu, state.signals[0], readings, row[0])
+        of_free, gyro = step_signal(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
         delayed = h + row[7 + n] * (state.before - h) if sample_fraction else h
-        moving = GyroAidedState(led, free, (of_led, of_free), h if sample_fraction else state.before)
+        moving = GyroAidedState(aided, free, (of_aided, of_free), h if sample_fraction else state.before)
         return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - delayed)
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
 def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    """ν_x of the simulation that is led, and what the gyro says and its slope in that of the commands, (3,), from
-    the same rows and θ."""
+    """Return (3,) from the same rows and θ: ν_x of the gyro-aided simulation, the gyro in that of the commands, and its
+    slope."""
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start = vehicle_at_start(blocks, shape)
 
@@ -172,13 +172,13 @@ def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
         there = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
-        imu, led, free = there.sensors[0], *state
-        at = with_speed(there.model, free.nu, led.nu[0])
+        imu, aided, free = there.sensors[0], *state
+        at = with_speed(there.model, free.nu, aided.nu[0])
         free, motion = there.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
-        led, readings = move(there, led, row)
+        aided, readings = move(there, aided, row)
         says = imu.h(motion)[2]
         slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - says
-        return (led, free), np.array([readings.nu[0], says, slope])
+        return (aided, free), np.array([readings.nu[0], says, slope])
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 

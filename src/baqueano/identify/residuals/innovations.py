@@ -19,12 +19,12 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import mirrored
-from baqueano.estimators.kalman import correct, moved
+from baqueano.estimators.kalman import boxplus, correct
 from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import substitute, value
-from baqueano.identify.parameters.setup import Shape, beginning
-from baqueano.sensors.sampling import Signal, difference, low_pass_s, shown
+from baqueano.identify.parameters.setup import Shape, initial_state
+from baqueano.sensors.sampling import Signal, difference, low_pass_s, step_signal
 from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan
 from baqueano.symbolic.scan import Scan
@@ -62,7 +62,7 @@ class PredictedState(NamedTuple):
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:
-    """The entries of `process_noise_std` that move ν; UsageError for a vehicle that has none."""
+    """The entries of `process_noise_std` that move ν; UsageError for a vehicle without one."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
         raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
     kick = _kick(model, 1.0)
@@ -86,7 +86,7 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     m, paths, axes = sum(sizes), (*shape.shared, *shape.own), axes_of(blocks.model)
     size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.sample_fraction) + shape.volts
 
-    start_of = beginning(blocks, shape)
+    start_of = initial_state(blocks, shape)
 
     def start(theta: np.ndarray) -> FilterState:
         vehicle, signals = start_of(theta[: shape.size])
@@ -151,7 +151,7 @@ def _innovated(
     """Sensor by sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h, behind its low-pass."""
     gaps, slopes, lines, at, turn = [], [], [], 0, 0
     for k, sensor in enumerate(sensors):
-        signal, shown_h = shown(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
+        signal, shown_h = step_signal(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
         h = signal.smooth if len(signal.smooth) else sensor.h(ahead.motion(ahead.mean))
         if shape.sample_fraction[k]:
             shown_h = shown_h + sample_fraction[turn] * difference(sensor, state.before[k], shown_h)
@@ -189,7 +189,7 @@ def _moved(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndar
     """η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
         return ahead.eta, ahead.mean + move
-    x = moved(ahead.mean, move)
+    x = boxplus(ahead.mean, move)
     return x[:3], x[3:]
 
 

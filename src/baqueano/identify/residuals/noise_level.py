@@ -83,7 +83,7 @@ def sigma_of_few(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarra
 
 
 def _steps(block: Tree) -> np.ndarray:
-    """Return the steps (m,) of a sensor's converter, 0 where it has none."""
+    """Return the steps (m,) of a sensor's converter, 0 without one."""
     if not has_field(block, "accel_step"):
         return np.zeros(block.size)
     return np.array([block.accel_step, block.accel_step, block.gyro_step])

@@ -3,11 +3,11 @@
     x_k = step(vehicle(θ), x_{k−1}, u_k, dt_k),   x_0 from ν₀                                             (1)
     r_k = W_k (z_k − h_θ(x_k))                                                                            (2)
 
-W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W),
-and for sensors whose stamps lie between ticks the part of the step by which they do; there
-h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free, h is read from a line of the past (data/record.py).
-The model is simulated from its start to the end without a look at a measurement: simulation error, the cost
-`equ:cost_function` of Grotz et al. docs/derivations/residuals_and_sensitivities.md has the rest.
+W holds 1/σ of each channel, 0 where nothing was measured: a row of the kernel's input is (dt, u, z, W); for stamps
+between ticks it ends with the part of the step; there h = h_k + early (h_{k−1} − h_k). Where a sensor's clock is free,
+h is read from a line of the past (data/record.py). The model is simulated from its start to the end without a look at a
+measurement: simulation error, the cost `equ:cost_function` of Grotz et al.
+docs/derivations/residuals_and_sensitivities.md has the rest.
 """
 
 from collections import OrderedDict
@@ -25,9 +25,8 @@ from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import ThetaLayout
 from baqueano.identify.parallel import each
 from baqueano.identify.parameters.free import substitute
-from baqueano.identify.parameters.setup import Shape, beginning, example, shown_by, vehicle_at_start
-from baqueano.identify.residuals.block_arrow import Evaluation, add, places_of
-from baqueano.identify.residuals.block_arrow import begun as begun_arrow
+from baqueano.identify.parameters.setup import Shape, example, initial_state, shown_by, vehicle_at_start
+from baqueano.identify.residuals.block_arrow import Evaluation, add, diagonal_matrix, places_of
 from baqueano.identify.residuals.noise_level import profile_by_speed, telling
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
@@ -187,7 +186,7 @@ class Residuals:
             return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
         prior = self._prior if huber is not None else np.zeros(self.size)
         cost, g = 0.5 * float(prior @ theta**2), prior * theta
-        H = begun_arrow(prior, self._places)
+        H = diagonal_matrix(prior, self._places)
         parts = self._each(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
         for (c, g_r, _), index in zip(parts, self._index, strict=True):
             cost += c
@@ -212,7 +211,7 @@ class Residuals:
         return each(what, self._rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece r (N, m) in standard deviations; 0 where there is no measurement. Not to be written to."""
+        """Per piece r (N, m) in standard deviations; 0 without a measurement. Not to be written to."""
 
         def of(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
             return np.asarray(self.scan.run(rows, theta[index])[1])
@@ -220,7 +219,7 @@ class Residuals:
         return self._once("residuals", theta, lambda: self._each(of))
 
     def misfits(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Per piece z − h (N, m) in the sensors' units; 0 where there is no measurement."""
+        """Per piece z − h (N, m) in the sensors' units; 0 without a measurement."""
         out = zip(self.residuals(theta), self.weights, strict=True)
         return [r / np.where(weight > 0.0, weight, 1.0) for r, weight in out]
 
@@ -323,7 +322,7 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
 
-    at_start = beginning(blocks, shape)
+    at_start = initial_state(blocks, shape)
 
     def start(theta: np.ndarray) -> SimulationState:
         vehicle, signals = at_start(theta)

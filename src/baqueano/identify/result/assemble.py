@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.information import COLOUR, covariance_of, inverse
 from baqueano.identify.covariance.jackknife import jackknife, no_smaller
@@ -21,6 +22,7 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
 from baqueano.identify.result.verdict import Evidence, noted, verdict_of
+from baqueano.language import translated as _
 
 if TYPE_CHECKING:
     pass
@@ -42,9 +44,9 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     """Return all that a verdict on a finished search rests on."""
     cov = _covariance(end)
     sd = np.sqrt(np.diagonal(cov))
-    unseen, never = _unseen(end)
+    unobservable_terms, never = _unseen(end)
     doubts, off = _doubts(end, sd)
-    evidence = _evidence(end, doubts, unseen)
+    evidence = _evidence(end, doubts, unobservable_terms)
     far = _placed(end, _held_back(end, sd), 0.0) > HELD_BACK
     return VerdictBasis(cov, off, evidence, np.where(far, evidence.bound, 0), never)
 
@@ -57,7 +59,7 @@ def only_autocorrelated(basis: VerdictBasis) -> bool:
 
 def _explained(evidence: Evidence) -> Evidence:
     """The evidence without the colour and the size of residuals, which a floor explains."""
-    messages = tuple(one for one in evidence.messages if one.code != "residual.coloured")
+    messages = tuple(one for one in evidence.messages if one.code != "residual.autocorrelated")
     return evidence._replace(messages=messages, prior_sigma=None, colour=np.zeros(len(evidence.colour)))
 
 
@@ -89,7 +91,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         notes=(*_notes(end), *noted(evidence._replace(bound=evidence.bound - basis.held_back))),
         channels=evidence.channels,
         sigma=_by_sensor(problem, end.search.sigma),
-        coloured=end.info.coloured,
+        autocorrelated=end.info.autocorrelated,
         converged=solution.converged,
         cost=solution.at.cost,
         evaluations=end.search.evaluations,
@@ -104,7 +106,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
 
 def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
     """All diagnostics of the fit, and by how much they say that parameters are off."""
-    if not end.ask or end.search.stopped or _stopped(end, "asking what is not in the model"):
+    if not end.ask or end.search.stopped or _stopped(end, _("testing for effects that the model lacks")):
         return end.doubts, {}
     messages, off = diagnose(end, sd, sigma_of_file(end.blocks))
     return tuple(messages), off
@@ -124,7 +126,9 @@ def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     return out
 
 
-def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Diagnostic, ...]) -> Evidence:
+def _evidence(
+    end: FinishedFit, doubts: tuple[Diagnostic, ...], unobservable_terms: tuple[Diagnostic, ...]
+) -> Evidence:
     """Return the evidence for the verdict."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     identifiable = end.identifiability.mask[:s]
@@ -134,7 +138,7 @@ def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Di
         _placed(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _placed(end, end.identifiability.weak[:s], False).astype(bool),
         len(end.frozen),
-        unseen,
+        unobservable_terms,
         _channels(end.task.problem, solution.theta, end.search.sigma, end.info.colour),
         solution.converged,
         end.info.colour,
@@ -147,7 +151,7 @@ def _evidence(end: FinishedFit, doubts: tuple[Diagnostic, ...], unseen: tuple[Di
 
 
 def _stopped(end: FinishedFit, text: str) -> bool:
-    """Says what comes; whether whoever is told wants no more than there is."""
+    """Report the next stage; return True if the caller asked to stop."""
     return end.task.say is not None and end.task.say(text) is True
 
 
@@ -250,7 +254,7 @@ def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
 
 def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return findings on parameters that a better run would show, and on those that no run can."""
-    unseen, never = [], []
+    unobservable_terms, never = [], []
     columns: dict[int, list[Free]] = {}
     for one in (end.wanted[k] for k in end.frozen):
         assert one.column is not None
@@ -259,12 +263,12 @@ def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic,
     for j, some in columns.items():
         cannot = bool(end.file.command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
         message = missing_command(some, end.file.command.names[j], cannot)
-        (never if cannot else unseen).append(message)
+        (never if cannot else unobservable_terms).append(message)
     for i, one in enumerate(end.free):
         if not end.identifiability.mask[i]:
             ties, near = end.like(end.identifiability.collinear, i), end.like(end.identifiability.near, i)
-            unseen.append(unobservable(one, ties, float(end.task.first[i]), near))
-    return tuple(unseen), tuple(never)
+            unobservable_terms.append(unobservable(one, ties, float(end.task.first[i]), near))
+    return tuple(unobservable_terms), tuple(never)
 
 
 def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:
@@ -288,7 +292,7 @@ def _moving(end: FinishedFit) -> str:
 def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     problem = end.task.problem
     records = {record.run: record for record in problem.records}.values()
-    messages = [*([end.note] if end.note else []), *_sums(end), *_horizon(problem, end.search.solution.theta)]
+    messages = [*([end.note] if end.note else []), *_horizon(problem, end.search.solution.theta), *_sums(end)]
     for r in records:
         of_run = {"of_run": r.name} if len(records) > 1 else {}
         messages += [replace(one, figures={**one.figures, **of_run}) for one in r.notes]
@@ -300,12 +304,22 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
 
 
 def _sums(end: FinishedFit) -> list[Diagnostic]:
-    """Return a note on parameters of which a run shows the sum only."""
-    names, imus = end.task.problem.shape.shared, end.blocks.sensors._asdict().items()
-    unfiltered = [name for name, block in imus if not getattr(block, "has_low_pass", True)]
-    if DELAY not in names or len(unfiltered) < len(end.blocks.sensors):
-        return []
-    return [note("delay.sum", subject=unfiltered[0])]
+    """Return a note on each pair of parameters of which a run shows the sum only."""
+    shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
+    tilted = [
+        name for name, block in blocks
+        if has_field(block, "tilt_rad") and not _any_of(shape.shared, f"sensors.{name}.tilt_rad")
+        and _any_of((*shape.shared, *shape.own), f"sensors.{name}.accel_bias")
+    ]  # fmt: skip
+    unfiltered = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
+    delays = unfiltered[:1] if DELAY in shape.shared and len(unfiltered) == len(blocks) else []
+    return [note("delay.sum", subject=name) for name in delays] + [
+        note("bias.tilt-sum", subject=name) for name in tilted
+    ]
+
+
+def _any_of(paths: tuple[str, ...], key: str) -> bool:
+    return any(path.partition("[")[0] == key for path in paths)
 
 
 def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:

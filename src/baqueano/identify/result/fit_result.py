@@ -79,7 +79,7 @@ class Fit(Result):
         Measurement and prediction of each channel in each run.
     sigma : dict of str to ndarray (m,)
         Sensor → standard deviation of its noise.
-    coloured : bool
+    autocorrelated : bool
         The residuals are autocorrelated, and the errors were widened for it.
     converged : bool
         The search ended at a minimum.
@@ -124,7 +124,7 @@ class Fit(Result):
     notes: tuple[Diagnostic, ...]
     channels: tuple[ChannelFit, ...] = field(repr=False)
     sigma: dict[str, np.ndarray]
-    coloured: bool
+    autocorrelated: bool
     converged: bool
     cost: float
     evaluations: int
@@ -221,8 +221,10 @@ class Fit(Result):
         lines = [f"{_('parameter'):{wide}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
         for row in self.rows():
             if row["estimate"] is None:
-                start_text = _("held at {start:.4g}", start=row["start"])
-                lines.append(f"{short(row['name']):{wide}}  {_('not seen'):>12}   {'':>10}  {start_text}")
+                start_text = _("fixed at {start:.4g}", start=row["start"])
+                lines.append(
+                    f"{short(row['name']):{wide}}  {_('not identifiable'):>12}   {'':>10}  {start_text}"
+                )
                 continue
             remarks = marks(row)
             sd = f"{number(row['sd']):.2g}" if row["sd"] is not None else "?"
@@ -254,7 +256,7 @@ class Fit(Result):
             return self._asked_together(rows)
         out = []
         for row in rows:
-            sd = _("not seen") if row["sd"] is None else f"± {number(row['sd']):.2g}"
+            sd = _("not identifiable") if row["sd"] is None else f"± {number(row['sd']):.2g}"
             unit = _(" s, to be added to its stamps") if row["name"].startswith("clock.") else ""
             out.append(_("{name} of {run}: {estimate:.5g} {sd}{unit}", **row | {"sd": sd, "unit": unit}))
         return [*out, ""] if out else []
@@ -340,11 +342,11 @@ def marks(row: dict[str, Any]) -> str:
     """Return the marks of a row of `Fit.rows()`, "" without any."""
     value, sd = row["estimate"], row["sd"]
     if value is None:
-        return _("not seen")
+        return _("not identifiable")
     texts_ = [_(BOUNDS[row["bound"]])] if row["bound"] else []
-    texts_ += [_("weakly seen")] if row["observable"] == "weak" else []
+    texts_ += [_("poorly identified")] if row["observable"] == "weak" else []
     if sd is None:
-        texts_.append(_("its error is not known"))
+        texts_.append(_("its error is unknown"))
     elif abs(value) < QUANTILE_95 * sd:
         texts_.append(_("may be 0"))
     elif abs(value) < 2.0 * QUANTILE_95 * sd:
@@ -355,15 +357,16 @@ def marks(row: dict[str, Any]) -> str:
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     """Return the verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
     lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
-    reasons, unseen, notes = (grouped(by_weight(one)) for one in lists)
+    reasons, unobservable, notes = (grouped(by_weight(one)) for one in lists)
     if len(reasons) == 1:
         lines = [f"{_(fit.verdict)}: {reasons[0]}"]
     else:
         lines = [f"{_(fit.verdict)}: {text(MEANS.get(fit.verdict))}"]
         lines += [f"- {one}" for one in reasons[:REASONS]]
-    lines += [f"- {one}" for one in (*unseen[:UNSEEN], *notes[:NOTES])]
+    lines += [f"- {one}" for one in (*unobservable[:UNSEEN], *notes[:NOTES])]
     more = sum(
-        max(0, len(lines_of) - n) for lines_of, n in ((reasons, REASONS), (unseen, UNSEEN), (notes, NOTES))
+        max(0, len(lines_of) - n)
+        for lines_of, n in ((reasons, REASONS), (unobservable, UNSEEN), (notes, NOTES))
     )
     if not more:
         return lines

@@ -66,7 +66,7 @@ def choose_objective(
     details = odds | {"apart": apart, "open_loop": _open_loop(both)}
     if apart > both.limit or both.worse:
         return ObjectiveChoice("simulation", note("cost.neither", subject=name, **details), False, True)
-    explains = not likely.info.coloured and not np.any(times > ABOVE_NOISE)
+    explains = not likely.info.autocorrelated and not np.any(times > ABOVE_NOISE)
     if both.better:
         return ObjectiveChoice("innovations", note("cost.innovations", **details), explains)
     return ObjectiveChoice("simulation", note("cost.simulation", **details), explains)
@@ -138,7 +138,7 @@ class LeftOutBlocks(NamedTuple):
         return float(self.apart[k]), self.names[k]
 
 
-class _Block(NamedTuple):
+class _ObjectiveBlock(NamedTuple):
     """A block's gradient and Hessian at an answer, and the slopes of its open-loop residuals."""
 
     g: np.ndarray  # (q,)
@@ -175,17 +175,17 @@ def leave_one_out(
     return LeftOutBlocks(np.subtract(more, cost), float(np.sum(cost)), apart, [names[k] for k in both])
 
 
-def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_Block]:
+def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_ObjectiveBlock]:
     block_s = block_of(problem)
     for (r, d, at), record in zip(slopes_of(problem, theta), problem.records, strict=True):
         for a, b in pairwise(edges_of(record, block_s, len(r))):
             e, slopes = r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2])
             inside = slopes[np.abs(e) < HUBER]
             g = np.clip(e, -HUBER, HUBER) @ slopes
-            yield _Block(g, inside.T @ inside, at, e, slopes, at)
+            yield _ObjectiveBlock(g, inside.T @ inside, at, e, slopes, at)
 
 
-def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -> Iterator[_Block]:
+def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -> Iterator[_ObjectiveBlock]:
     block_s, p = block_of(problem), problem.size
     pieces = zip(
         slopes_of(problem, x[:p]), prediction.slopes(x), problem.records, strict=True
@@ -199,7 +199,7 @@ def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -
             )
             g = (weight(e) * e) @ by_e + 0.5 * BETA * by_s.sum(axis=0)
             A = (slope(e)[:, None] * by_e).T @ by_e + 0.25 * BETA * by_s.T @ by_s
-            yield _Block(g, A, one.places, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), of)
+            yield _ObjectiveBlock(g, A, one.places, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), of)
 
 
 def _without_start(one: Slopes, problem: Residuals) -> Slopes:
@@ -213,7 +213,7 @@ def _without_start(one: Slopes, problem: Residuals) -> Slopes:
     )
 
 
-def _without(blocks: Sequence[_Block], identifiable: np.ndarray) -> np.ndarray:
+def _without(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.ndarray:
     """(n, p) by which an answer moves without each block; only the entries `kept` do.  (1)"""
     place = np.full(1 + max(int(max(block.at.max(), block.of.max())) for block in blocks), -1)
     place[identifiable] = np.arange(len(identifiable))
@@ -232,7 +232,7 @@ def _without(blocks: Sequence[_Block], identifiable: np.ndarray) -> np.ndarray:
     return out
 
 
-def _cost(block: _Block, moved: np.ndarray) -> float:
+def _cost(block: _ObjectiveBlock, moved: np.ndarray) -> float:
     """C_b of the open-loop residuals once the answer has moved."""
     with np.errstate(invalid="ignore", over="ignore"):  # a model that ran away
         r = np.abs(block.r + block.d @ moved[block.of])

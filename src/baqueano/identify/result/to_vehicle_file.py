@@ -7,7 +7,7 @@ A bias b ± s that a run has for itself is not written where the file knows it b
 A floor that disturbs the vehicle shows a bias of its gyro to a few hundredths of a rad/s. Where the file is
 contradicted, b is written, with s in the place of s₀.
 
-The envelope is the range of each command and of each channel whose h follows ν, without what is beyond OUTLIER
+The envelope is the range of each command and of each channel whose h follows ν. It is without readings beyond OUTLIER
 standard deviations of the model.
 """
 

@@ -120,14 +120,14 @@ def _refused(e: Evidence) -> list[Diagnostic]:
 def _unseen(e: Evidence) -> list[Diagnostic]:
     """Return why too few of the parameters are identified."""
     free, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
-    unseen = free - int(np.sum(np.isfinite(e.estimate)))
-    if free and unseen == free:
+    unidentified = free - int(np.sum(np.isfinite(e.estimate)))
+    if free and unidentified == free:
         return [note("fit.nothing-seen", ERROR, asked=free)]
-    if unseen > UNSEEN * free:
-        return [note("fit.most-unseen", ERROR, unseen=unseen, asked=free)]
-    if unseen + weak > UNSEEN * free:
-        code = "fit.most-unseen-or-weak" if unseen else "fit.most-weak"
-        return [note(code, ERROR, asked=free, unseen=unseen, weak=weak)]
+    if unidentified > UNSEEN * free:
+        return [note("fit.most-unseen", ERROR, unseen=unidentified, asked=free)]
+    if unidentified + weak > UNSEEN * free:
+        code = "fit.most-unseen-or-weak" if unidentified else "fit.most-weak"
+        return [note(code, ERROR, asked=free, unseen=unidentified, weak=weak)]
     return []
 
 
@@ -141,7 +141,7 @@ def _doubts(e: Evidence) -> list[Diagnostic]:
     out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
     if e.unobservable:
         out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
-    subjects = {one.subject for one in e.messages if one.code == "residual.coloured"}
+    subjects = {one.subject for one in e.messages if one.code == "residual.autocorrelated"}
     for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False):
         if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in subjects:
             out.append(note("residual.lacking", WARNING, subject=label))

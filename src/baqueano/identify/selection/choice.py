@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 NO_EVIDENCE = N_(
-    "One step ahead every model is good: it starts from the sample before. Such scores are no evidence, and none "
-    "was used."
+    "One step ahead every model is good, because it starts from the previous sample. Such scores "
+    "prove nothing, and were not used."
 )
 
 

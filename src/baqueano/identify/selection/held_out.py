@@ -10,7 +10,7 @@ found on them; runs that are named, as the only fold. A block has 5 s, 2 s where
 memory of a small vehicle, so that sums are independent. (3) is a paired t test on logarithms: what a term brings
 differs by orders of magnitude between blocks. c keeps out blocks below a third of the noise. A term that is not there
 fits noise, so that mean g < 0 and the test is safer than α. (4) counts independent pieces of motion by the turning
-points of a command, swings below SWING left out (Bienaymé 1874), and asks for as many as the sign test needs.
+points of a command, swings below SWING left out (Bienaymé 1874). As many are needed as the sign test asks for.
 """
 
 from collections.abc import Sequence

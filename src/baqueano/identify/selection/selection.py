@@ -123,7 +123,7 @@ def choose(
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, any_way, battery))
     least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
-    report(_("fitting the least model"))
+    report(_("fitting the smallest model"))
     base = how.fit(bare, least)
     terms = candidate_terms(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
     terms = [
@@ -161,11 +161,11 @@ class _Growing:
         self, how: How, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
-        runs, use, options, unseen = how
+        runs, use, options, validation_runs = how
         self.how, self.said_least, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
-        blocks, runs, only = sensors_of(file, [*runs, *unseen], use)
+        blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
         if any(tells_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
         options = for_sensors(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
@@ -179,7 +179,7 @@ class _Growing:
         self.paths = [one.path for one in wanted]
         shape = shape_of(blocks, wanted, records, options)
         rest = [begins_at_rest(run, blocks.sensors) for run in runs]
-        every = HeldOut(blocks, shape, records, rest, len(unseen), how.options.backend)
+        every = HeldOut(blocks, shape, records, rest, len(validation_runs), how.options.backend)
         theta, every.low, every.high = first_theta(blocks, wanted, shape, records, FitOptions())
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are none
@@ -198,26 +198,28 @@ class _Growing:
 
     @property
     def rule(self) -> str:
-        """For people."""
+        """Return the table as text."""
         h = self.held_out
         if h.block_s:
             size = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)
         else:
-            size = _("{count} runs, a block each", count=h.count)
+            size = _("{count} runs, each one a block", count=h.count)
         how = _("whole runs") if h.whole_runs else _("{gap_s:g} s beside it not used", gap_s=GAP_S)
         judged = _(
-            "Each model was fitted without a fifth of the data and judged by its simulation there ({how}; {size}).",
+            "Each model was fitted without a fifth of the data, and tested by its simulation of "
+            "that fifth ({how}; {size}).",
             how=how, size=size,
         )  # fmt: skip
         if h.unseen:
             judged = _(
-                "Each model was fitted to the runs and judged by its simulation of the {unseen} held-out ones "
-                "({size}).",
+                "Each model was fitted to the runs, and tested by its simulation of the {unseen} "
+                "held-out runs ({size}).",
                 unseen=h.unseen, size=size,
             )  # fmt: skip
         needs = _(
-            "A term is taken if the error of a block falls, on average, by more standard errors than Student's t has "
-            "beyond {percent:g} % over all terms in question: so often, at most, a vehicle without any gets one.",
+            "A term is added if the mean error of the blocks falls by more standard errors than "
+            "the {percent:g} % quantile of Student's t, shared by all terms. A vehicle without "
+            "such terms gets one at most that often.",
             percent=100 * ALPHA,
         )
         return f"{judged} {needs}"
@@ -318,7 +320,7 @@ class _Growing:
         """The term that the model needs least, if it does not need it.  (3)"""
         weakest: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
-            self.say(_("is {term} still needed?", term=term.name))
+            self.say(_("testing if {term} is still needed", term=term.name))
             rest = tuple(one for one in model.terms if one is not term)
             free, theta = self._free(rest), model.theta.copy()
             theta[self._at(term)] = self.first[self._at(term)]

@@ -2,10 +2,12 @@
 
 TEMPLATES: dict[str, str] = {
     "cli.words": "{words}",
-    "cli.number": "{option} {found} is refused: expected a number {expected}.",
+    "cli.number": "{option} {found} is not valid: expected a number {expected}.",
     "cli.usage": "{words}. All options: {fix}",
     "cli.interrupted": "stopped from the keyboard.",
-    "cli.memory": "This needs more memory than there is ({error}). Ask for less, in parts.",
+    "cli.memory": (
+        "There is not enough memory for this ({error}). Use a smaller number, in several runs of the command."
+    ),
     "cli.not-compiled": "{error}. Or let Python compute: {fix}",
     "cli.output": "the output",
     "cli.system": "{place}: {error}. Make room or choose another place, then: {fix}",
@@ -28,33 +30,30 @@ TEMPLATES: dict[str, str] = {
     "next.no-file": "{folder} does not contain *{suffix}. Give the path of one in its place.",
     "next.files": "In {folder} there are {files}. Give the path of one in its place.",
     "next.files-and-more": "In {folder} there are {files} and {more} more. Give the path of one in its place.",
-    "cli.block-breaks": "{block} breaks {count} of the promises of a block; each is named above.",
-    "cli.block-room": "--room {found} is unknown. {near}.",
+    "cli.block-breaks": "{block} fails {count} of the checks of a block; each is listed above.",
+    "cli.block-room": "--room {found} does not exist. {near}.",
     "cli.block-without-class": "Write a block as file.py:Class. {holds}.",
     "cli.block-unknown": (
-        'Block "{found}" is unknown. {near}. Write one of yours as file.py:Class. To see ours: {fix}'
+        'Block "{found}" does not exist. {near}. Write one of your own as file.py:Class. To list '
+        "the blocks: {fix}"
     ),
-    "cli.signal-unknown": "--signal {found} is unknown. {near}.",
+    "cli.signal-unknown": "--signal {found} does not exist. {near}.",
     "cli.robot-mistyped": "--robot {found} is not a vehicle's name (pilot@rover.local). {near}.",
     "cli.driver-unknown": "{found} is not a shape or a stored route. {near}.",
-    "cli.not-followed": (
-        "The vehicle did not follow the {shape} at {speed_m_s:g} m/s: {cause}. Drive slower: {fix}"
-    ),
-    "cli.case-unknown": "--case {found} is unknown. {near}.",
+    "cli.not-followed": "The vehicle did not follow the {shape} at {speed_m_s:g} m/s: {cause}. Drive slower: {fix}",
+    "cli.case-unknown": "--case {found} does not exist. {near}.",
     "cli.detectors-failed": "the detectors failed: {reasons}",
-    "cli.cut-after-end": (
-        "From {from_s:g} s to the end {run} does not have a tick: it lasts {duration_s:.2f} s."
-    ),
-    "cli.cut-empty": (
-        "From {from_s:g} s to {to_s:g} s {run} does not have a tick: it lasts {duration_s:.2f} s."
-    ),
-    "cli.stopped": (
-        "The vehicle was stopped: {cause}. The recording until then is in {path}. To see it: {fix}"
-    ),
+    "cli.cut-after-end": "{run} lasts {duration_s:.2f} s, so there is nothing from {from_s:g} s to its end.",
+    "cli.cut-empty": "{run} lasts {duration_s:.2f} s: there is nothing from {from_s:g} s to {to_s:g} s.",
+    "cli.stopped": "The vehicle was stopped: {cause}. The recording until then is in {path}. To see it: {fix}",
     "cli.routes": "The stored routes: {stored}",
     "cli.route-stored": "Stored as {path}. To judge it by your vehicle: {check}. To drive it: {repeat}",
-    "cli.two-tolerances": "--rms and --max are two tolerances: give one of them.",
+    "cli.two-tolerances": "--rms and --max are two tolerances: give only one.",
     "cli.start-without-room": "--start is a place in a room: give the room too, as --room 2x3.",
+    "cli.from-unreadable": (
+        'from "{found}": expected x, y and a heading in metres and degrees, from where the route begins, as '
+        "-0.5,0.2,30."
+    ),
     "cli.start-unreadable": (
         'start "{found}": expected x, y and a heading in metres and degrees, from the middle of the room, as '
         "0.5,-0.2,90."
@@ -62,8 +61,8 @@ TEMPLATES: dict[str, str] = {
     "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",
     "cli.no-routes": "Routes are not stored there yet",
     "cli.runs-named-oddly": (
-        "{host} has {count} runs with names that cannot be used: {found}. Expected a plain name as lap.mcap. They were "
-        "not copied. Give them another name there: {fix}"
+        "{host} has {count} runs with names that cannot be used: {found}. Expected a plain name "
+        "such as lap.mcap. They were not copied. Rename them there: {fix}"
     ),
     "cli.data-unseen": "To see the data: {fix}",
     "cli.data-in-report": "The report shows the data",
@@ -76,60 +75,57 @@ TEMPLATES: dict[str, str] = {
         "kind in a vehicle file and pass that with --vehicle."
     ),
     "cli.rounds-without-designed": (
-        "--rounds {rounds} with --signal {signal}: only a designed experiment learns from the drive "
-        "before. Type: {fix}"
+        "--rounds {rounds} with --signal {signal}: only a designed experiment uses the fit of "
+        "the last drive. Type: {fix}"
     ),
-    "cli.update-without-rounds": (
-        "--update needs --rounds: without a fit there is nothing to write. Type: {fix}"
-    ),
+    "cli.update-without-rounds": "--update needs --rounds: without a fit there is nothing to write. Type: {fix}",
     "cli.round-refused": "the fit of round {round} is refused: {reasons}. The run is {path}.",
     "cli.emulated-by-hand": (
         "The emulated vehicle does not run in real time, so it cannot be driven by hand. Type: {fix}"
     ),
-    "cli.hand-options": "--pad and --no-hold are for driving by hand, and here {driver} drives. Type: {fix}",
-    "cli.fit-interrupted": (
-        "stopped from the keyboard: the table shows the fit at that moment; nothing was changed."
-    ),
+    "cli.hand-options": "--pad and --no-hold need a person who drives, and here {driver} drives. Type: {fix}",
+    "cli.fit-interrupted": "stopped from the keyboard: the table shows the fit at that moment; nothing was changed.",
     "cli.options-conflict": (
-        "--over-time does not go with {other}: it fits each run by itself. Leave one of the two out."
+        "--over-time fits each run by itself, so it cannot be combined with {other}. Leave out "
+        "one of the two."
     ),
     "cli.tolerance-unused": (
-        "--tolerance {given} widens the errors of a car fitted by its IMU alone, and this one is not. Leave it out, or "
-        "use the IMU alone. Type: {fix}"
+        "--tolerance {given} is for a car that is fitted by its IMU alone. Leave it out, or use "
+        "the IMU alone. Type: {fix}"
     ),
     "cli.tolerance-beside": (
-        "--tolerance {given} does not go with {other}: it widens the errors of a car fitted by its IMU alone. Leave "
-        "one of them out. Type: {fix}"
+        "--tolerance {given} cannot be combined with {other}: it is for a car that is fitted by "
+        "its IMU alone. Leave out one of them. Type: {fix}"
     ),
     "cli.choose-conflict": (
-        "--choose does not go with {others}. Choose first, then fit the chosen terms with these options. Type: {fix}"
+        "--choose cannot be combined with {others}. First choose the terms; then fit them with "
+        "these options. Type: {fix}"
     ),
     "cli.choose-without-encoders": (
-        "--choose compares simulation errors. A car fitted by its IMU alone uses a gyro-aided fit instead, which "
-        "cannot choose terms. Leave out --choose; to free more parameters: {fix}"
+        "--choose compares simulation errors, and a car with an IMU alone has a gyro-aided fit. "
+        "Leave out --choose; to free more parameters: {fix}"
     ),
     "cli.bound": "--bound {found}: expected KEY=LOW,HIGH. Type: {fix}",
     "cli.tolerance": "--tolerance {found}: expected KEY=PART. Type: {fix}",
-    "cli.cut-nothing": "This would not cut anything. Type: {fix}",
-    "cli.several-runs": "-o {out}: several runs are made. Give a folder for them. Type: {fix}",
+    "cli.cut-nothing": "These options keep the whole run. Type: {fix}",
+    "cli.several-runs": "-o {out}: this command writes several runs. Give a folder for them. Type: {fix}",
     "cli.study-interrupted": "stopped from the keyboard: the table is of {done} of {asked:,}.",
     "cli.recordings-interrupted": (
         "stopped from the keyboard: the table shows the recordings judged so far; no report was written."
     ),
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
     "cli.file-exists": "{out} exists already, and a run never replaces a file. Type: {fix}",
-    "cli.route-absent": (
-        "Route {found} does not exist: {missing} is not a file. {there}. To drive it once: {fix}"
-    ),
+    "cli.route-absent": "Route {found} does not exist: {missing} is not a file. {there}. To drive it once: {fix}",
     "cli.route-not-text": (
         "{path} is not a route: it contains bytes that are not text. Expected a text file (CSV) with the columns t_s, "
         "x_m, y_m, psi_rad and velocities. To drive one: {fix}"
     ),
-    "cli.own-block": "--{room} {kind}: {cause}. To see the error: {fix}",
+    "cli.own-block": "--{room} {kind}: {cause}. To see all blocks: {fix}",
     "cli.drive-interrupted": "stopped from the keyboard. The run is complete: {path}, {duration_s:.1f} s.",
     "cli.one-radio": "--wifi and --own-network: a Pi has one radio. Choose one of them.",
     "cli.hex-from-afar": (
-        "--hex is a file of this computer, and {host} uploads the one of its own package. Leave one of them out."
+        "--hex is a file of this computer, and {host} uses the one of its own package. Leave out "
+        "one of the two."
     ),
     "cli.vehicle": "vehicle: {name}",
     "cli.vehicle-of-garage": "vehicle: {name} (of the garage; --vehicle names another)",
@@ -139,7 +135,7 @@ TEMPLATES: dict[str, str] = {
     "cli.translating": "translating the model",
     "cli.round-fitted": "round {round}: {verdict} {reasons}",
     "cli.driving-ahead": "driving in simulation; laps: {laps}",
-    "cli.judging": "judging; unseen runs: {runs}",
+    "cli.judging": "testing on held-out runs: {runs}",
     "cli.reading": "reading {name}",
     "cli.reading-files": "reading {count} files",
     "cli.study-paper": "fitting 60 s; seeds: {seeds}",
@@ -153,17 +149,15 @@ TEMPLATES: dict[str, str] = {
         "use = [{use}]"
     ),
     "cli.estimator-gyro": (
-        "estimator for {vehicle} ({sensors}): {usual}. Compare it with dead_reckoning; the position drifts with both"
+        "estimator for {vehicle} ({sensors}): {usual}. Compare it with dead_reckoning; with "
+        "both, the position drifts"
     ),
     "cli.estimator-nothing": (
-        "estimator for {vehicle} (no sensors): dead_reckoning, because without a sensor the model alone gives the "
-        "estimate"
+        "estimator for {vehicle} (no sensors): dead_reckoning, because only the model gives the estimate"
     ),
-    "cli.marks-too-few": (
-        "marks: press m on the mark before and after a lap. The lap then gives the scale of the gyro."
-    ),
+    "cli.marks-too-few": "marks: press m on the mark before and after a lap. The lap then gives the scale of the gyro.",
     "cli.marks": "marks: {cause}",
-    "cli.block-sound": "{block} keeps every promise of a block.",
+    "cli.block-sound": "{block} passes every check of a block.",
     "cli.run": "run: {path}",
     "cli.next-identify": "next: {fix}",
     "cli.room-kept": (
@@ -171,19 +165,21 @@ TEMPLATES: dict[str, str] = {
         "standard deviations) stays {margin_cm:.1f} cm from the walls"
     ),
     "cli.first-drive": (
-        "{name} was never fitted. First it turns and rolls a little on one spot. Each push is somewhat harder than the "
-        "one before, until the sensors show motion (--known skips this)"
+        "{name} was never fitted. First the vehicle turns and rolls a little on one spot. Each "
+        "push is a little harder than the last one, until the sensors show motion (--known skips "
+        "this)"
     ),
     "cli.fitted": "{verdict}: {reasons}",
     "cli.experiment": "experiment",
-    "cli.keeping-in-room": "keeping it in {size} m",
+    "cli.keeping-in-room": "planning a drive that stays in {size} m",
     "cli.driving-first": "first drive",
     "cli.fitting-first": "fitting the first drive",
     "cli.designing": "designing the experiment",
     "cli.round": "round {number}",
     "cli.game-pad": "game pad: {name}",
     "cli.terminal-of-another": (
-        "{another} answers in place of your terminal and outlives it, so only the times of your keys count."
+        "{another} answers in place of your terminal, also after you close it. Each press of a "
+        "key therefore counts for a short time only."
     ),
     "cli.stop-latched": "The stop is latched. Look at the vehicle, then type: {fix}",
     "cli.report": "report: {page}",
@@ -192,7 +188,7 @@ TEMPLATES: dict[str, str] = {
     "cli.replay": "replay",
     "cli.middle-again": "the vehicle begins in the middle of the room again, heading along its width",
     "cli.put-back": "Put the vehicle back into the middle of the room, heading along its width.",
-    "cli.taught": "next: {repeat}, after {tune} for gains that suit this path",
+    "cli.taught": "next: {repeat}. Before it, {tune} finds gains for this path",
     "cli.route-replaced": "{path} existed and was replaced by the new route",
     "cli.teach": "teach",
     "cli.no-estimate": "{run} does not contain an estimate; to make one: {fix}",
@@ -200,7 +196,7 @@ TEMPLATES: dict[str, str] = {
     "cli.table": "table: {path}",
     "cli.drawing": "drawing the figures",
     "cli.predicting": "predicting a drive",
-    "cli.trying-noise": "trying the noise on unseen runs",
+    "cli.trying-noise": "testing the noise on held-out runs",
     "cli.recovered": "{path}: {duration_s:.2f} s saved",
     "cli.cut": "{path}: {duration_s:.2f} s",
     "cli.imported": "{count} runs: {first} to {last}, {duration_s:.0f} s",
@@ -214,9 +210,10 @@ TEMPLATES: dict[str, str] = {
     "cli.two-models": "the kinematic model beside the dynamic one",
     "cli.study-identification": "simulating and fitting 60 s at each of {seeds:,} seeds",
     "cli.study-faults": "fitting {count:,} sound and damaged runs",
-    "cli.study-driving": "identifying and driving {seeds} robots, some 15 s of processor each",
-    "cli.study-marks": "identifying {seeds} robots, driving {laps} laps, some minutes of processor each",
-    "cli.study-first-drives": "driving {seeds} unknown vehicles, some 10 s of processor each",
+    "cli.study-driving": "identifying and driving {seeds} robots, about 15 s of processor time each",
+    "cli.study-controllers": "tuning the controllers, then identifying and driving {seeds} robots",
+    "cli.study-marks": "identifying {seeds} robots, driving {laps} laps, some minutes of processor time each",
+    "cli.study-first-drives": "driving {seeds} unknown vehicles, about 10 s of processor time each",
     "cli.study-corridor": "identifying and driving {vehicles} vehicles",
     "cli.tuning": "tuning: the closed loop is compiled, then searched from several starts",
     "cli.tuned": "these gains suit a {route} at {speed_m_s:g} m/s. For a path of yours: {fix}",
@@ -225,14 +222,15 @@ TEMPLATES: dict[str, str] = {
     "cli.page-gone": "The page process has ended.",
     "cli.page-by-hand": 'This page belongs to a drive by hand. Press "By hand" there.',
     "cli.page-set": "Gains of a robot are set on the page of `baqueano serve --robot HOST`, not on that of a verb.",
-    "cli.page-time": "The time of a real vehicle takes no pace and no pause.",
+    "cli.page-time": "A real vehicle runs in real time: it cannot be paused, slowed down or sped up.",
     "cli.page-replayed": "the page shows both runs until its last tab is closed; Ctrl-C ends it",
-    "cli.motion": "the page shows the rest of the drives; Ctrl-C ends it",
-    "cli.demo": ("\nreport: {page}   runs, route and vehicle file beside it\nnext:   {program} new mylab"),
-    "cli.next-new": "next: cd {name}, then baqueano experiment",
-    "cli.guesses": ("the numbers of its model are guesses, until a fit has measured them on your vehicle"),
+    "cli.motion": "the page shows the other drives; Ctrl-C ends it",
+    "cli.demo": "\nreport: {page}   runs, route and vehicle file beside it\nnext:   {program} new mylab",
+    "cli.width-unused": "--width {width} is the width of figures: give a folder for them. Type: {fix}",
+    "cli.next-new": "next: {cd}\nthen: {fix}",
+    "cli.guesses": "the numbers of its model are guesses, until a fit has measured them on your vehicle",
     "cli.simulated-truth": (
-        "simulated: {truth}, which {vehicle} names under [simulation], so that a fit has something to find"
+        "simulated: {truth} (named in {vehicle} under [simulation]); the fit has to find its numbers"
     ),
     "cli.measure-first": (
         "{vehicle}: its model is a guess, so the vehicle will not reach the wanted speed. Measure it first: "
@@ -244,9 +242,7 @@ TEMPLATES: dict[str, str] = {
     "cli.not-kept": "To keep this in the vehicle file, add --update.",
     "cli.run-note": "{run}: {cause}",
     "cli.card-written": "Eject the card, start the Pi, wait three minutes. Then: {fix}",
-    "cli.no-network": (
-        "Wi-Fi is not set: plug in a network cable, or type it again with --wifi SSID or --own-network"
-    ),
+    "cli.no-network": "Wi-Fi is not set: plug in a network cable, or type it again with --wifi SSID or --own-network",
     "cli.no-vehicle-file": (
         "This folder does not contain vehicle.toml. A file on the robot stays as it is (--vehicle names another)"
     ),

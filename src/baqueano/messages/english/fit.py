@@ -9,32 +9,33 @@ TEMPLATES: dict[str, str] = {
     "verdict.more-in-report": "and {more} more: the report shows all, with figures",
     "fit.converged": "converged, and the model explains the measurements",
     "fit.not-converged": (
-        "the search did not converge. Start from better values in the vehicle file, as --set KEY=VALUE, or free fewer "
-        "parameters, as {fix}"
+        "the search did not converge. Give better start values, with --set KEY=VALUE, or free "
+        "fewer parameters, with {fix}"
     ),
     "fit.not-converged-moving": (
-        "the search did not converge, {subject} still changed. Start from better values in the vehicle file, as --set "
-        "{key}=VALUE, or free fewer parameters, as {fix}"
+        "the search did not converge: {subject} still changed. Give better start values, with "
+        "--set {key}=VALUE, or free fewer parameters, with {fix}"
     ),
     "fit.explains-nothing": (
         "the model explains only {percent:.0f} % of its best channel. Did the vehicle move, and do the signs and units "
         "of commands and sensors agree with the file?"
     ),
     "fit.far-channel": (
-        "{subject} is {times:.3g} times as far from the model as from its own mean. Are its unit, scale and sign "
-        "right? Or fit without it: name the others with {fix}"
+        "the error of {subject} is {times:.3g} times its own variation: the model does not "
+        "predict it at all. Are its unit, scale and sign right? Or fit without it: name the "
+        "others with {fix}"
     ),
     "fit.nothing-seen": (
         "the data determine none of the {asked} parameters. Do axes, signs and units agree with the file?"
     ),
     "fit.most-unseen": "the data do not determine {unseen} of {asked} parameters",
     "fit.most-weak": (
-        "of {asked} parameters {weak} are poorly identified. The data are too few or too quiet: drive longer, and "
-        "harder"
+        "of {asked} parameters {weak} are poorly identified. The runs are too short, or the "
+        "motion is too small: drive longer, with larger commands"
     ),
     "fit.most-unseen-or-weak": (
-        "of {asked} parameters {unseen} are not identifiable and {weak} are poorly identified. The data are too few or "
-        "too quiet: drive longer, and harder"
+        "of {asked} parameters {unseen} are not identifiable and {weak} are poorly identified. "
+        "The runs are too short, or the motion is too small: drive longer, with larger commands"
     ),
     "fit.weak": "{names}: poorly identified",
     "fit.unseen": "not identifiable: {count}, below",
@@ -53,46 +54,53 @@ TEMPLATES: dict[str, str] = {
         "it, so noise can explain this"
     ),
     "runs.hardly-moved": (
-        "{count} of {of} runs are further from the model in {subject} than from their own mean ({runs}). They moved "
-        "less than the error of the model in the others, and hardly count"
+        "{count} of {of} runs have a larger error of {subject} than their own variation "
+        "({runs}). They move less than the error of the model in the other runs, and hardly count"
     ),
     "runs.unlike-others": (
-        "{count} of {of} runs are further from the model in {subject} than from their own mean ({runs}). Was it the "
-        "same vehicle, floor and battery? Fit them by themselves"
+        "{count} of {of} runs have a larger error of {subject} than their own variation "
+        "({runs}). Was it the same vehicle, floor and battery? Fit these runs separately"
     ),
-    "seen.weakly": "{subject} is poorly identified{why}. {needs}",
-    "seen.weakly-beside": "{subject} and {others} are hardly separable{why}. {needs}",
-    "seen.not": f"the data do not determine {{subject}}{{why}}; {HELD}. {{needs}}",
-    "seen.not-beside": "{subject} and {others} are hardly separable{why}; {subject} is fixed at {at:.4g}. {needs}",
-    "seen.scale": f"{{subject}} cannot be identified better than a data sheet gives it, ± 3 %; {HELD}. {{needs}}",
-    "seen.tied": (
+    "identifiability.weakly": "{subject} is poorly identified{why}. {needs}",
+    "identifiability.weakly-beside": "{subject} and {others} are hardly separable{why}. {needs}",
+    "identifiability.not": f"the data do not determine {{subject}}{{why}}; {HELD}. {{needs}}",
+    "identifiability.not-beside": (
+        "{subject} and {others} are hardly separable{why}; {subject} is fixed at {at:.4g}. {needs}"
+    ),
+    "identifiability.scale": (
+        f"{{subject}} cannot be identified better than ± 3 %, as in a data sheet; {HELD}. {{needs}}"
+    ),
+    "identifiability.tied": (
         f"{{subject}} and {{others}} are not separable: only their combination affects the data; {HELD}. {{how}}"
         "{apart}"
     ),
-    "seen.by-hand": "Measure it with {by:word}",
-    "seen.fix-one": "Fix one whose value you have from elsewhere",
-    "seen.apart": ", or separate them by {motion:word}",
-    "seen.apart-by-two": ", or separate them by {first:word} and by {second:word}",
-    "seen.hardly-sideways": ": the vehicle hardly moved sideways",
-    "seen.few-speeds": ": it drove at too few speeds",
-    "seen.few-turn-rates": ": it turned at too few speeds",
-    "seen.needs": "This needs {motion:word}",
-    "seen.needs-command": "This needs {command:word} commands, and {motion:word} motion caused by them",
-    "seen.needs-run": "This needs a run in which it matters",
-    "seen.command-still": "{names}: {command} was 0 all the time. This needs a run in which it changes",
-    "seen.never": (
-        "{names}: the vehicle cannot move {command}, so this is never identifiable and never matters"
+    "identifiability.by-hand": "Measure it with {by:word}",
+    "identifiability.fix-one": "Fix one of them at a value from another source",
+    "identifiability.apart": ", or separate them by {motion:word}",
+    "identifiability.apart-by-two": ", or separate them by {first:word} and by {second:word}",
+    "identifiability.hardly-sideways": ": the vehicle hardly moved sideways",
+    "identifiability.few-speeds": ": the vehicle drove at too few different speeds",
+    "identifiability.few-turn-rates": ": the vehicle turned at too few different rates",
+    "identifiability.needs": "This needs {motion:word}",
+    "identifiability.needs-command": "This needs {command:word} commands, and {motion:word} motion caused by them",
+    "identifiability.needs-run": "This needs a run in which it matters",
+    "identifiability.command-still": "{names}: {command} was 0 all the time. This needs a run in which it changes",
+    "identifiability.never": (
+        "{names}: the vehicle cannot move {command}, so this parameter has no effect and cannot be identified"
     ),
-    "seen.never-sideways": (
-        "{names}: the vehicle cannot be driven sideways, so this is never identifiable and never matters"
+    "identifiability.never-sideways": (
+        "{names}: the vehicle cannot be driven sideways, so this parameter has no effect and "
+        "cannot be identified"
     ),
-    "seen.gyro-scale": (
-        "{subject}: its gyro scale is not identifiable, so it is fixed at {at:.4g} ± {percent:.2g} %. Speeds have the "
-        "same relative error. Turn it twice on its mark, by hand, and rest before and after. Type: {fix}"
+    "identifiability.gyro-scale": (
+        "{subject}: its gyro scale is not identifiable, so it is fixed at {at:.4g} ± "
+        "{percent:.2g} %. Speeds have the same relative error. To measure it, turn the vehicle "
+        "twice on its mark by hand, with a rest before and after. Type: {fix}"
     ),
-    "seen.accelerometer-scale": (
-        "{subject}: its accelerometer scale is not identifiable, so it is fixed at {at:.4g} ± {percent:.2g} %. Speeds "
-        "have the same relative error. Lay it on a known slope"
+    "identifiability.accelerometer-scale": (
+        "{subject}: its accelerometer scale is not identifiable, so it is fixed at {at:.4g} ± "
+        "{percent:.2g} %. Speeds have the same relative error. To measure it, put the vehicle on "
+        "a known slope"
     ),
     "bias.at-rest": "{subject}: gyro_bias = {bias_rad_s:.4f} ± {sd_rad_s:.2g} rad/s was measured at rest, in {runs}",
     "bias.contradicts-file": (
@@ -107,22 +115,29 @@ TEMPLATES: dict[str, str] = {
         "a run identifies only the sum of the delay of the motors and that of {subject}, drivetrain.delay_s. If the "
         "data sheet gives the filter, write low_pass_hz into [sensors.{subject}]"
     ),
+    "bias.tilt-sum": (
+        "a run identifies only the sum of the tilt of {subject} and the bias of its accelerometers. accel_bias is what "
+        "the tilt_rad of the file leaves of that sum"
+    ),
     "truth.horizon": (
-        "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of way. Longer drives may differ"
+        "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of path. "
+        "Longer drives may differ"
     ),
     "truth.horizon-of-pieces": (
-        "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of way, with a new start each "
-        "time. Longer drives may differ"
+        "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of path, "
+        "each time from a new start. Longer drives may differ"
     ),
-    "truth.mount": "{subject}: into [truth] of the map, added to what stands there: {keys}",
+    "truth.mount": "{subject}: add these values to those in [truth] of the map: {keys}",
     "noise.without-floor": "noise of the sensors without the disturbance of the floor: {noise}",
     "cost.floor-still": (
-        "use the simulation error. A disturbed floor explains no more (likelihood ratio {ratio:.1f}, by chance "
-        "{chance}), and simulation is the harder test of a model"
+        "use the simulation error. A floor that disturbs the vehicle does not explain more "
+        "(likelihood ratio {ratio:.1f}, by chance {chance}), and simulation is the harder test "
+        "of a model"
     ),
     "cost.too-short": (
-        "use the simulation error. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio {ratio:.1f}, by "
-        "chance {chance}). The run is too short to hold segments out"
+        "use the simulation error. The floor disturbs the vehicle by {floor} in 1 s (likelihood "
+        "ratio {ratio:.1f}, by chance {chance}). The run is too short to reserve segments for a "
+        "test"
     ),
     "cost.neither": (
         "neither fit is reliable: the model is incomplete. If you must choose, use the simulation-error fit. The two "
@@ -145,32 +160,36 @@ TEMPLATES: dict[str, str] = {
         "on held-out segments the open-loop error of the innovations fit is {percent:.2g} % larger"
     ),
     "cost.try-innovations": "{cause}. Type: {fix}",
-    "unseen-runs.carries-over": "the model carries over {basis}",
-    "unseen-runs.checked": "checked over {basis}",
-    "unseen-runs.basis": "{span_s} s open loop {start}, in {pieces:.3g} independent segments of motion",
-    "unseen-runs.from-standstill": "from standstill",
-    "unseen-runs.from-velocity": "from a fitted velocity",
-    "unseen-runs.some-from-velocity": "from a fitted velocity in {count} of {of} runs",
-    "unseen-runs.still": (
-        "{subject} does not move in the held-out runs. Hold out {needed_s:.0f} s or more in which it moves to and fro"
+    "validation.carries-over": "the model carries over {basis}",
+    "validation.checked": "checked over {basis}",
+    "validation.basis": "{span_s} s open loop {start}, in {pieces:.3g} independent segments of motion",
+    "validation.from-standstill": "from standstill",
+    "validation.from-velocity": "from a fitted velocity",
+    "validation.some-from-velocity": "from a fitted velocity in {count} of {of} runs",
+    "validation.still": (
+        "{subject} does not move in the held-out runs. Hold out {needed_s:.0f} s or more in "
+        "which it moves up and down"
     ),
-    "unseen-runs.too-few": (
-        "{subject} has {pieces:.2g} independent segments of motion in the held-out runs. With fewer than {least}, a "
-        "wrong model may pass by chance. Hold out {needed_s:.0f} s or more in which it moves to and fro"
+    "validation.too-few": (
+        "{subject} has {pieces:.2g} independent segments of motion in the held-out runs. With "
+        "fewer than {least}, a wrong model may pass by chance. Hold out {needed_s:.0f} s or more "
+        "in which it moves up and down"
     ),
-    "unseen-runs.worse-than-mean": (
-        "for {subject} of {run} the model explains {explained:.4g} %, less than the mean does: it is off by "
-        "{error:.3g}{unit}. Compare signs, units and mounting, or fit to runs with this motion"
+    "validation.worse-than-mean": (
+        "in {run} the model explains {explained:.4g} % of {subject}, less than its mean value "
+        "does; the error is {error:.3g}{unit}. Check signs, units and mounting, or fit runs with "
+        "this motion too"
     ),
-    "unseen-runs.off": (
-        "{subject} of {run} is off by {error:.3g}{unit}, {times:.1f} times what noise explains. The model explains "
-        "{explained:.4g} % of it, and {of_own:.4g} % of the fitted runs"
+    "validation.off": (
+        "in {run} the error of {subject} is {error:.3g}{unit}, {times:.1f} times the noise. The "
+        "model explains {explained:.4g} % of it, and {of_own:.4g} % in the runs of the fit"
     ),
-    "unseen-runs.off-perhaps": (
+    "validation.off-perhaps": (
         "{off}. The runs are too short, or sampled too rarely, to exclude chance: hold out more"
     ),
-    "unseen-runs.off-once": (
-        "{subject} of {run} is off by {here:.3g}{unit} from {from_s:.0f} s to {to_s:.0f} s, but not elsewhere. Did "
-        "something happen there? Cut it off with baqueano runs cut {run} --to {from_s:.0f}, or fit to such a run"
+    "validation.off-once": (
+        "in {run} the error of {subject} is {here:.3g}{unit} from {from_s:.0f} s to {to_s:.0f} "
+        "s, but small elsewhere. Did something happen there? Cut it off with baqueano runs cut "
+        "{run} --to {from_s:.0f}, or fit such a run too"
     ),
 }

@@ -5,26 +5,29 @@ ASK = (
     "Leave it there for 3 s again."
 )
 TEMPLATES: dict[str, str] = {
-    "led.not-an-imu": (
+    "imu-only.not-an-imu": (
         "{arg[use]:{use}}: {vehicle} has these IMUs: {known}; expected one of them for a gyro-aided fit. Name it, or "
         "describe it in the file under [sensors.imu]."
     ),
-    "led.which-imu": (
+    "imu-only.which-imu": (
         "{vehicle} has these IMUs: {known}; expected one to fit the vehicle by. Name it with {arg[use]}, or describe "
         "it in the file under [sensors.imu]."
     ),
     "allan.averages": "{samples} samples can be averaged over 1 to {most}: {found} is outside.",
     "allan.numbers": "an Allan deviation needs a list of at least {least} finite numbers; this has {found}.",
-    "allan.rate": "rate_hz = {rate_hz:g}: expected samples a second, above 0.",
-    "at-rest.driven": "{run} is driven all the time. Noise at rest needs a run without commands.",
+    "allan.rate": "rate_hz = {rate_hz:g}: expected the number of samples per second, above 0.",
+    "at-rest.driven": (
+        "{run} has commands all the time. To measure the noise at rest, record a run without commands."
+    ),
     "at-rest.few-samples": (
         "{run} holds no sensor with {least} samples at rest. Record a minute or more with the motors off and "
         "nobody near."
     ),
     "at-rest.no-imu": (
-        "{run} lacks the IMU of {vehicle}: expected a sensor with three channels. There is nothing to write."
+        "{run} does not have the IMU of {vehicle}: expected a sensor with three channels. "
+        "Nothing can be written."
     ),
-    "at-rest.no-tick": "Between those times {run} does not have a tick.",
+    "at-rest.no-tick": "{run} does not have a tick between those times.",
     "battery.no-voltage": (
         "The effect of the battery needs its voltage: expected a channel {channel} in V in a run. Import it as "
         "[sensors.{channel}], or leave model.drivetrain.battery_effect out."
@@ -41,18 +44,18 @@ TEMPLATES: dict[str, str] = {
     "choose.options": (
         "A choice of terms does not accept {options}. Choose first, then fit the chosen terms with these options."
     ),
-    "choose.pose": "terms are chosen by speeds and accelerations: leave a camera's pose out of {arg[use]}.",
+    "choose.pose": "Terms are chosen by speeds and accelerations: leave the pose of a camera out of {arg[use]}.",
     "choose.short": (
         "The validation runs last {total_s:.1f} s together: expected at least {needed_s:.0f} s. Drive longer, or leave "
         "--choose out."
     ),
-    "clock.not-believed": (
-        "{arg[clocks]:{sensor}}: expected one of the sensors in use, {known}. Use another of the vehicle file, or the "
-        "truth, with {arg[use]}."
+    "clock.unreliable": (
+        "{arg[clocks]:{sensor}}: expected one of the sensors in use, {known}. To use another "
+        "sensor of the vehicle file, or the truth: {arg[use]}."
     ),
     "cost.free-clock": (
-        "The clock of {clocks} is free, and a filter cannot wait for a later row. Estimate the clock first, and "
-        "calibrate the run by it. Type: {fix}"
+        "The clock of {clocks} is free, but a filter cannot use later rows. Estimate the clock "
+        "first, and calibrate the run with it. Type: {fix}"
     ),
     "cost.no-velocity": (
         "{kind} does not have a velocity state that a floor could disturb, so simulation error and prediction error "
@@ -70,19 +73,19 @@ TEMPLATES: dict[str, str] = {
         "The fit did not give the error of any parameter of the model, so a drive cannot be predicted."
     ),
     "forecast.ran-away": "the fitted model diverges in open loop, so a drive cannot be predicted.",
-    "forecast.refused": "the fit is refused, so it cannot predict anything. Its reasons say what to correct.",
-    "led.no-dynamics": (
+    "forecast.refused": "the fit is refused, so a drive cannot be predicted. Correct what its reasons name.",
+    "imu-only.no-dynamics": (
         "{vehicle} is a {kind}: its velocity is its command, so a gyro cannot improve it. Use identify."
     ),
-    "led.others": (
-        "gyro_leads = True does not go with {others}: a gyro-aided fit has its own noise and segments. Leave one of "
-        "them out."
+    "imu-only.others": (
+        "gyro_leads = True cannot be combined with {others}: a gyro-aided fit has its own noise "
+        "and segments. Leave out one of them."
     ),
-    "led.silent-gyro": (
-        "{run}: the gyro is silent, and without encoders the fit needs it. Is the third channel of the IMU in the "
-        "recording?"
+    "imu-only.silent-gyro": (
+        "{run}: the gyro does not give data, and without encoders the fit needs it. Is the third "
+        "channel of the IMU in the recording?"
     ),
-    "noise.fitted-to": "{run} was fitted to: comparing noise needs a run that was not used.",
+    "noise.fitted-to": "{run} was used in the fit. Give another run to compare the noise.",
     "noise.no-truth": (
         'source = "truth": the runs do not contain the truth of a simulation. Use "innovations".'
     ),
@@ -117,16 +120,16 @@ TEMPLATES: dict[str, str] = {
         "{least_m:g} m on each side. Type: {fix}"
     ),
     "room.start": (
-        "the start ({x_m:g}, {y_m:g}) m is not in the room: expected at most {along_m:.2f} m along and "
-        "{across_m:.2f} m across from its middle."
+        "the start ({x_m:g}, {y_m:g}) m is outside the room: expected at most {along_m:.2f} m in "
+        "x and {across_m:.2f} m in y from its middle."
     ),
-    "room.unreadable": 'room "{size}": expected width and height in metres, with an x between. Type: {fix}',
+    "room.unreadable": 'room "{size}": expected width and height in metres, as 2x3. Type: {fix}',
     "runs.all-still": (
         "No command changed, so there is nothing to fit. Is it the right run? If it was turned by hand between rests "
         "on a mark, it gives the scale of its gyro. Type: {fix}"
     ),
     "runs.few-ticks": "{run} has {ticks} ticks: expected at least 2 to fit a model to.",
-    "runs.fitted-to": "{run} is fitted to, so it cannot judge. Give another run: {fix}",
+    "runs.fitted-to": "{run} was used in the fit, so it cannot test it. Give another run: {fix}",
     "runs.no-command": "{run} does not contain a command: a fit needs the command at the motors.",
     "runs.no-sensor": (
         "{run} does not have sensor {sensor}: it has {known}. Name those that all runs have with {arg[use]}."
@@ -210,8 +213,8 @@ TEMPLATES: dict[str, str] = {
         "{windows} times the window."
     ),
     "truth.silent": (
-        "{run}: truth or sensor is silent so often that only {windows} windows of {window_s:g} s are complete. "
-        "Expected some in each of {batches} parts of the run."
+        "{run}: truth or sensor has so many gaps that only {windows} windows of {window_s:g} s "
+        "are complete. Expected some in each of {batches} parts of the run."
     ),
     "turns.ambiguous": (
         "Between its rests at {from_s:.0f} s and {to_s:.0f} s of {run} the gyro turned {turns:.2f} times. Its scale "
@@ -228,12 +231,12 @@ TEMPLATES: dict[str, str] = {
         f"{ASK}"
     ),
     "use.not-in-all": (
-        "{runs}: {sensor} is never read. Expected at least one sensor that is read in all runs: leave out the runs "
-        "without it."
+        "{runs}: readings of {sensor} are missing. Expected at least one sensor with readings in "
+        "all runs: leave out the runs without it."
     ),
     "use.read-in-some": (
-        "{runs}: {sensor} is never read. Expected at least one sensor that is read in all runs. Leave out the runs "
-        "without it, or fit to the others by it, with {arg[use]:{sensor}}."
+        "{runs}: readings of {sensor} are missing. Expected at least one sensor with readings in "
+        "all runs. Leave out the runs without it, or fit the others with it: {arg[use]:{sensor}}."
     ),
     "turns.no-gyro": (
         "{run} does not contain a reading of a gyro of {vehicle}. Give the file that names it. Type: {fix}"
@@ -242,10 +245,14 @@ TEMPLATES: dict[str, str] = {
         "The gyro of {run} is silent for {gap_s:.2g} s at {at_s:.1f} s, so its turn in that time is unknown. Turn it "
         "again, or cut that part off. Type: {fix}"
     ),
-    "unseen-runs.refused-fit": "The fit is refused, so it cannot be judged: correct that first.",
+    "validation.refused-fit": "The fit is refused, so it cannot be judged: correct that first.",
     "use.no-channel": '{arg[use]} = "{sensor}[{entry}]": its channels are 0 to {last}.',
     "use.nothing-common": (
         "the runs contain {read}, the vehicle file {known}: expected at least one in common."
+    ),
+    "use.not-in-file": (
+        "The run has sensor {sensor}, which {vehicle} does not describe, so the fit does not use it. To use it, add to "
+        'the vehicle file: [sensors.{sensor}], and below it kind = "{kind}".'
     ),
     "use.unknown": "{arg[use]:{sensor}}: the vehicle file does not have this sensor; it has {known}.",
     "use.unreadable": '{arg[use]:{found}}: expected a sensor, or one channel of it as "imu[2]".',

@@ -2,12 +2,14 @@
 
 TEMPLATES: dict[str, str] = {
     "block.not-a-block": (
-        '{room}={found} is not a block. Expected a kind of ours, "file.py:Class", a class or an object with init() '
-        "and step()."
+        '{room}={found} is not a block. Expected the name of a block, "file.py:Class", or a '
+        "class or object with init() and step()."
     ),
-    "block.of-other-room": "{block} was given as the {room}, but its step() is that of a {other}. Type: {fix}",
+    "block.of-other-room": (
+        "{block} was given as {room:word}, but its step() is that of another room ({other:word}). Type: {fix}"
+    ),
     "front.more": "{lines} more lines: .table()",
-    "front.fit": "Fit of {vehicle} to {runs}: {known} of {parameters} parameters are known",
+    "front.fit": "Fit of {vehicle} to {runs}: {known} of {parameters} parameters have an estimate",
     "front.across-true": "{cm:.2g} cm rms across the path",
     "front.across-estimate": "{cm:.2g} cm by its estimate",
     "front.position-off": "error of the estimated position {cm:.2g} cm rms",
@@ -20,19 +22,30 @@ TEMPLATES: dict[str, str] = {
     "front.card-tuned": "Gains of {vehicle}",
     "front.card-check": "{block}, as {room}",
     "front.card-forecast": "Forecast",
+    "front.card-route": "Route",
+    "front.card-vehicle": "Vehicle file {vehicle}",
+    "front.card-first-drive": "First drive: {run}",
+    "front.card-closure": "Scales from the marks of a drive",
+    "front.card-calibration": "Calibration of the sensors of {run}",
+    "front.card-validation": "Test on held-out runs",
+    "front.card-history": "{vehicle} over {runs} runs",
     "front.plot-unknown": "A {result} does not have the drawing {found}. {near}.",
-    "front.nothing-to-draw": "This {result} does not hold the data for a drawing{kind}.",
+    "front.nothing-to-draw": "This {result} does not contain the data for a drawing{kind}.",
     "report.animation-ending": "{found}: expected a name that ends in .svg. Type: {fix}",
-    "report.nothing-moves": "Run {name} holds neither an estimate nor a truth, so nothing in it moves. Type: {fix}",
+    "report.nothing-moves": (
+        "Run {name} contains neither an estimate nor a truth, so it cannot be animated. Type: {fix}"
+    ),
     "front.no-page": "A report takes a run or a fit. {found} was given.",
     "front.format-unknown": "Figures cannot be written as {found}. {near}.",
     "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",
     "front.several-panels": "This drawing has {panels} panels, but an axes holds one. Give figure= instead of ax=.",
-    "front.width-unknown": "The width {found} is unknown. Expected millimetres, or a name. {near}.",
+    "front.width-unknown": "The width {found} is not valid. Expected millimetres, or a name. {near}.",
     "front.width-mm": "The width {found:g} mm is out of range. Expected 20 to 2000 mm.",
     "drive.text-unknown": (
-        "This run does not hold the source of {room} {block}, because Python does not know it. Write the class in a "
-        "file or in a cell."
+        "This run does not contain the code of {room} {block}, because Python cannot find it. "
+        "Write the class in a file or in a cell."
     ),
-    "drive.no-vehicle-in-run": '{run} does not hold a vehicle file. Give one: replay(run, load("vehicle.toml")).',
+    "drive.no-vehicle-in-run": (
+        '{run} does not contain a vehicle file. Give one: replay(run, load("vehicle.toml")).'
+    ),
 }

@@ -1,22 +1,7 @@
 """English names of parameters for people, and motions that would tell most, on the page of live identification."""
 
 TEMPLATES: dict[str, str] = {
-    "known.drag-0": "drag ahead",
-    "known.drag-1": "drag sideways",
-    "known.drag-2": "drag in turning",
-    "known.drag-square-0": "drag ahead, ∝ v²",
-    "known.drag-square-1": "drag sideways, ∝ v²",
-    "known.drag-square-2": "drag in turning, ∝ r²",
-    "known.dry-0": "dry friction ahead",
-    "known.dry-1": "dry friction sideways",
-    "known.dry-2": "dry friction in turning",
-    "known.push-0": "push of the motors",
-    "known.push-1": "sideways push of the motors",
-    "known.push-2": "turn of the motors",
-    "known.lag": "lag of the motors",
-    "known.dead-ahead": "dead zone ahead, motor {nth}",
-    "known.dead-back": "dead zone back, motor {nth}",
-    "known.other": "{meaning:word}{entry}",
+    "known.label": "{meaning:word}{entry}",
     "known.needs": "missing: {motion:word}",
     "motion.straight-steady": "drive straight ahead at {percent:.0f} % and back, {t_s:g} s",
     "motion.straight-steps": "drive straight in bursts, ahead and then back, {t_s:g} s",

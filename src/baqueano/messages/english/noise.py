@@ -67,8 +67,9 @@ TEMPLATES: dict[str, str] = {
     "speed.corrected": f"speed: corrected by {{channels}}; {RATIO}",
     "speed.left": f"speed: from the model alone. With {{channels}}, the best choice, {RATIO}",
     "at-rest.bursts": (
-        "{subject}: the stamps come in bursts (median step {median_ms:.3g} ms, mean {mean_ms:.4g} ms, longest "
-        "{longest_ms:.3g} ms). They are times of arrival. The samples were taken as evenly spaced at {rate_hz:.2f} Hz"
+        "{subject}: the stamps come in bursts (step: median {median_ms:.3g} ms, mean "
+        "{mean_ms:.4g} ms, longest {longest_ms:.3g} ms), so they are times of arrival. The "
+        "samples were spread evenly, at {rate_hz:.2f} Hz"
     ),
     "at-rest.repeats": (
         "{subject}: {percent:.0f} % of the samples repeat the one before: it is read faster than it measures"
@@ -79,24 +80,24 @@ TEMPLATES: dict[str, str] = {
     "calibration.drive-further": "the error of {subject} is still ± {percent:.1f} %: drive it further",
     "calibration.loose-clock": "the clocks agree to ± {half_ms:.0f} ms only: change speed and turn often",
     "calibration.clock-at-end": "the clock offset {offset_s:.2f} s is at the end of the searched range",
-    "over-time.step": f"{{subject}} moved between {{first}} and {{second}}: {MOVED}",
-    "over-time.drift": f"{{subject}} moved slowly from {{first}} to {{second}}: {MOVED}",
+    "over-time.step": f"{{subject}} changed between {{first}} and {{second}}: {MOVED}",
+    "over-time.drift": f"{{subject}} changed slowly from {{first}} to {{second}}: {MOVED}",
     "over-time.refused": "the fit of {subject} is refused, so it does not count",
     "forecast.off": (
-        "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the fit's own errors put the vehicle "
-        "{position} and {heading_deg}° off (rms)."
+        "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit "
+        "cause errors of {position} and {heading_deg}° (rms)."
     ),
     "forecast.lost": (
-        "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the fit's own errors put the heading "
-        "{heading_deg}° off (rms): the position is unusable."
+        "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit "
+        "cause a heading error of {heading_deg}° (rms): the position is unusable."
     ),
-    "forecast.as-the-runs": "driven as these runs",
+    "forecast.as-the-runs": "driven like these runs",
     "forecast.longest-again": "the longest run again",
     "forecast.lap": "one lap",
     "forecast.lap-of": "one lap of {name}",
     "forecast.lap-of-circle": "one lap of a sinuous circle",
-    "forecast.unseen-exact": "Parameters that the runs did not identify count as exact in this.",
-    "forecast.more-errors": "Floor, battery and start add to this.",
+    "forecast.unseen-exact": "Parameters that are not identifiable count as exact here.",
+    "forecast.more-errors": "Floor, battery and start position add more errors.",
     "forecast.no-controller": f"{LAP} the recommended controller cannot drive this vehicle: {{error}}",
-    "forecast.strays": f"{LAP} the model leaves the lap by {{far}} (rms): it is too fast or too tight.",
+    "forecast.strays": f"{LAP} the model leaves the route by {{far}} (rms), which is too fast or too tight.",
 }

@@ -1,7 +1,7 @@
 """English sentences of the page: what it answers a browser, names of quantities, and what it prints."""
 
 TEMPLATES: dict[str, str] = {
-    "web.token": "This page needs the whole printed address, with what stands behind #. It may have expired.",
+    "web.token": "This page needs the whole printed address, with the part after #. It may have expired.",
     "web.no-hello": "The first word of a browser is hello.",
     "web.hello-again": "This browser has already been let in.",
     "web.not-understood": "This word could not be used: {error}.",
@@ -16,7 +16,7 @@ TEMPLATES: dict[str, str] = {
     "web.no-kind": "{found} is not in the list of blocks for the room {room}: {known}.",
     "web.no-swap": "The block of the room {room} stays as it is; estimator, guide and controller can be swapped.",
     "web.swapped": "From the next mission on, {kind} is the {room}",
-    "web.tuned": "The gains stand in {file} now",
+    "web.tuned": "The gains are now in {file}",
     "web.recorded": "Recorded: {name}, {kind}, {seconds:.1f} s, with {events} events.",
     "web.unknown-word": 'The word "{word}" is unknown here.',
     "web.role": "This address does not allow that. Ask for another one where the page was started.",
@@ -24,7 +24,9 @@ TEMPLATES: dict[str, str] = {
     "web.lease-needed": "Take the vehicle first; only one browser drives it.",
     "web.other-robot": "This word was for another vehicle. Load the page again.",
     "web.no-such-visitor": "Nobody called {name} may drive here.",
-    "web.demo-done": "All is computed. Verdict of the fit: {verdict}. The report stands in the folder of the demo",
+    "web.demo-done": (
+        "The computation is done. Verdict of the fit: {verdict}. The report is in the folder of the demo"
+    ),
     "web.playback": "These drives are over and are only shown. For a vehicle that takes missions, type: baqueano serve",
     "web.teach-there": "A real vehicle is taught from the terminal, which keeps its route. Type: {fix}",
     "web.no-such-mission": 'A mission of kind "{kind}" is unknown. Expected one of {known}.',
@@ -41,15 +43,15 @@ TEMPLATES: dict[str, str] = {
     "web.title-paused": "PAUSED",
     "web.stopped": "Stopped: {cause}. Clear the stop to go on",
     "web.disarmed": "Not ready: {cause}",
-    "web.ready": "It stands. Teach a route, repeat one, or drive by hand",
+    "web.ready": "The vehicle is at rest. Teach a route, repeat one, or drive by hand",
     "web.begins": "The drive begins",
     "web.lap-of": "Lap {lap} of {laps}",
     "web.lap": "Lap {lap}",
-    "web.from-route": "{cm:.1f} cm from its route, as it believes",
+    "web.from-route": "{cm:.1f} cm from its route, by the estimate",
     "web.speed": "{speed_m_s:.2f} m/s ahead",
     "web.filter-fits": "The filter agrees with its sensors: NIS {nis:.2f}, 1 is ideal",
-    "web.filter-too-sure": "The filter is too sure of itself: NIS {nis:.1f}, 1 is ideal",
-    "web.filter-cautious": "The filter is too cautious: NIS {nis:.2f}, 1 is ideal",
+    "web.filter-too-sure": "The filter underestimates its errors: NIS {nis:.1f}, 1 is ideal",
+    "web.filter-cautious": "The filter overestimates its errors: NIS {nis:.2f}, 1 is ideal",
     "web.visitor": "visitor {number}",
     "web.port-taken": "{address}:{port} cannot be listened on: {error}. Type: {fix}",
     "web.no-websockets": "websockets is not installed, and the page needs it. Type: {fix}",

@@ -5,27 +5,21 @@ TEMPLATES: dict[str, str] = {
         "the run was driven with {found} commands, and the fit with {expected}: expected a run of the same "
         "kind of vehicle. Type: {fix}"
     ),
-    "vehicle.no-route": "{guide} repeats a route, and none was given: teach one, or name its file.",
+    "vehicle.no-route": "{guide} repeats a route, but a route is missing: teach one, or name its file.",
     "vehicle.no-tomlkit": "Writing a vehicle file back needs tomlkit, which keeps its comments. Type: {fix}",
     "vehicle.of-garage": '"{name}" is from the garage: name a file for it, save("{name}.toml").',
-    "vehicle.changed-since": (
-        "{file} was changed by another program after it was read. Load it again, then save."
-    ),
+    "vehicle.changed-since": "{file} was changed by another program after it was read. Load it again, then save.",
     "vehicle.no-entry": "{key} has the shape {shape}: entry {entry} does not exist.",
     "vehicle.setting": "--set {setting}: expected key=value, for example --set model.mass_kg=0.7.",
     "vehicle.not-written": "{path}: cannot be written: {error}.",
     "vehicle.set": "--set {setting}: {cause}.",
-    "toml.too-large": (
-        "{file} has {size:,} bytes: a vehicle file has at most {largest:,}. Is it another file?"
-    ),
-    "toml.utf-16": (
-        "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8."
-    ),
+    "toml.too-large": "{file} has {size:,} bytes: a vehicle file has at most {largest:,}. Is it another file?",
+    "toml.utf-16": "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8.",
     "toml.zero-bytes": (
         "{file} contains zero bytes: it is not text in UTF-8, or it was cut by a loss of power. Save it with the "
         "encoding UTF-8, or restore a copy."
     ),
-    "toml.empty": ("{file} is empty: was it cut by a loss of power? To make one: {fix}"),
+    "toml.empty": "{file} is empty: was it cut by a loss of power? To make one: {fix}",
     "toml.too-deep": "{file} nests its values too deeply: at most {most} levels.",
     "toml.not-read": "{path}: cannot be read: {error}.",
     "toml.not-utf-8": (
@@ -35,9 +29,10 @@ TEMPLATES: dict[str, str] = {
     "toml.number": "{file} holds a number that cannot be read: {error}.",
     "toml.long-key": "{file} line {line}: a key of more than {most} parts.",
     "block.no-room": (
-        "{place} {block}.step(state, {names}) fits none of the rooms. Expected one of these, with these names: "
-        "step(state, tick) of an estimator; step(state, estimate) of a guide; step(state, reference, estimate) of a "
-        "controller; step(state, command, tick, estimate) of a supervisor."
+        "{place} {block}.step(state, {names}) belongs to none of the rooms. The names of the "
+        "arguments must be those of a room. Estimator: step(state, tick). Guide: step(state, "
+        "estimate). Controller: step(state, reference, estimate). Supervisor: step(state, "
+        "command, tick, estimate)."
     ),
     "block.no-step": "{place} {block} does not have step(): every block has init() and step(state, …).",
     "block.not-class": '{file}: "{found}" is {kind}, expected a class with init() and step(state, …).',
@@ -47,16 +42,14 @@ TEMPLATES: dict[str, str] = {
     "vehicle.unknown": (
         'Vehicle "{found}" is not in the garage. {near}. A file of your own ends in .toml. To make one: {fix}'
     ),
-    "vehicle.absent": (
-        "{missing} does not exist. Beside it: {near}. The garage has {garage}. To make one: {fix}"
-    ),
+    "vehicle.absent": "{missing} does not exist. Beside it: {near}. The garage has {garage}. To make one: {fix}",
     "vehicle.truth-elsewhere": (
         "{file} [simulation] truth = {found} leads out of the folder of the file. Expected a file beside it, or one of "
         "the garage: {garage}."
     ),
     "vehicle.unknown-key": "{file} does not have key {found}. {near}.",
-    "vehicle.lacks": "{file} [{room}] lacks {keys}. Write it into the file.",
-    "vehicle.lacks-found-by": "{file} [{room}] lacks {keys}. Write it into the file, or measure it: {fix}",
+    "vehicle.lacks": "{file} [{room}] needs {keys}. Write it into the file.",
+    "vehicle.lacks-found-by": "{file} [{room}] needs {keys}. Write it into the file, or measure it: {fix}",
     "vehicle.place": "{file}, {key}",
     "vehicle.line": "{file} line {line}, {key}",
     "vehicle.problems": "{first}.\n{rest}.",
@@ -70,13 +63,9 @@ TEMPLATES: dict[str, str] = {
     "vehicle.no-command-names": (
         '{place} is missing: write names = ["u_x", "u_y", "u_psi"], one for each entry of u.'
     ),
-    "vehicle.command-names": (
-        "{place} has {found} names, but model {model} has a command of {expected} entries."
-    ),
+    "vehicle.command-names": "{place} has {found} names, but model {model} has a command of {expected} entries.",
     "vehicle.command-name-twice": "{place} = {found}: two entries have the same name.",
-    "vehicle.command-limits": (
-        "{place} has {found} numbers and the command {expected} entries: write one for each."
-    ),
+    "vehicle.command-limits": "{place} has {found} numbers and the command {expected} entries: write one for each.",
     "vehicle.not-table": "{place} = {found}: expected a table. Write [{table}] on a line of its own.",
     "vehicle.derived-key": "{place} is computed from the other keys. Delete the line.",
     "vehicle.key-unknown": "{place} is not a key of this table. {near}.",
@@ -105,23 +94,19 @@ TEMPLATES: dict[str, str] = {
     "vehicle.not-one-finite": "{place} = {found}: expected one finite number.",
     "vehicle.not-names": '{place} = {found}: expected a list of names, ["…", "…"].',
     "vehicle.not-list": "{place} = {found}: expected a list of finite numbers.",
-    "vehicle.model-lacks": "{place} lacks {keys}, which {model} needs.",
+    "vehicle.model-lacks": "{place} is incomplete: {model} needs {keys}.",
     "vehicle.model-lacks-inertia": (
-        "{place} lacks {keys}, which {model} needs. Or give radius_m in [geometry], then ½ m R² is used."
+        "{place} is incomplete: {model} needs {keys}. Or give radius_m in [geometry], then ½ m R² is used."
     ),
-    "vehicle.sensor-name": (
-        "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first."
-    ),
+    "vehicle.sensor-name": "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first.",
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
-    "vehicle.table-lacks": "{place} lacks {keys}.",
-    "vehicle.refused": "{place} is refused by {block}: {error}",
+    "vehicle.table-lacks": "{place} needs {keys}.",
+    "vehicle.refused": "{block} does not accept {place}: {error}",
     "vehicle.not-built": "{place} cannot be built: {block} raised {error}.",
-    "vehicle.block-not-table": (
-        "{place} is not a table: write [{table}] on a line of its own, and its keys below it."
-    ),
-    "vehicle.no-kind": '{place} lacks kind = "…": one of {known}, or "file.py:Class".',
+    "vehicle.block-not-table": "{place} is not a table: write [{table}] on a line of its own, and its keys below it.",
+    "vehicle.no-kind": '{place} needs kind = "…": one of {known}, or "file.py:Class".',
     "vehicle.kind-mistyped": (
-        '{place} lacks kind = "…": one of {known}, or "file.py:Class". Is {found} meant to be kind?'
+        '{place} needs kind = "…": one of {known}, or "file.py:Class". Is {found} meant to be kind?'
     ),
     "vehicle.kind-not-text": "{place} = {found}: expected text in quotes, one of {known}.",
     "vehicle.kind": '{place} = "{kind}": {cause}.',
@@ -129,16 +114,12 @@ TEMPLATES: dict[str, str] = {
     "vehicle.not-date": "{place} = {found}: expected a date without quotes, as 2026-11-21.",
     "vehicle.not-sd": "{place} = {found}: expected standard deviations, 0 or more; nan if unknown.",
     "vehicle.cov-not-table": "{place} is not a table: it holds run, date, names, sd and correlation.",
-    "vehicle.cov-names": (
-        "{place} holds a parameter that is not in the file. Delete the table: the next fit writes it."
-    ),
+    "vehicle.cov-names": "{place} holds a parameter that is not in the file. Delete the table: the next fit writes it.",
     "vehicle.cov-size": (
         "{place} has {expected} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … "
         "{expected} numbers from -1 to 1. Delete the table: the next fit writes it."
     ),
-    "vehicle.correlation": (
-        "{place} has the eigenvalue {eigenvalue:.3g}, which is impossible for a correlation."
-    ),
+    "vehicle.correlation": "{place} has the eigenvalue {eigenvalue:.3g}, which is impossible for a correlation.",
     "vehicle.envelope-not-table": "{place} is not a table: it holds run, names, low and high.",
     "vehicle.envelope-names": (
         "{place} has other names than the commands {commands} and then channels as imu[2]. Delete the table: the next "
@@ -153,10 +134,8 @@ TEMPLATES: dict[str, str] = {
     "vehicle.centre-of-mass": (
         "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {in_unit}."
     ),
-    "vehicle.two-shapes": ("{place} and length_m, width_m: a platform is round or rectangular. Keep one."),
-    "vehicle.track": (
-        "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {in_unit}."
-    ),
+    "vehicle.two-shapes": "{place} and length_m, width_m: a platform is round or rectangular. Keep one.",
+    "vehicle.track": "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {in_unit}.",
     "vehicle.wheel": "{place} = {found:g} m: a wheel larger than the platform, {across_m:g} m. {in_unit}.",
     "vehicle.too-heavy": (
         "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
@@ -203,33 +182,36 @@ TEMPLATES: dict[str, str] = {
     "vehicle.lever-arm": (
         "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
     ),
-    "block.room-unknown": 'Room "{found}" is unknown. {near}.',
+    "block.room-unknown": 'Room "{found}" does not exist. {near}.',
     "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',
     "block.classes": "{file} holds {classes}",
     "block.no-classes": "{file} does not define a class",
-    "block.unknown": '{room} "{found}" is unknown. {near}. Write one of your own as "file.py:Class".',
-    "block.file-absent": "{missing} does not exist, though a block of the vehicle is defined in it. {near}.",
+    "block.unknown": (
+        '{room:word} "{found}" does not exist. {near}. Write one of your own as "file.py:Class".'
+    ),
+    "block.file-absent": "File {missing} does not exist. A block of the vehicle is defined in it. {near}.",
     "block.elsewhere": (
-        "{kind} is Python text outside the folder of its vehicle file: {path}. Text runs with all your rights, so "
-        "read it first."
+        "{kind} is Python code outside the folder of its vehicle file: {path}. Code runs with "
+        "all your permissions, so read it first."
     ),
     "block.in-run": (
-        "{kind} is named inside a run, and the text would be {path}. Text runs with all your rights, so read it first."
+        "{kind} is named inside a run; its code is in {path}. Code runs with all your "
+        "permissions, so read it first."
     ),
     "block.in-run-elsewhere": (
-        "{kind} is named inside a run, and leads out of this folder. Such a path is never executed. Name a vehicle "
-        "file of yours: --vehicle FILE."
+        "{kind} is named inside a run, and its path leaves this folder. Such code is never "
+        "executed. Name a vehicle file of your own: --vehicle FILE."
     ),
     "block.class-unknown": '{file} does not have a class "{found}". {near}.',
-    "block.raised-while-read": "{place} raised {error} when it was imported.",
+    "block.raised-while-read": "{place} raised {error} while it was imported.",
     "block.raised-while-read-and-ends": (
-        "{place} raised {error} when it was imported. That ends the program: remove it."
+        "{place} raised {error} while it was imported, which ends the program. Remove that line."
     ),
-    "toml.decimal-comma": "{file} line {line}: {found}: a decimal comma. Write a decimal point: {with_point}",
-    "toml.decimal-commas": (
-        "{file} line {line}: {found} is not TOML: {error}. Are these decimal commas? Write points."
+    "toml.decimal-comma": (
+        "{file} line {line}: {found} has a decimal comma. Write a decimal point: {with_point}"
     ),
-    "toml.twice": "{file} line {line}: {found}: this is in the file twice. Keep one of the two.",
+    "toml.decimal-commas": "{file} line {line}: {found} is not TOML: {error}. Are these decimal commas? Write points.",
+    "toml.twice": "{file} line {line}: {found} is in the file twice. Keep one of the two.",
     "toml.no-quotes": (
         '{file} line {line}: {found} is not TOML. Text stands in quotes, key = "value"; true and false are in small '
         "letters."

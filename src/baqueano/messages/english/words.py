@@ -15,7 +15,7 @@ RUNS = (
     N_("teach"), N_("import"), N_("manual"), N_("forecast"),
 )  # fmt: skip
 CURVES = (
-    N_("measured"), N_("model"), N_("truth"), N_("estimate"), N_("reference"), N_("asked for"), N_("applied"),
+    N_("measured"), N_("model"), N_("truth"), N_("estimate"), N_("reference"), N_("requested"), N_("applied"),
     N_("sent"), N_("residual"), N_("pose"), N_("velocity"), N_("limit"), N_("at its limit"),
 )  # fmt: skip
 COLUMNS = (

@@ -125,11 +125,13 @@ def _path(of: Scene, clock: _Clock) -> list[str]:
             drawn = f' pathLength="1" stroke-dasharray="1" style="{clock.moves("r", steps)}"'
         out.append(f'<polyline class="route" points="{points}"{drawn}/>')
     out += _trail(of, to, clock)
-    turned = np.degrees(np.unwrap(of.drawn[:, 2]))
+    turned = np.degrees(np.unwrap(of.vehicle_poses[:, 2]))
     size = max(of.radius_m * to.scale, 5.0)
     taught = _taught(of, clock) if of.route is not None and clock.begin_s >= FIT_S else []
     steps = [(s, to.pose(eta, deg)) for s, eta, deg in taught]
-    steps += [(clock.at(t), to.pose(eta, deg)) for t, eta, deg in zip(of.t_s, of.drawn, turned, strict=True)]
+    steps += [
+        (clock.at(t), to.pose(eta, deg)) for t, eta, deg in zip(of.t_s, of.vehicle_poses, turned, strict=True)
+    ]
     wheel = f'<rect class="wheel" x="{-size / 2.6:.1f}" width="{size / 1.3:.1f}" height="{size / 3.2:.1f}"'
     if of.true is not None and of.estimated is not None:
         heading_deg = np.degrees(np.unwrap(of.estimated[:, 2]))
@@ -152,7 +154,7 @@ def _taught(of: Scene, clock: _Clock) -> list[tuple[float, np.ndarray, float]]:
     ahead = np.diff(xy, axis=0, append=xy[:1])
     heading = np.degrees(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])))
     when = np.linspace(0.0, clock.begin_s - 0.3, len(xy))
-    first = np.degrees(np.unwrap(of.drawn[:, 2]))[0]
+    first = np.degrees(np.unwrap(of.vehicle_poses[:, 2]))[0]
     heading += 360.0 * round((first - heading[-1]) / 360.0)  # it need not turn round before the first lap
     return [(float(s), np.append(p, 0.0), float(deg)) for s, p, deg in zip(when, xy, heading, strict=True)]
 
@@ -228,7 +230,7 @@ def _legend(of: Scene, y: float) -> list[str]:
     """Return a line for each thing that is drawn."""
     entries = [("route", _("taught path"), of.route is not None),
              ("band", _("corridor, 95 %"), of.half_m is not None),
-             ("sure", _("believed path"), of.estimated is not None),
+             ("sure", _("estimated path"), of.estimated is not None),
              ("true", _("true path"), of.true is not None)]  # fmt: skip
     out, x = [], LEFT + 50
     for k, (kind, label, _there) in enumerate([one for one in entries if one[2]]):

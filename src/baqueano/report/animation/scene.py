@@ -30,7 +30,7 @@ class Scene:
     radius_m: float
 
     @property
-    def drawn(self) -> np.ndarray:
+    def vehicle_poses(self) -> np.ndarray:
         """(M, 3) where the vehicle is drawn: where it was, else where it believed to be."""
         poses = self.estimated if self.true is None else self.true
         assert poses is not None

@@ -9,7 +9,7 @@ UM10204 (the I2C specification) 3.1.16. SDA is high, too, where the chip sends a
 The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this. Raspberry Pi OS has the command `pinctrl` (package
 raspi-utils), which the group gpio may use. The lines are open drain: each is driven low or released, never driven
 high. (`pinctrl` makes a pin an output before it sets its level: it has the level of before for less than a
-microsecond.) Both pins are given back to I2C in every ending, or by the next recovery. It takes some tenths of a
+microsecond.) Both pins return to I2C in every ending, or by the next recovery. It takes some tenths of a
 second: only while the vehicle stands.
 """
 
@@ -123,7 +123,7 @@ def recoverable(path: str, model: Path) -> tuple[str, str, str]:
     """Check if the bus at `path` could be clocked free on this machine, whose name is in the file `model`: a verdict, a
     figure and a remedy of doctor.py."""
     if not model.exists() or "Raspberry Pi" not in model.read_text(encoding="utf-8"):
-        return "unknown", _("this machine is no Raspberry Pi"), ""
+        return "unknown", _("this machine is not a Raspberry Pi"), ""
     try:
         sda, scl = _pins(path).look()
     except RobotUnreachable as error:
@@ -153,19 +153,19 @@ class _Pins:
 
     def look(self) -> tuple[BusLine, BusLine]:
         """SDA and SCL."""
-        said = self._call("get", BOTH)
-        lines = {number: BusLine(function, level == "hi") for number, function, level in LINE.findall(said)}
+        reply = self._call("get", BOTH)
+        lines = {number: BusLine(function, level == "hi") for number, function, level in LINE.findall(reply)}
         if len(lines) != 2:
-            raise RobotUnreachable(fault("bus.pinctrl-said", pins=BOTH, found=repr(said)))
+            raise RobotUnreachable(fault("bus.pinctrl-said", pins=BOTH, found=repr(reply)))
         return lines[SDA], lines[SCL]
 
     def set(self, pin: str, *options: str) -> None:
         """Function, pull and level of a pin."""
-        if said := self._call(
+        if refusal := self._call(
             "set", pin, *options
         ):  # it says something where it refuses, and ends well all the same
             raise RobotUnreachable(
-                fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=said)
+                fault("bus.pinctrl-refused", pin=pin, options=" ".join(options), said=refusal)
             )
 
     def give_back(self) -> None:
@@ -207,7 +207,7 @@ class _Pins:
 
 
 def _pins(path: str) -> _Pins:
-    """The pins of the bus at `path`; RobotUnreachable where they are others, or there is no `pinctrl`."""
+    """The pins of the bus at `path`; RobotUnreachable where they are others, or without `pinctrl`."""
     if Path(path).name != BUS:
         raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS))
     import shutil

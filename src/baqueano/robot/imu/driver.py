@@ -4,8 +4,8 @@ A chip that nobody listed is driven as its relatives are, with a warning, if wha
 within 0.15 g of 1 g and no rate above 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A chip that is known may be
 in motion: there the same findings are warnings.
 
-One burst of 14 bytes is 156 bit times on the bus (four address bytes and registers, 14 data, 9 bits each, with start
-and stop): its time tells the clock the bus really has, which on a Raspberry Pi follows the core's.
+One burst of 14 bytes is 156 bit times on the bus; four address bytes and registers, 14 data, 9 bits each, with start
+and stop: its time tells the clock the bus really has, which on a Raspberry Pi follows the core's.
 
 `open` shadows the built-in on purpose: `imu.open(...)`, then `imu.read()` on what it gives.
 """
@@ -54,7 +54,7 @@ def open(
     UsageError off Linux.
 
     >>> imu = open(say=None)  # /dev/i2c-1
-    >>> print(imu.found.chip, f"at 0x{imu.found.address:02x} feels {imu.found.accel_ms2:.1f} m/s²")
+    >>> print(imu.identity.chip, f"at 0x{imu.identity.address:02x} feels {imu.identity.accel_ms2:.1f} m/s²")
     MPU-6050, 6000 or 9150 at 0x68 feels 9.8 m/s²
     """
     path = bus if isinstance(bus, str) else f"/dev/i2c-{bus}"
@@ -62,13 +62,13 @@ def open(
     try:
         chip = chip_at(device, who_am_i)
         imu = Mpu6050(device, chip, settings or ImuSettings(), now_ns)
-        found = _rest(imu, who_am_i, now_ns, sleep)
-        found = replace(found, warnings=(*warnings, *found.warnings))
+        identity = _rest(imu, who_am_i, now_ns, sleep)
+        identity = replace(identity, warnings=(*warnings, *identity.warnings))
     except BaseException:
         device.close()
         raise
-    imu.found = found
-    for line in lines(imu, found) if say else ():
+    imu.identity = identity
+    for line in lines(imu, identity) if say else ():
         say(line)  # type: ignore[misc]
     return imu
 
@@ -96,18 +96,18 @@ def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> 
     return float(best)
 
 
-def lines(imu: Mpu6050, found: OpenedImu) -> list[str]:
+def lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
     """Return the findings, for people."""
     s, band = imu.settings, imu.chip.bands[imu.settings.filter]
     axes = ", ".join(s.axes)
-    warm = "" if np.isnan(found.temperature_c) else f", {number(found.temperature_c):.1f} °C"
+    warm = "" if np.isnan(identity.temperature_c) else f", {number(identity.temperature_c):.1f} °C"
     lines = [
         _(
             "IMU: {chip} (WHO_AM_I 0x{who_am_i:02X}) at 0x{address:02X} on {path}{warm}",
-            chip=found.chip,
-            who_am_i=found.who_am_i,
-            address=found.address,
-            path=found.path,
+            chip=identity.chip,
+            who_am_i=identity.who_am_i,
+            address=identity.address,
+            path=identity.path,
             warm=warm,
         ),
         "  "
@@ -133,13 +133,13 @@ def lines(imu: Mpu6050, found: OpenedImu) -> list[str]:
         + _(
             "now {accel_ms2:.2f} m/s², {gyro_dps:.1f} °/s; 14 bytes take {burst_s:.2f} ms (bus at "
             "{bus_hz:.0f} kHz or more)",
-            accel_ms2=found.accel_ms2,
-            gyro_dps=found.gyro_dps,
-            burst_s=found.burst_s * 1000.0,
-            bus_hz=found.bus_hz / 1000.0,
+            accel_ms2=identity.accel_ms2,
+            gyro_dps=identity.gyro_dps,
+            burst_s=identity.burst_s * 1000.0,
+            bus_hz=identity.bus_hz / 1000.0,
         ),
     ]
-    return lines + ["  " + _("warning: {text}", text=text) for text in found.warnings]
+    return lines + ["  " + _("warning: {text}", text=text) for text in identity.warnings]
 
 
 def _rest(
@@ -195,7 +195,7 @@ def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]
                 still_dps=STILL_DPS,
             )
         )
-    if imu.chip.known:
+    if imu.chip.is_listed:
         return odd
     if odd:
         raise RobotUnreachable(

@@ -3,8 +3,8 @@
 A burst is one combined transfer: the register is written, and after a repeated start its bytes are read. The
 Raspberry Pi's controller (i2c-bcm2835) takes one read in a transfer, and that one last: no burst here asks more.
 
-The kernel lets a transfer on a held bus wait one second. `TIMEOUT_10MS` makes that 40 ms, which is what 16 samples
-of 14 bytes need at 62.5 kHz, the slowest clock seen on a Pi 3 that was asked for 100 kHz. It holds for the whole bus.
+The kernel lets a transfer on a held bus wait one second. `TIMEOUT_10MS` makes that 40 ms, which is what 16 samples of
+14 bytes need at 62.5 kHz. That is the slowest clock of a Pi 3 that was set to 100 kHz. It holds for the whole bus.
 
 A device that was cut off in the middle of a byte may hold SDA low. Nothing that a program may do through /dev/i2c-N
 frees it; nine clocks on SCL by GPIO do (bus_recovery.py), and so does cutting the device's power.

@@ -54,7 +54,7 @@ class Mpu6050:
     continued at a later call.
 
     Modes. "fifo": the chip keeps the samples; they are stamped by the chip's own period (sample_clock.py). "burst":
-    the newest sample alone, with its flag of being fresh, in one read of 15 bytes, stamped by the middle of the time
+    the newest sample alone, with its flag of being fresh, in one read of 15 bytes. Its stamp is the middle of the time
     in which it must have come; for a bus that cannot carry all samples. Registers are never read one by one: a word
     could be torn between two samples. The INT pin is not needed; it pulses for each sample, for an oscilloscope.
 
@@ -68,7 +68,7 @@ class Mpu6050:
     ) -> None:
         self.device, self.chip, self.settings = device, chip, settings
         self.counts = Counts()
-        self.found: OpenedImu | None = None  # what `imu.open` saw
+        self.identity: OpenedImu | None = None  # what `imu.open` saw
         self.clock = SampleClock(SECOND / settings.rate_hz)
         self._now_ns = now_ns
         chip_from_body = settings.body_from_chip().T
@@ -116,11 +116,14 @@ class Mpu6050:
     @property
     def notes(self) -> tuple[Diagnostic | str, ...]:
         """Return the chip and its oddities, for the beginning of a run."""
-        found = self.found
+        identity = self.identity
         return (
             ()
-            if found is None
-            else (note("imu.chip", chip=found.chip, who_am_i=f"0x{found.who_am_i:02X}"), *found.warnings)
+            if identity is None
+            else (
+                note("imu.chip", chip=identity.chip, who_am_i=f"0x{identity.who_am_i:02X}"),
+                *identity.warnings,
+            )
         )
 
     def events(self) -> list[ImuEvent]:
@@ -150,7 +153,7 @@ class Mpu6050:
             self.device.close()
 
     def read(self) -> list[Sample]:
-        """The samples since the last call, oldest first; empty if there is none. Never raises for the bus."""
+        """The samples since the last call, oldest first; empty without any. Never raises for the bus."""
         if self._closed or self._recovery.running:
             return []
         now = self._now_ns()
@@ -244,12 +247,12 @@ class Mpu6050:
     def _remembers(self, now: int) -> bool:
         """Return True if the chip still has its registers; else it is being started again."""
         wanted = bytes(self._registers())
-        found = self.device.read(SMPLRT_DIV, len(wanted))
+        stored = self.device.read(SMPLRT_DIV, len(wanted))
         control, power = self.device.read(USER_CTRL, 2)
-        if found == wanted and power == PLL_X and control & FIFO_ON == self._control:
+        if stored == wanted and power == PLL_X and control & FIFO_ON == self._control:
             return True
         lost = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.tell(now, lost, power=power, found=found.hex(), expected=wanted.hex())
+        self._watch.tell(now, lost, power=power, found=stored.hex(), expected=wanted.hex())
         self._restart(now, quietly=True)
         self._told = True
         return False
@@ -331,22 +334,22 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
     """The device that answers WHO_AM_I, its answer, and a sentence if the bus was stuck and had to be clocked free.
     RobotUnreachable if none does."""
     outcome: RecoveryOutcome | None = None
-    found, stuck = _asked(path, addresses)
-    if found is None and stuck:
+    device, stuck = _first_answer(path, addresses)
+    if device is None and stuck:
         outcome = recover(path)
         if outcome.freed:
-            found, stuck = _asked(path, addresses)
-    if found is not None:
-        return *found, () if outcome is None else (outcome.text,)
+            device, stuck = _first_answer(path, addresses)
+    if device is not None:
+        return *device, () if outcome is None else (outcome.text,)
     if stuck and outcome is not None:
         raise RobotUnreachable(
             note("imu.bus-cannot-be-asked", Severity.ERROR, path=path, cause=outcome.message)
         )
-    asked = " and ".join(f"0x{address:02X}" for address in addresses)
-    raise RobotUnreachable(fault("imu.no-answer", asked=asked, path=path))
+    tried = " and ".join(f"0x{address:02X}" for address in addresses)
+    raise RobotUnreachable(fault("imu.no-answer", asked=tried, path=path))
 
 
-def _asked(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
+def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
     """The device that answers WHO_AM_I with its answer, and if the bus was stuck."""
     stuck = False
     for address in addresses:

@@ -105,11 +105,11 @@ class SampleClock:
 
     def _bind(self, newest: int, before: int, after: int) -> None:
         """Keep this look in its bucket if it says more than the one there."""
-        held, period = self._buckets[-1], self.period_ns
-        if after - period * newest < held[1] - period * held[0]:
-            held[0], held[1] = newest, after
-        if before - period * newest > held[3] - period * held[2]:
-            held[2], held[3] = newest, before
+        bounds, period = self._buckets[-1], self.period_ns
+        if after - period * newest < bounds[1] - period * bounds[0]:
+            bounds[0], bounds[1] = newest, after
+        if before - period * newest > bounds[3] - period * bounds[2]:
+            bounds[2], bounds[3] = newest, before
 
     def _solve(self) -> None:
         """Period and phase from the looks that are kept.  (1)-(3)"""

@@ -8,7 +8,7 @@ With STR = (reading with the test bit) − (reading without) and the factory's r
     MPU-6500    FT = 2620 · 1.01ⁿ⁻¹ LSB, at ±250 °/s and ±2 g                                             (4)
                 passed: STR/FT > 0.5, and < 1.5 for the accelerometer                                     (5)
 
-n = 0 means that the factory wrote no code: nothing to compare with, and the axis is neither passed nor failed.
+n = 0 means that the factory wrote no code: nothing to compare with, and the axis is not judged.
 Sources: RM-MPU-6000A 4.2, registers 13 to 16, and the data sheet's ±14 %; the MPU-6500's application note. The
 vehicle stands still: readings that scatter ten times as much as the sensor's noise end the test.
 """

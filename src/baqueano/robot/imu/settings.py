@@ -8,7 +8,8 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
-from baqueano.robot.imu.chips import ACCEL_RANGES_G, BANDS_6050, GYRO_RANGES_DPS
+from baqueano.robot.imu.chips import ACCEL_RANGES_G, GYRO_RANGES_DPS
+from baqueano.sensors.imu_filter import BANDS_6050
 
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
 MODES = ("fifo", "burst")
@@ -71,7 +72,7 @@ class ImuSettings:
     mode: "fifo" or "burst". axes: the chip's axes that point ahead, left and up, as ("-y", "x", "z"), by which the
     driver turns its samples: worlds/robot.py takes them as the body's.
 
-    UsageError for a value that is none of these.
+    UsageError for another value.
     """
 
     rate_hz: int = 200

@@ -88,11 +88,11 @@ class ImuWatch:
         self._counts.withheld += len(rows) - good
         return keep, self._listen(now_ns, good > 0) or broken
 
-    def _listen(self, now_ns: int, heard: bool) -> bool:
+    def _listen(self, now_ns: int, answered: bool) -> bool:
         """Count the silence; a caller that slept has not listened. Whether it is time to start the chip again."""
         spent = min(now_ns - self._called_ns, LONGEST_CALL_NS)
         self._called_ns = now_ns
-        if heard:
+        if answered:
             if self.silent:
                 gap = (now_ns - self.last_ns) / SECOND
                 self.tell(now_ns, "imu.back", silent_s=gap)
@@ -124,7 +124,7 @@ class ImuWatch:
         return True, True
 
     def _ends(self, now_ns: int, row: Row) -> None:
-        """Axes at the end of their range; the temperature is none."""
+        """Axes at the end of their range; the temperature is missing."""
         six = (*row[:3], *row[4:])
         at_end = [abs(word) >= END for word in six]
         self._any_at_end = any(at_end)

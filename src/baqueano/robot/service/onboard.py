@@ -31,8 +31,8 @@ def serve(
     """Runs the service for the vehicle of `file` at the socket `path`, runs in `folder`, until SIGTERM.
 
     RobotUnreachable where the Uno does not answer. A vehicle whose IMU does not answer is served all the same: it can
-    be looked at, says why it does not drive, and is READY once the IMU answers; one whose file has none drives without.
-    `give_back` is called when the line of the Uno is open (serial_port.roused).
+    be looked at, says why it does not drive, and is READY once the IMU answers; one whose file names none drives
+    without. `give_back` is called when the line of the Uno is open (serial_port.roused).
     """
     systemd = Systemd()
     folder.mkdir(parents=True, exist_ok=True)
@@ -47,9 +47,9 @@ def serve(
         loading.start()
 
         def find_imu() -> Any:
-            found = imu_driver.of(file.robot, say)
-            open_things.callback(found.close)
-            return found
+            imu = imu_driver.of(file.robot, say)
+            open_things.callback(imu.close)
+            return imu
 
         imu, has_imu = None, "imu" in file.sensors._fields
         if has_imu:

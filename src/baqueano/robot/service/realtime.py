@@ -43,12 +43,12 @@ class Systemd:
     """Words to systemd, if it asked for any; nothing happens elsewhere."""
 
     def __init__(self, address: str | None = None) -> None:
-        found = os.environ.get("NOTIFY_SOCKET") if address is None else address
+        socket_path = os.environ.get("NOTIFY_SOCKET") if address is None else address
         self._line: Any = None
-        if found and hasattr(socket, "AF_UNIX"):
+        if socket_path and hasattr(socket, "AF_UNIX"):
             self._line = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._line.setblocking(False)
-            self._to = "\0" + found[1:] if found.startswith("@") else found
+            self._to = "\0" + socket_path[1:] if socket_path.startswith("@") else socket_path
 
     def say(self, words: str) -> None:
         """READY=1, WATCHDOG=1, STATUS=…; lost if systemd does not listen just now."""

@@ -133,10 +133,10 @@ class Service:
     def _cleared(self) -> bool:
         """Return True if a stop is over. After a request each look clears the latch of the Uno, until telemetry
         shows that it is gone: a frame may be lost."""
-        asked, self.operator.clear_asked = self.operator.clear_asked, False
+        clear_requested, self.operator.clear_asked = self.operator.clear_asked, False
         trouble = self.uno.trouble
         gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
-        self._clearing = asked or (self._clearing and not gone)
+        self._clearing = clear_requested or (self._clearing and not gone)
         if self._clearing:
             self.uno.clear_stop()
         return gone
@@ -162,9 +162,9 @@ class Service:
         self.patience(HANGING_S)
         self._find_ns = self.now_ns() + round(AGAIN_S * NANOSECONDS)
         if self._no_imu != before:
-            found = self._no_imu or note("imu.found")
-            self._event("warning", found)
-            self.say(text(found))
+            message = self._no_imu or note("imu.found")
+            self._event("warning", message)
+            self.say(text(message))
 
     def _free_bus(self) -> None:
         """Nothing drives: a held bus of the IMU is clocked free, beside this loop. A failure is tried again and
@@ -179,12 +179,12 @@ class Service:
         elif not self.imu.silent and self._bus is not None and not self._bus.freed:
             self._bus = None
 
-    def take(self, asked: Mission | str, attended: bool, name: str = "") -> None:
+    def take(self, request: Mission | str, attended: bool, name: str = "") -> None:
         """Drives a mission, or one in JSON, and tells how the one of this name ended; nothing that is wrong with it
         ends the service."""
         self.patience(PREPARING_S)
         try:
-            mission = Mission.of_json(asked) if isinstance(asked, str) else asked
+            mission = Mission.of_json(request) if isinstance(request, str) else request
             path = self._path(mission.kind)
             by_hand = mission.kind in ("drive", "teach") and mission.route is None
             self.machine.go("manual" if by_hand else "mission")
@@ -231,7 +231,7 @@ class Service:
             self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            self._counted, watching = None, _Watching(self, world, late, attended, mission, file)
+            self._counted, watching = None, _ServiceObserver(self, world, late, attended, mission, file)
             observers = (watching, Adjusting(self.operator, self.tell, mission.blocks))
             try:
                 perform(
@@ -266,8 +266,8 @@ class Service:
             self._publish(world)
 
     def _event(self, level: str, what: Diagnostic | str) -> None:
-        said = what if isinstance(what, Diagnostic) else note("hardware.note", Severity(level), words=what)
-        self.tell({"is": "event", "level": level, "said": said})
+        message = what if isinstance(what, Diagnostic) else note("hardware.note", Severity(level), words=what)
+        self.tell({"is": "event", "level": level, "said": message})
 
     def _not_ready(self) -> Diagnostic | None:
         """Return why no drive may begin; None if one may."""
@@ -292,12 +292,12 @@ class Service:
         if not at_once and now_ns - self._told_ns < NANOSECONDS / TELL_HZ:
             return
         self._told_ns = now_ns
-        seen = world or self._world
+        link = world or self._world
         trips = sorted(self.uno.statistics.trips_ms)
         self.tell(
             {
                 "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
-                "battery_v": seen.battery_v, "tilt_rad": seen.tilt_rad, "temperature_c": self.health.temperature_c,
+                "battery_v": link.battery_v, "tilt_rad": link.tilt_rad, "temperature_c": self.health.temperature_c,
                 "uno_trip_ms": trips[len(trips) // 2] if trips else None,
                 "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
@@ -326,7 +326,7 @@ class Service:
         self.done.set()
 
 
-class _Watching(Observer):
+class _ServiceObserver(Observer):
     """The observer of a drive for the service."""
 
     def __init__(

@@ -44,6 +44,9 @@ GLIBC = (
 )
 THERE = "/tmp/baqueano-setup"
 SEEN = "vehicle.toml.seen"
+IMPORT = re.compile(
+    r"^from baqueano\.robot\.setup\.machine import .*\n", re.MULTILINE
+)  # of what stands before it
 NO_WORDS = "WORDS: dict[str, str] = {}"
 ASK = 'python3 -c "import sys, os, pwd; print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
 MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to ASK
@@ -122,8 +125,13 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
 
 
 def steps_in_this_language() -> str:
-    """Return the text of steps.py, which runs without this package, with its words in the current language."""
-    text = (files("baqueano.robot.setup") / "steps.py").read_text(encoding="utf-8")
+    """Return the text of machine.py and steps.py, which runs without this package, its words in the current
+    language."""
+    both = [
+        (files("baqueano.robot.setup") / name).read_text(encoding="utf-8")
+        for name in ("machine.py", "steps.py")
+    ]
+    text = IMPORT.sub("", "\n\n".join(both))
     calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
     words = [
         call.args[0].value
@@ -148,7 +156,7 @@ def _write_locks(folder: Path, packages: dict[str, str]) -> None:
 def _piped(command: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if done.returncode:
-        said = done.stderr.strip().splitlines() or [_("it says nothing")]
+        said = done.stderr.strip().splitlines() or [_("without output")]
         raise FileError(fault("setup.packages", said=said[-1]))
 
 

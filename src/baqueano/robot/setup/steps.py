@@ -1,6 +1,7 @@
 """The changes on a Raspberry Pi that make it a vehicle, step by step, and the way to undo each.
 
-Plain Python of the standard library: `baqueano robot setup` sends this file, and the system's python3 runs it as root.
+Plain Python of the standard library: `baqueano robot setup` sends this file, behind machine.py, and the system's
+python3 runs it as root.
 
     python3 steps.py plan|do|undo --bundle FOLDER --user NAME [--root /] [--now SECONDS]
 
@@ -11,21 +12,19 @@ the vehicle file in /var/lib/baqueano are the user's, and stay, with the vehicle
 
 import argparse
 import hashlib
-import json
 import os
 import shutil
-import subprocess
 import sys
 import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
 
-if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject
+from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, text_of, whole
 
-GROUPS = ("dialout", "i2c", "gpio", "input")
+DEVICES = ("dialout", "i2c", "gpio")  # groups of what the service opens
+GROUPS = (*DEVICES, "input")  # and a game pad, for who types there
+NOBODY = ("nologin", "false")  # shells of those who do not log in
 BEGIN, END = "# baqueano: begin", "# baqueano: end"
 CONFIG = f"""{BEGIN}
 [all]
@@ -38,121 +37,26 @@ core_freq=250
 [all]
 {END}
 """
+HOME = "var/lib/baqueano"
 CLOCK_OFF_S = 60.0
-WORDS: dict[str, str] = {}  # English → the language of the laptop, which fills it
-
-
-class Step(NamedTuple):
-    """A change. `done` looks, `do` makes it, `undo` takes back what `do` noted."""
-
-    name: str
-    done: Callable[[], bool]
-    do: Callable[[], object]
-    undo: Callable[[], object]
-
-
-class Pi:
-    """The machine below `root`, and what was changed on it."""
-
-    def __init__(self, root: Path, bundle: Path, user: str, run: Callable[..., str] | None = None) -> None:
-        self.root, self.bundle, self.user = root, bundle, user
-        self.run = run or commanded
-        self.kept = self.at("etc/baqueano/setup.json")
-        try:
-            self.noted: JsonObject = json.loads(text_of(self.kept) or "{}")
-        except ValueError as error:
-            said = _(
-                "{path} is damaged ({error}): the former state of this machine is lost. Type on the vehicle sudo mv "
-                "{path} {path}.damaged, and then set it up again",
-                path=self.kept, error=error,
-            )  # fmt: skip
-            sys.exit(said)
-
-    def at(self, path: str) -> Path:
-        """A path of the machine."""
-        return self.root / path.lstrip("/")
-
-    def note(self, name: str, what: object) -> None:
-        """Keeps what was there before, once; of a list, what is new too. None forgets it."""
-        if what is None:
-            self.noted.pop(name, None)
-        elif isinstance(what, list):
-            self.noted[name] = list(dict.fromkeys([*self.noted.get(name, []), *what]))
-        else:
-            self.noted.setdefault(name, what)
-        if not self.noted:
-            self.kept.unlink(missing_ok=True)
-            self.kept.parent.rmdir()
-            return
-        self.kept.parent.mkdir(parents=True, exist_ok=True)
-        whole(self.kept, json.dumps(self.noted, indent=1))
-
-    @property
-    def config(self) -> Path:
-        """config.txt of the boot partition, where this image has it."""
-        old = self.at("boot/config.txt")
-        return (
-            old
-            if old.exists() and not self.at("boot/firmware/config.txt").exists()
-            else self.at("boot/firmware/config.txt")
-        )
-
-    def groups(self) -> dict[str, list[str]]:
-        """Members of those of GROUPS that this system has."""
-        fields = [line.split(":") for line in text_of(self.at("etc/group")).splitlines()]
-        there = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
-        return {group: there[group] for group in GROUPS if group in there}
-
-    @property
-    def venv(self) -> Path:
-        """The environment of its own."""
-        return self.at("opt/baqueano")
-
-
-def text_of(path: Path) -> str:
-    """Return the text of a file, "" where there is none."""
-    return path.read_text(encoding="utf-8") if path.exists() else ""
-
-
-def _(words: str, /, **figures: object) -> str:
-    """Return words in the language of who typed `robot setup`."""
-    return WORDS.get(words, words).format_map(figures)
-
-
-def whole(path: Path, text: str) -> None:
-    """Writes a file beside the old one and puts it in its place: where the power goes meanwhile, the old one stays."""
-    target = path.resolve()
-    part = target.with_name(f"{target.name}.part")
-    with part.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, target)
-
-
-def commanded(*command: str) -> str:
-    """Return the output of a command; SystemExit with its words where it fails."""
-    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
-    if done.returncode:
-        said, line = (done.stderr or done.stdout).strip()[-2000:], " ".join(command)
-        sys.exit(_("{command} failed ({code}): {words}", command=line, code=done.returncode, words=said))
-    return done.stdout
 
 
 def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
     """All of them, in order."""
     unit = text_of(pi.bundle / "baqueano.service")
-    unit = unit.replace("@user@", pi.user).replace("@groups@", " ".join(pi.groups()))
+    unit = unit.replace("@user@", ACCOUNT).replace("@groups@", " ".join(pi.groups(*DEVICES)))
     rules = text_of(pi.bundle / "60-baqueano.rules")
     return [
         clock(pi, now_s),
         boot_block(pi),
         written(pi, "etc/modules-load.d/baqueano.conf", "i2c-dev\n"),
         written(pi, "etc/udev/rules.d/60-baqueano.rules", rules),
+        account(pi),
         groups(pi),
         environment(pi),
         linked(pi, "usr/local/bin/baqueano", "/opt/baqueano/bin/baqueano"),
         vehicle(pi),
+        home(pi),
         written(pi, "etc/systemd/system/baqueano.service", unit),
         service(pi),
     ]
@@ -233,11 +137,39 @@ def linked(pi: Pi, path: str, to: str) -> Step:
     return Step(f"/{path} → {to}", lambda: link.is_symlink() and os.readlink(link) == to, do, undo)
 
 
+def account(pi: Pi) -> Step:
+    """The service is somebody of its own, who cannot log in and is in no group but those of its devices."""
+    if (there := pi.account()) is not None and Path(there[6]).name not in NOBODY:
+        sys.exit(
+            _(
+                "on this vehicle {user} is somebody who logs in, and the service needs that name: log in as another "
+                "user, and type sudo userdel {user}",
+                user=ACCOUNT,
+            )
+        )
+
+    def do() -> None:
+        pi.note("account", True)
+        shell, home = "/usr/sbin/nologin", f"/{HOME}"
+        words = ("--system", "--user-group", "--no-create-home", "--home-dir", home, "--shell", shell)
+        pi.run("useradd", *words, ACCOUNT)
+
+    def undo() -> None:
+        if "account" in pi.noted:
+            if pi.account() is not None:
+                pi.run("userdel", ACCOUNT)
+            pi.note("account", None)
+
+    name = _("{user}: the account of the service, without a login", user=ACCOUNT)
+    return Step(name, lambda: pi.account() is not None, do, undo)
+
+
 def groups(pi: Pi) -> Step:
-    """The user may open the line, the bus and a game pad."""
+    """The user may open the line, the bus and a game pad, and speaks to the service."""
 
     def missing() -> list[str]:
-        return [group for group, members in pi.groups().items() if pi.user not in members]
+        there = {**pi.groups(*GROUPS), ACCOUNT: pi.groups(ACCOUNT).get(ACCOUNT, [])}
+        return [group for group, members in there.items() if pi.user not in members]
 
     def do() -> None:
         pi.note("groups", missing())
@@ -249,7 +181,7 @@ def groups(pi: Pi) -> Step:
         pi.note("groups", None)
 
     return Step(
-        _("{user} is in {groups}", user=pi.user, groups=", ".join(pi.groups())),
+        _("{user} is in {groups}", user=pi.user, groups=", ".join([*pi.groups(*GROUPS), ACCOUNT])),
         lambda: not missing(),
         do,
         undo,
@@ -287,7 +219,7 @@ def environment(pi: Pi) -> Step:
         pips = [(path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in pi.bundle.glob("pip-*.whl")]
         pip = next((path for path, found in pips if f"sha256:{found}" in locks["pip"]), None)
         if pip is None:
-            sys.exit("the wheel of pip is not the one of the lock, so nothing was installed")
+            sys.exit(_("the wheel of pip differs from the lock, so nothing was installed"))
         words = (
             "install",
             "--quiet",
@@ -313,7 +245,7 @@ def environment(pi: Pi) -> Step:
 def vehicle(pi: Pi) -> Step:
     """The vehicle file. One that is there is replaced only by one that was made from it, whose text is in the bundle as
     vehicle.toml.seen; it stays beside it."""
-    target, ours = pi.at("var/lib/baqueano/vehicle.toml"), pi.bundle / "vehicle.toml"
+    target, ours = pi.at(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
     before, seen = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
 
     def done() -> bool:
@@ -326,16 +258,37 @@ def vehicle(pi: Pi) -> Step:
         if target.exists():
             if target.read_bytes() != seen.read_bytes():
                 sys.exit(
-                    _("{path} was changed by somebody else meanwhile and stays: type it again", path=target)
+                    _("another program changed {path}, so it stays as it is: repeat the line", path=target)
                 )
             shutil.copyfile(target, before)
         part = target.with_name("vehicle.toml.part")
         shutil.copyfile(ours, part)
         os.replace(part, target)
-        pi.run("chown", "-R", pi.user, str(target.parent))
 
     old = _("; the one before is vehicle.toml.before") if target.exists() and not done() else ""
     return Step(f"/var/lib/baqueano/vehicle.toml{old}", done, do, lambda: None)
+
+
+def home(pi: Pi) -> Step:
+    """Runs and vehicle file are the service's; its group, whoever speaks to it, may change the vehicle file."""
+    place = pi.at(HOME)
+
+    def done() -> bool:
+        there = pi.account()
+        return there is not None and place.exists() and place.stat().st_uid == int(there[2])
+
+    def do() -> None:
+        pi.note("home", True)
+        place.mkdir(parents=True, exist_ok=True)
+        pi.run("chown", "-R", f"{ACCOUNT}:{ACCOUNT}", str(place))
+        pi.run("chmod", "2775", str(place))
+
+    def undo() -> None:
+        if "home" in pi.noted:
+            pi.run("chown", "-R", f"{pi.user}:", str(place))
+            pi.note("home", None)
+
+    return Step(_("/{path}: it is of {user}", path=HOME, user=ACCOUNT), done, do, undo)
 
 
 def service(pi: Pi) -> Step:

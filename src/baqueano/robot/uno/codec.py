@@ -113,7 +113,7 @@ class Decoder:
     """Takes bytes as they come, in pieces of any length, and gives the frames that are whole.
 
     Attributes:
-        bad_crc: pieces between two zeros that were no frame: COBS, CRC or seal is wrong, too short or too long.
+        bad_crc: pieces between two zeros that were not a frame: COBS, CRC or seal is wrong, too short or too long.
         bad_shape: frames whose CRC is right, of an unknown kind or a wrong length.
     """
 

@@ -26,7 +26,7 @@ SECONDS = 60.0
 FLASH_BYTES = 32_256  # without the boot-loader
 
 
-class Flashed(NamedTuple):
+class FlashResult(NamedTuple):
     """The written file, and the firmware that answered then."""
 
     port: str
@@ -58,7 +58,7 @@ def shipped() -> Path:
 
 
 def program(path: Path) -> bytes:
-    """The bytes of an Intel hex file that begins at 0. FileError where it is none."""
+    """The bytes of an Intel hex file that begins at 0. FileError for anything else."""
     memory = bytearray()
     try:
         lines = path.read_text(encoding="ascii").split()
@@ -89,7 +89,7 @@ def checksum(path: Path) -> str:
 
 def flash(
     port: str = "auto", hex_file: Path | None = None, say: Callable[[str], object] = lambda text: None
-) -> Flashed:
+) -> FlashResult:
     """Writes `hex_file`, else the package's own, and waits for its name.
 
     UsageError without avrdude, RobotUnreachable where no boot-loader answers or the new firmware does not.
@@ -114,7 +114,7 @@ def flash(
         info = uno.info
         assert info is not None
         version = f"{info.version_major}.{info.version_minor}.{info.version_patch}"
-        return Flashed(where, size, version, info.boots)
+        return FlashResult(where, size, version, info.boots)
 
 
 def _written(avrdude: str, where: str, path: Path) -> None:
@@ -140,5 +140,7 @@ def _written(avrdude: str, where: str, path: Path) -> None:
     except subprocess.TimeoutExpired as error:
         raise RobotUnreachable(fault("flash.too-slow", where=where, within_s=SECONDS)) from error
     if done.returncode:
-        said = [line for line in done.stderr.splitlines() if line.strip() and "ioctl" not in line]
-        raise RobotUnreachable(fault("flash.failed", where=where, said=said[0] if said else done.returncode))
+        complaint = [line for line in done.stderr.splitlines() if line.strip() and "ioctl" not in line]
+        raise RobotUnreachable(
+            fault("flash.failed", where=where, said=complaint[0] if complaint else done.returncode)
+        )

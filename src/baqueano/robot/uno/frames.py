@@ -128,7 +128,7 @@ class Drive(NamedTuple):
 class Config(NamedTuple):
     """For this session; gone at a reset. Refused as a whole when one value is out of range; answered by INFO.
 
-    `slew_permille_per_ms` 1000 is no limit; `least_battery_mv` 0 is no check; PWM also ≤ MOST_PWM_HZ.
+    `slew_permille_per_ms` 1000 does not limit; `least_battery_mv` 0 does not check; PWM also ≤ MOST_PWM_HZ.
     """
 
     dead_man_ms: Annotated[int, "H", Within(50, 1000)] = 300
@@ -267,17 +267,17 @@ def width(code: str) -> Within:
 
 def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
     """The numbers of a layout in the order of the wire."""
-    found: list[Field] = []
+    out: list[Field] = []
     for name, hint in get_type_hints(layout, include_extras=True).items():
         code, *more = hint.__metadata__
         if isinstance(code, str):
-            found.append(Field(path + name, code, more[0] if more else width(code)))
+            out.append(Field(path + name, code, more[0] if more else width(code)))
         elif more:
             for place in range(more[0].times):
-                found += fields(code, f"{path}{name}[{place}].")
+                out += fields(code, f"{path}{name}[{place}].")
         else:
-            found += fields(code, f"{path}{name}.")
-    return found
+            out += fields(code, f"{path}{name}.")
+    return out
 
 
 LAYOUTS: tuple[type[Any], ...] = (Way, *dict.fromkeys(KINDS.values()))

@@ -75,7 +75,7 @@ class EarlierFrame(NamedTuple):
 class Uno:
     """The firmware at the other end of `port`; `now_ns` is the clock of the host.
 
-    Telemetry comes each `Config.telemetry_ms` and is kept until `heard` takes it; `trouble` says why
+    Telemetry comes each `Config.telemetry_ms` and is kept until `receive` takes it; `trouble` says why
     nothing drives, None where it may.
 
     >>> from baqueano.robot.uno.serial_port import connected
@@ -211,8 +211,8 @@ class Uno:
         meant: Callable[[Reply], bool] = lambda reply: True,
     ) -> Reply:
         """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
-        there is none within ANSWER_S."""
-        said: Any = None
+        none comes within ANSWER_S."""
+        answered: Any = None
         self._replies.pop(answer, None)
         end_ns, again_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
         while self._now_ns() < end_ns:
@@ -221,11 +221,11 @@ class Uno:
                 again_ns = self._now_ns() + round(ASK_AGAIN_S * 1e9)
             wait(0.002)
             self.pump()
-            said = self._replies.pop(answer, said)
-            if said is not None and meant(said):
-                return said
-        if said is not None:
-            raise RobotUnreachable(fault("uno.refused-number", question=str(question), said=str(said)))
+            answered = self._replies.pop(answer, answered)
+            if answered is not None and meant(answered):
+                return answered
+        if answered is not None:
+            raise RobotUnreachable(fault("uno.refused-number", question=str(question), said=str(answered)))
         if self._now_ns() - self.noise_ns < ANSWER_S * 1e9:
             raise RobotUnreachable(
                 fault("uno.answer-not-whole", question=type(question).__name__, within_s=ANSWER_S)
@@ -279,7 +279,7 @@ class Uno:
                 return
         match received.frame:
             case State() as state:
-                self._said(state, now_ns)
+                self._take_state(state, now_ns)
             case Pong(token, t_us) if token in self._pings:
                 sent_ns = self._pings.pop(token)
                 self.statistics.trips_ms.append((now_ns - sent_ns) / 1e6)
@@ -321,7 +321,7 @@ class Uno:
             self.trouble = stop(StopReason.UNO_RESET, cause=causes(cause) or "cause unknown")
         self._armed = self._confirmed = False
 
-    def _said(self, state: State, now_ns: int) -> None:
+    def _take_state(self, state: State, now_ns: int) -> None:
         if (self._drive_seq - state.drive_seq) & 0xFF > MOST_AHEAD:  # they were lost on the line, or refused
             self._drive_seq = state.drive_seq
         t_us = self.clock.unwrapped(state.t_us)
@@ -375,7 +375,7 @@ def permille(duty: float) -> int:
 
 
 def applied(state: State, before: EarlierFrame | None, t_us: int) -> tuple[float, float]:
-    """The mean duty of both motors since the telemetry before; of now, where there was none."""
+    """The mean duty of both motors since the telemetry before; of now, where none came."""
     if before is None or t_us <= before.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille
     ms = max(1, round(1e-3 * (t_us - before.t_us)))  # the sums count whole milliseconds

@@ -62,7 +62,7 @@ class SerialPort:
                 gone.close()
 
     def write(self, data: bytes) -> None:
-        """Sends within WRITE_S, or not at all as far as the other end can tell: half a frame has no CRC."""
+        """Sends within WRITE_S, or not at all as far as the other end can tell: half a frame fails its CRC."""
         if self._serial is None:
             raise OSError(f"{self.path} is not open")
         self._serial.write(data)
@@ -90,7 +90,7 @@ class SerialPort:
 
 
 def roused(file: Path) -> Callable[[], object]:
-    """Opens the line that a vehicle file names, which resets its Uno, and keeps it open until what is returned is
+    """Open the line that a vehicle file names, which resets its Uno. The line stays open until the returned function is
     called, by one who has opened it too: the last to close drops DTR, and the next to open would reset the Uno again.
     Nothing happens where file or line are not found; who needs them says so."""
     try:
@@ -105,7 +105,7 @@ def roused(file: Path) -> Callable[[], object]:
 def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     """The Uno at a port, heard by a thread of its own, disarmed at the end. "auto": the only line there is.
 
-    RobotUnreachable where there is no line, or nobody who speaks our protocol answers within BOOT_S; UsageError where
+    RobotUnreachable without a line, or where nobody who speaks our protocol answers within BOOT_S; UsageError where
     there are several lines.
 
     >>> from baqueano.robot.uno.frames import Driver

@@ -79,7 +79,7 @@ class StoredSettings:
     @classmethod
     def of(cls, rows: list["TableRow"]) -> "StoredSettings":
         """The inverse of `rows`, from JSON."""
-        return cls(changed(Settings(), _said(rows)))
+        return cls(changed(Settings(), _as_text(rows)))
 
     def table(self) -> str:
         """For people, by the names of the options."""
@@ -101,13 +101,13 @@ class StoredSettings:
         return "\n".join([*lines, f"{_(self.verdict)}: {origin}"])
 
 
-def _said(rows: list["TableRow"]) -> dict[str, list[str]]:
+def _as_text(rows: list["TableRow"]) -> dict[str, list[str]]:
     """Return the values to type behind each name, from the `rows` of a StoredSettings."""
     whole, *ways = rows
-    said = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
+    texts = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
     for name in OF_WAYS:
-        said[name] = [f"{way['wheel']}={way[name.replace('-', '_')]}" for way in ways]
-    return said
+        texts[name] = [f"{way['wheel']}={way[name.replace('-', '_')]}" for way in ways]
+    return texts
 
 
 def as_typed(settings: Settings) -> str:
@@ -116,8 +116,8 @@ def as_typed(settings: Settings) -> str:
     >>> as_typed(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
     """
-    default, said = _said(StoredSettings(Settings()).rows()), _said(StoredSettings(settings).rows())
-    words = [f"--{name}={text}" for name in said for text in said[name] if text not in default[name]]
+    default, texts = _as_text(StoredSettings(Settings()).rows()), _as_text(StoredSettings(settings).rows())
+    words = [f"--{name}={text}" for name in texts for text in texts[name] if text not in default[name]]
     return " ".join(["baqueano robot settings --defaults", *words])
 
 
@@ -145,10 +145,10 @@ def _with(settings: Settings, name: str, text: str) -> Settings:
     if name in NUMBERS:
         field, unit = NUMBERS[name]
         return settings._replace(**{field: _number(name, text, text, Settings, field, unit)})
-    wheel, equals, said = text.partition("=")
+    wheel, equals, size = text.partition("=")
     if not equals or wheel not in (*WAYS, "all"):
         raise UsageError(fault("settings.way", option=name, found=text, known=WAYS))
-    number = _number(name, text, said, Way, OF_WAYS[name], 1000)
+    number = _number(name, text, size, Way, OF_WAYS[name], 1000)
     ways = [
         way._replace(**{OF_WAYS[name]: number}) if wheel in (at, "all") else way
         for at, way in zip(WAYS, settings.ways, strict=True)
@@ -162,11 +162,11 @@ def _word(name: str, text: str, words: list[str]) -> str:
     return text.lower()
 
 
-def _number(name: str, text: str, said: str, layout: type, field: str, unit: int) -> int:
+def _number(name: str, text: str, size: str, layout: type, field: str, unit: int) -> int:
     """In units of the wire, within the range that the firmware takes."""
     (least, most), *_others = (f.within for f in FIELDS[layout] if f.path == field)
     try:
-        value = float(said)
+        value = float(size)
     except ValueError:
         value = float("nan")
     if not least <= value * unit <= most:
@@ -192,9 +192,9 @@ def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.
 def _at_rest(uno: "Uno", wait: Wait) -> None:
     uno.receive()
     wait(TELEMETRY_S)
-    said = uno.receive()
-    if any(duty for telemetry in said[-1:] for duty in telemetry.applied):
-        left, right = said[-1].applied
+    telemetry_read = uno.receive()
+    if any(duty for telemetry in telemetry_read[-1:] for duty in telemetry.applied):
+        left, right = telemetry_read[-1].applied
         raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
 
 

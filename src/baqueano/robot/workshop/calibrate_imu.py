@@ -45,7 +45,7 @@ Say = Callable[[str], object]
 
 
 @dataclass
-class Watched:
+class ImuReader:
     """The IMU in its own axes, and how time passes."""
 
     imu: Any
@@ -58,8 +58,8 @@ class Watched:
         self._last_ns = 0
 
     def samples(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-        """Forces (n, 3) and rates (n, 3) of so many seconds. AnswerNo if there are none."""
-        end, found = self.now_ns() + round(seconds * 1e9), []
+        """Forces (n, 3) and rates (n, 3) of so many seconds. AnswerNo if none come."""
+        end, read = self.now_ns() + round(seconds * 1e9), []
         while self.now_ns() < end:
             self.wait(0.01)
             for sample in self.imu.read():
@@ -68,10 +68,10 @@ class Watched:
                         self.turned + (sample.gyro - self.bias) * (sample.t_ns - self._last_ns) * 1e-9
                     )
                 self._last_ns = sample.t_ns
-                found.append(sample)
-        if not found:
+                read.append(sample)
+        if not read:
             raise AnswerNo(fault("calibrate.no-sample", "baqueano robot doctor", within_s=seconds))
-        return np.array([s.accel for s in found]), np.array([s.gyro for s in found])
+        return np.array([s.accel for s in read]), np.array([s.gyro for s in read])
 
     def still(self, seconds: float, what: str) -> tuple[np.ndarray, np.ndarray]:
         """Means (3,), (3,) over so many seconds in which nothing moved; waits for them. AnswerNo after a minute."""
@@ -89,8 +89,8 @@ class Watched:
         end = self.now_ns() + round(PATIENCE_S * 1e9)
         while self.now_ns() < end:
             accel, gyro = self.samples(STEADY_S)
-            held = np.abs(gyro.mean(axis=0) - self.bias).max() < HELD * STILL_RAD_S
-            if held and _steady(accel, gyro, HELD) and meant(accel.mean(axis=0)):
+            at_rest = np.abs(gyro.mean(axis=0) - self.bias).max() < HELD * STILL_RAD_S
+            if at_rest and _steady(accel, gyro, HELD) and meant(accel.mean(axis=0)):
                 return accel.mean(axis=0)
         raise AnswerNo(fault("calibrate.not-felt", what=what, within_s=PATIENCE_S))
 
@@ -125,7 +125,7 @@ class MountedImu:
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         a_x, a_y = self.accel
         return _(
             "axes that point ahead, left, up: {axes}; {oblique_rad:.1f}° from upright\nat rest: "
@@ -142,21 +142,21 @@ class MountedImu:
 
     def values(self, file: "VehicleFile") -> "JsonObject":
         """Return the changes of a vehicle file: axes, and biases that explain the rest beside its tilt and scales."""
-        found: JsonObject = {"robot.imu_axes": list(self.axes)}
+        values: JsonObject = {"robot.imu_axes": list(self.axes)}
         if "imu" in file.sensors._fields:
             imu = file.sensors.imu
             zero = np.zeros(3)
             expected = np.asarray(imu.h(Motion(zero, zero, zero, zero)), dtype=float)
-            found["sensors.imu.accel_bias"] = np.round(imu.accel_bias + self.accel - expected[:2], 5)
-            found["sensors.imu.gyro_bias"] = round(float(imu.gyro_bias + self.gyro - expected[2]), 6)
-        return found
+            values["sensors.imu.accel_bias"] = np.round(imu.accel_bias + self.accel - expected[:2], 5)
+            values["sensors.imu.gyro_bias"] = round(float(imu.gyro_bias + self.gyro - expected[2]), 6)
+        return values
 
 
-def calibrate(watched: Watched, say: Say) -> MountedImu:
+def calibrate(watched: ImuReader, say: Say) -> MountedImu:
     """Asks a person for three things and finds the rest; the IMU gives its chip's own axes."""
     say(
         _(
-            "put it on the floor, wheels down, and leave it alone for {steady_s:g} s",
+            "put the vehicle on the floor, wheels down, and do not touch it for {steady_s:g} s",
             steady_s=REST_S + STEADY_S,
         )
     )
@@ -169,7 +169,7 @@ def calibrate(watched: Watched, say: Say) -> MountedImu:
         return bool(np.abs(_across(accel - first, up)).max() > least)
 
     axes, lift = ahead(watched.changed(N_("the lift of the front"), tilted) - first, up)
-    say(_("put it down and turn it by about half a turn to the left, on the floor; then leave it alone"))
+    say(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
     before = watched.turned
     watched.changed(N_("the turn"), lambda accel: _turned(watched, before, up) and not tilted(accel))
     second, gyro_2 = watched.still(REST_S, N_("after the turn"))
@@ -182,7 +182,7 @@ def calibrate(watched: Watched, say: Say) -> MountedImu:
     )
 
 
-def _turned(watched: Watched, before: np.ndarray, up: np.ndarray) -> bool:
+def _turned(watched: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
     """(3) AnswerNo where it went to the right."""
     turn = float(up @ (watched.turned - before))
     if turn < -LEAST_TURN_RAD:

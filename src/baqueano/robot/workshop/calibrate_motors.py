@@ -33,7 +33,7 @@ from baqueano.vehicles.drivetrain import mix
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
-    from baqueano.robot.workshop.floor_tests import Bench, ImuSamples
+    from baqueano.robot.workshop.floor_tests import FloorTests, ImuSamples
     from baqueano.worlds.robot import Sample
 
 TURNS_RAD_S = 0.7  # more than a vibration: ten times what an engine of such a vehicle shakes, 0.07
@@ -97,7 +97,7 @@ class Motors:
         return cls(Settings(wiring=whole["wiring"], ways=ways), sweeps, *pairs)
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         wide = max(15, *(len(_(name)) for name in NAMES))
         lines = [
             wiring_text(self.settings.wiring),
@@ -146,47 +146,47 @@ def wiring_text(wiring: int) -> str:
     return _("wiring: {names}", names=", ".join(map(_, names)) or _("as in the guide"))
 
 
-def calibrate(bench: "Bench", say: Say = lambda text: None) -> Motors:
+def calibrate(floor: "FloorTests", say: Say = lambda text: None) -> Motors:
     """Finds and stores the settings of both motors; what is not about motors is kept. The vehicle turns on its spot and
     drives half a metre to and fro.
 
     AnswerNo where it does not move, or moves in a way that fits no wiring; then, and after any other error, the
     settings of before are stored again, also in an Uno that is stopped; `say` tells whether it took them.
     """
-    before = bench.uno.settings(bench.wait)
+    before = floor.uno.settings(floor.wait)
     motors = Wiring.LEFT_MOTOR_REVERSED | Wiring.RIGHT_MOTOR_REVERSED | Wiring.MOTORS_SWAPPED
     neutral = before._replace(wiring=before.wiring & ~motors, ways=(Way(),) * 4, dither_permille=0)
-    bench.uno.arm()
+    floor.uno.arm()
     try:
-        bench.upright()
-        bench.store(neutral)
-        wiring = _wiring(bench, say)
+        floor.upright()
+        floor.store(neutral)
+        wiring = _wiring(floor, say)
         neutral = neutral._replace(wiring=neutral.wiring | wiring)
-        bench.store(neutral)
-        sweeps = _sweeps(bench, say)
+        floor.store(neutral)
+        sweeps = _sweeps(floor, say)
         settings = neutral._replace(ways=ways(sweeps), dither_permille=before.dither_permille)
-        return _straight(bench, settings, sweeps, say)
+        return _straight(floor, settings, sweeps, say)
     except BaseException:
-        _give_back(bench, before, say)
+        _give_back(floor, before, say)
         raise
     finally:
-        bench.uno.disarm()
+        floor.uno.disarm()
 
 
-def _give_back(bench: "Bench", before: Settings, say: Say) -> None:
+def _give_back(floor: "FloorTests", before: Settings, say: Say) -> None:
     """Stores what was stored before. An Uno that is still armed, for a command was lost, refuses it: each try disarms
     it anew. Ctrl-C meanwhile ends the tries."""
     try:
         for left in reversed(range(TRIES)):
-            bench.uno.disarm()
-            bench.wait(0.05)
+            floor.uno.disarm()
+            floor.wait(0.05)
             try:
-                bench.uno.keep(before, bench.wait)
+                floor.uno.keep(before, floor.wait)
                 break
             except RobotUnreachable:
                 if not left:
                     raise
-        say(_("the Uno keeps what it kept before"))
+        say(_("the Uno keeps its old settings"))
     except (RobotUnreachable, KeyboardInterrupt):
         say(
             _(
@@ -202,20 +202,20 @@ def _alone(wheel: int, duty: float, other: float = 0.0) -> tuple[float, float]:
     return (duty, other) if wheel == 0 else (other, duty)
 
 
-def _ramp(bench: "Bench", wheel: int, direction: float) -> tuple[float, float]:
+def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
     """Duty at which the vehicle turns, and the turn's sign.  (1)"""
-    bias = bench.rest(0.3).gyro[:, 2].mean()
+    bias = floor.rest(0.3).gyro[:, 2].mean()
     reached: list[float] = []
 
     def duties(t_s: float) -> tuple[float, float]:
         reached.append(min(1.0, RAMP_PER_S * t_s))
         return _alone(wheel, direction * reached[-1])
 
-    felt = bench.follow(
+    measured = floor.follow(
         duties, 1.0 / RAMP_PER_S + 0.5, lambda sample: abs(sample.gyro[2] - bias) > TURNS_RAD_S
     )
-    turn = felt.gyro[-1, 2] - bias
-    bench.hold(0.0, 0.0, PAUSE_S)
+    turn = measured.gyro[-1, 2] - bias
+    floor.hold(0.0, 0.0, PAUSE_S)
     if abs(turn) <= TURNS_RAD_S:
         raise AnswerNo(
             fault(
@@ -227,69 +227,69 @@ def _ramp(bench: "Bench", wheel: int, direction: float) -> tuple[float, float]:
     return reached[-1], float(np.sign(turn))
 
 
-def _wiring(bench: "Bench", say: Say) -> Wiring:
+def _wiring(floor: "FloorTests", say: Say) -> Wiring:
     """Plugs that went in the other way round.  (1), (2)"""
     say(_("which motor is which: it will turn to both sides, then push to and fro"))
-    (left, turn_l), (right, turn_r) = _ramp(bench, 0, 1.0), _ramp(bench, 1, 1.0)
+    (left, turn_l), (right, turn_r) = _ramp(floor, 0, 1.0), _ramp(floor, 1, 1.0)
     signs = (
         -turn_l,
         turn_r,
     )  # of commands with which both wheels run one way, if they are where they should be
     duties = [min(1.0, duty + ABOVE) * sign for duty, sign in zip((left, right), signs, strict=True)]
-    pushed = _push(bench, duties) - _push(bench, [-d for d in duties])
+    pushed = _push(floor, duties) - _push(floor, [-d for d in duties])
     if abs(pushed) < PUSHED_M_S:
         raise AnswerNo(
             fault(
                 "calibrate.no-push", "baqueano robot calibrate imu", push_m_s=0.5 * abs(pushed), push_s=PUSH_S
             )
         )
-    found = Wiring(0)
+    wiring = Wiring(0)
     if pushed > 0.0:
-        found |= Wiring.LEFT_MOTOR_REVERSED if turn_l > 0 else Wiring(0)
-        found |= Wiring.RIGHT_MOTOR_REVERSED if turn_r < 0 else Wiring(0)
+        wiring |= Wiring.LEFT_MOTOR_REVERSED if turn_l > 0 else Wiring(0)
+        wiring |= Wiring.RIGHT_MOTOR_REVERSED if turn_r < 0 else Wiring(0)
     else:  # the command for the left drives the right wheel
-        found |= Wiring.MOTORS_SWAPPED
-        found |= Wiring.RIGHT_MOTOR_REVERSED if turn_l < 0 else Wiring(0)
-        found |= Wiring.LEFT_MOTOR_REVERSED if turn_r > 0 else Wiring(0)
-    say(wiring_text(found))
-    return found
+        wiring |= Wiring.MOTORS_SWAPPED
+        wiring |= Wiring.RIGHT_MOTOR_REVERSED if turn_l < 0 else Wiring(0)
+        wiring |= Wiring.LEFT_MOTOR_REVERSED if turn_r > 0 else Wiring(0)
+    say(wiring_text(wiring))
+    return wiring
 
 
-def _push(bench: "Bench", duties: list[float]) -> float:
+def _push(floor: "FloorTests", duties: list[float]) -> float:
     """∫ a dt along the axis ahead [m/s].  (2)"""
-    bias = bench.rest(0.3).accel[:, 0].mean()
-    felt = bench.hold(duties[0], duties[1], PUSH_S)
-    bench.hold(0.0, 0.0, PAUSE_S)
-    return float(np.mean(felt.accel[:, 0] - bias) * PUSH_S)
+    bias = floor.rest(0.3).accel[:, 0].mean()
+    measured = floor.hold(duties[0], duties[1], PUSH_S)
+    floor.hold(0.0, 0.0, PAUSE_S)
+    return float(np.mean(measured.accel[:, 0] - bias) * PUSH_S)
 
 
-def _sweeps(bench: "Bench", say: Say) -> tuple[Sweep, ...]:
+def _sweeps(floor: "FloorTests", say: Say) -> tuple[Sweep, ...]:
     """All four ways.  (3)"""
-    started = [_ramp(bench, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
-    found = []
+    started = [_ramp(floor, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
+    sweeps = []
     for place, name in enumerate(NAMES):
         wheel, direction = divmod(place, 2)
         sign = 1.0 - 2.0 * direction
         other = min(1.0, started[2 * (1 - wheel) + 1 - direction] + ABOVE)  # it runs the other way
-        found.append(_sweep(bench, wheel, sign, started[place], other, name))
-        say(_("{name}: dead zone {dead_zone:.1%}", name=_(name), dead_zone=found[-1].dead_zone))
-    return tuple(found)
+        sweeps.append(_sweep(floor, wheel, sign, started[place], other, name))
+        say(_("{name}: dead zone {dead_zone:.1%}", name=_(name), dead_zone=sweeps[-1].dead_zone))
+    return tuple(sweeps)
 
 
-def _sweep(bench: "Bench", wheel: int, sign: float, started: float, other: float, name: str) -> Sweep:
-    bias = bench.rest(0.3).gyro[:, 2].mean()
+def _sweep(floor: "FloorTests", wheel: int, sign: float, started: float, other: float, name: str) -> Sweep:
+    bias = floor.rest(0.3).gyro[:, 2].mean()
     turn = sign * TURN[wheel]
     duties = [*np.linspace(min(1.0, started + 0.4), max(0.02, started - 0.1), LEVELS), 0.0]
     turns = []
     for duty in duties:
-        felt = bench.hold(*_alone(wheel, sign * float(duty), -sign * other), SETTLE_S + MEAN_S)
-        turns.append(turn * float(np.mean(felt.after(SETTLE_S).gyro[:, 2] - bias)))
-    bench.hold(0.0, 0.0, PAUSE_S)
+        measured = floor.hold(*_alone(wheel, sign * float(duty), -sign * other), SETTLE_S + MEAN_S)
+        turns.append(turn * float(np.mean(measured.after(SETTLE_S).gyro[:, 2] - bias)))
+    floor.hold(0.0, 0.0, PAUSE_S)
     return fitted(started, np.array(duties[:-1]), np.array(turns[:-1]) - turns[-1], name)
 
 
 def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
-    """(3) through the levels that added a fifth of the most, (n,) duties and (n,) Δω. AnswerNo where there is none."""
+    """(3) through the levels that added a fifth of the most, (n,) duties and (n,) Δω. AnswerNo where none exists."""
     runs = added > max(0.2 * added.max(), 0.1)
     if runs.sum() < 4:
         raise AnswerNo(
@@ -303,9 +303,9 @@ def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> 
             )
         )
     powers = np.stack([np.ones(runs.sum()), added[runs], added[runs] ** 2], axis=1)
-    found, *_others = np.linalg.lstsq(powers, duties[runs], rcond=None)
-    rms = float(np.sqrt(np.mean((powers @ found - duties[runs]) ** 2)))
-    dead_zone = float(np.clip(found[0], 0.0, 1.0))
+    line, *_others = np.linalg.lstsq(powers, duties[runs], rcond=None)
+    rms = float(np.sqrt(np.mean((powers @ line - duties[runs]) ** 2)))
+    dead_zone = float(np.clip(line[0], 0.0, 1.0))
     if dead_zone > 0.7:
         raise AnswerNo(fault("calibrate.dead-zone", name=name, dead_zone=dead_zone))
     top = float(added.max())
@@ -322,21 +322,21 @@ def _slope(permille: float) -> int:
     return int(np.clip(round(permille), 100, 3000))
 
 
-def _straight(bench: "Bench", settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
+def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
     """Drives straight, trims, and drives straight again.  (5)"""
     say(_("straight on: half a metre to and fro, three times"))
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
-    bench.store(settings)
-    before = tuple(_differ(bench, sign, reach)[0] for sign in (1.0, -1.0))
+    floor.store(settings)
+    before = tuple(_differ(floor, sign, reach)[0] for sign in (1.0, -1.0))
     trimmed = list(settings.ways)
     for place, way in enumerate(trimmed):
         wheel, direction = divmod(place, 2)
         more = 1.0 - TURN[wheel] * 0.5 * before[direction]
         trimmed[place] = way._replace(slope_permille=_slope(way.slope_permille * more))
     settings = settings._replace(ways=tuple(trimmed))
-    bench.store(settings)
-    (forwards, turn_f), (backwards, turn_b) = (_differ(bench, sign, reach) for sign in (1.0, -1.0))
-    held_f, held_b = (_held(bench, sign, reach) for sign in (1.0, -1.0))
+    floor.store(settings)
+    (forwards, turn_f), (backwards, turn_b) = (_differ(floor, sign, reach) for sign in (1.0, -1.0))
+    held_f, held_b = (_held_heading(floor, sign, reach) for sign in (1.0, -1.0))
     return Motors(
         settings, sweeps, (before[0], before[1]), (forwards, backwards),
         (float(np.degrees(turn_f)), float(np.degrees(turn_b))),
@@ -344,19 +344,19 @@ def _straight(bench: "Bench", settings: Settings, sweeps: tuple[Sweep, ...], say
     )  # fmt: skip
 
 
-def _differ(bench: "Bench", sign: float, reach: float) -> tuple[float, float]:
+def _differ(floor: "FloorTests", sign: float, reach: float) -> tuple[float, float]:
     """ε of (5), + where the right wheel does more, and the turn [rad/s]."""
-    bias = bench.rest(0.3).gyro[:, 2].mean()
+    bias = floor.rest(0.3).gyro[:, 2].mean()
     request = sign * STRAIGHT_REQUEST
-    felt: ImuSamples = bench.hold(request, request, STRAIGHT_S)
-    turn = float(np.mean(felt.after(SETTLE_S).gyro[:, 2] - bias))
-    bench.hold(0.0, 0.0, PAUSE_S)
+    measured: ImuSamples = floor.hold(request, request, STRAIGHT_S)
+    turn = float(np.mean(measured.after(SETTLE_S).gyro[:, 2] - bias))
+    floor.hold(0.0, 0.0, PAUSE_S)
     return turn / (request * reach), turn
 
 
-def _held(bench: "Bench", sign: float, reach: float) -> float:
+def _held_heading(floor: "FloorTests", sign: float, reach: float) -> float:
     """The heading [rad] that is off after a straight drive in which it was held.  (6)"""
-    bias = bench.rest(0.3).gyro[:, 2].mean()
+    bias = floor.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
     hold = HeadingHold(straight, placed(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)
     state, psi, r, felt_ns = hold.init(), 0.0, 0.0, -1
@@ -378,6 +378,6 @@ def _held(bench: "Bench", sign: float, reach: float) -> float:
         felt_ns = sample.t_ns
         return False
 
-    bench.follow(duties, STRAIGHT_S, feel)
-    bench.hold(0.0, 0.0, PAUSE_S)
+    floor.follow(duties, STRAIGHT_S, feel)
+    floor.hold(0.0, 0.0, PAUSE_S)
     return psi

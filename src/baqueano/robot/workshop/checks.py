@@ -34,8 +34,8 @@ class Report:
     @property
     def verdict(self) -> str:
         """The worst of them; what cannot be seen is not held against it."""
-        found = {check.verdict for check in self.checks}
-        return "bad" if "bad" in found else "warn" if "warn" in found else "ok"
+        verdicts = {check.verdict for check in self.checks}
+        return "bad" if "bad" in verdicts else "warn" if "warn" in verdicts else "ok"
 
     def rows(self) -> list["TableRow"]:
         """A row for each."""

@@ -75,7 +75,7 @@ def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
     bus = f"dev/i2c-{hardware.imu_bus:.0f}"
     if not (root / bus).exists() and not (root / MODEL).exists():
         yield Check(
-            "IMU", "unknown", _("there is no /{bus} on this machine, which is no Raspberry Pi", bus=bus)
+            "IMU", "unknown", _("/{bus} is missing on this machine: it is not a Raspberry Pi", bus=bus)
         )
         return
     try:
@@ -91,30 +91,30 @@ def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
 
 def feels(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
     """Chip, bus, rate and noise of an IMU that runs."""
-    found, samples = chip.found, []
+    identity, samples = chip.identity, []
     for _look in range(round(seconds / 0.02)):
         wait(0.02)
         samples += chip.read()
     yield Check(
         "IMU",
-        "warn" if found.warnings else "ok",
+        "warn" if identity.warnings else "ok",
         _(
             "{chip}, WHO_AM_I 0x{who_am_i:02X} at 0x{address:02X} on {path}",
-            chip=found.chip,
-            who_am_i=found.who_am_i,
-            address=found.address,
-            path=found.path,
+            chip=identity.chip,
+            who_am_i=identity.who_am_i,
+            address=identity.address,
+            path=identity.path,
         ),
-        "; ".join(found.warnings),
+        "; ".join(identity.warnings),
     )
-    share = chip.settings.rate_hz * found.burst_s  # of the bus's time
+    share = chip.settings.rate_hz * identity.burst_s  # of the bus's time
     yield Check(
         N_("IMU bus"),
-        "ok" if found.bus_hz > 200e3 else "warn" if share < 0.7 else "bad",
+        "ok" if identity.bus_hz > 200e3 else "warn" if share < 0.7 else "bad",
         _(
             "14 bytes in {burst_s:.2f} ms: {bus_hz:.0f} kHz or more",
-            burst_s=1000.0 * found.burst_s,
-            bus_hz=found.bus_hz / 1000.0,
+            burst_s=1000.0 * identity.burst_s,
+            bus_hz=identity.bus_hz / 1000.0,
         ),
         _(
             "dtparam=i2c_arm_baudrate=400000 and core_freq=250 in /boot/firmware/config.txt: "
@@ -130,20 +130,20 @@ def feels(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> I
         )
         return
     off = chip.rate_hz / chip.settings.rate_hz - 1.0
-    failed, known = chip.counts.overflows + chip.counts.failures, chip.clock
+    failed, clock = chip.counts.overflows + chip.counts.failures, chip.clock
     yield Check(
         N_("IMU rate"),
-        "ok" if abs(off) < 0.05 and not failed and not known.slips else "warn",
+        "ok" if abs(off) < 0.05 and not failed and not clock.slips else "warn",
         _(
             "{rate_hz:.2f} ± {rate_error_hz:.2f} Hz of {rate_hz2} ({off:+.1%}), stamped within "
             "{phase_error_ns:.1f} ms; {failed} calls failed or overflowed, {slips} times samples lost",
             rate_hz=chip.rate_hz,
-            rate_error_hz=known.rate_error_hz,
+            rate_error_hz=clock.rate_error_hz,
             rate_hz2=chip.settings.rate_hz,
             off=off,
-            phase_error_ns=1e-06 * known.phase_error_ns,
+            phase_error_ns=1e-06 * clock.phase_error_ns,
             failed=failed,
-            slips=known.slips,
+            slips=clock.slips,
         ),
         _("Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off"),
     )
@@ -171,13 +171,16 @@ def tested(chip: Any, wait: Callable[[float], object]) -> Check:
         if a.passed is False
     ]
     silent = sum(a.passed is None for a in axes)
-    said = _(
+    ratios = _(
         "{good} of 6 axes answer as at the factory, which says nothing of {silent}",
         good=6 - silent - len(off),
         silent=silent,
     )
     return Check(
-        N_("IMU self-test"), "warn" if off else "ok", "; ".join([said, *off]), _("A clone, or a damaged chip")
+        N_("IMU self-test"),
+        "warn" if off else "ok",
+        "; ".join([ratios, *off]),
+        _("A clone, or a damaged chip"),
     )
 
 
@@ -240,13 +243,13 @@ def power(root: Path) -> Iterator[Check]:
     try:
         bits = int((root / THROTTLED).read_text(encoding="utf-8"), 16)
     except (OSError, ValueError):
-        yield Check(N_("supply"), "unknown", _("this machine does not tell (a Raspberry Pi does)"))
+        yield Check(N_("supply"), "unknown", _("this machine does not report it (a Raspberry Pi does)"))
         return
-    said = [_(text) for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
+    throttled = [_(text) for bit, text in THROTTLE_BITS.items() if bits >> bit & 1]
     yield Check(
         N_("supply"),
-        "bad" if bits & 0xF else "warn" if said else "ok",
-        ", ".join(said) or _("never under 4.63 V"),
+        "bad" if bits & 0xF else "warn" if throttled else "ok",
+        ", ".join(throttled) or _("never under 4.63 V"),
         _("Use a supply of 5.1 V and 2.5 A with short thick wires, apart from the motors' battery"),
     )
 
@@ -256,7 +259,7 @@ def temperature(root: Path) -> Iterator[Check]:
     try:
         celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text(encoding="utf-8")) / 1000.0
     except (OSError, ValueError):
-        yield Check(N_("temperature"), "unknown", _("this machine does not tell"))
+        yield Check(N_("temperature"), "unknown", _("this machine does not report it"))
         return
     yield Check(
         N_("temperature"),
@@ -275,7 +278,7 @@ def governor(root: Path) -> Iterator[Check]:
             .strip()
         )
     except OSError:
-        yield Check(N_("governor"), "unknown", _("this machine does not tell"))
+        yield Check(N_("governor"), "unknown", _("this machine does not report it"))
         return
     yield Check(
         N_("governor"),
@@ -314,7 +317,8 @@ def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
         "ok" if year >= LEAST_YEAR else "warn",
         text,
         _(
-            "It has not heard of the time; runs are named by it. baqueano robot setup brings the laptop's time"
+            "The clock is not set, and runs are named by it. baqueano robot setup sets it to the "
+            "laptop's time"
         ),
     )
 

@@ -18,7 +18,7 @@ from baqueano.language import translated as _
 from baqueano.printable import words
 from baqueano.robot import SERVICE
 from baqueano.robot.uno.serial_port import connected
-from baqueano.robot.workshop.floor_tests import Bench
+from baqueano.robot.workshop.floor_tests import FloorTests
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -60,7 +60,7 @@ def service_off(say: Say) -> Iterator[None]:
 @contextmanager
 def opened(
     hardware: "Hardware", say: Say, in_chip_axes: bool = False, motors: bool = True
-) -> Iterator[Bench]:
+) -> Iterator[FloorTests]:
     """Open Uno and IMU of [robot], until their user is gone: then KeyboardInterrupt. Without `motors` the Uno
     may be missing."""
     from baqueano.robot.imu import driver as imu_driver
@@ -71,7 +71,7 @@ def opened(
         uno = things.enter_context(connected(hardware.port)) if motors else None
         imu = imu_driver.of(hardware, say, in_chip_axes)
         things.callback(imu.close)
-        yield Bench(uno, imu)
+        yield FloorTests(uno, imu)
 
 
 def _not_driving() -> None:

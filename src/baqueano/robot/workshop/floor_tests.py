@@ -42,7 +42,7 @@ class ImuSamples(NamedTuple):
 
 
 @dataclass
-class Bench:
+class FloorTests:
     """Uno and IMU, axes ahead, left, up, and how time passes."""
 
     uno: Any
@@ -82,10 +82,10 @@ class Bench:
         scatter = 0.0
         for _ in range(10):
             self.hold(0.0, 0.0, 0.3)
-            felt = self.hold(0.0, 0.0, seconds)
-            if felt.still:
-                return felt
-            scatter = float(felt.gyro.std(axis=0).max())
+            rest = self.hold(0.0, 0.0, seconds)
+            if rest.still:
+                return rest
+            scatter = float(rest.gyro.std(axis=0).max())
         raise AnswerNo(fault("floor.not-still", scatter_deg_s=np.degrees(scatter)))
 
     def upright(self) -> None:

@@ -41,7 +41,7 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
             yield from answers(link, least_battery_v, before)
             yield memory(link.ask(AskInfo(), Info))  # INFO of its start comes before it has looked
     except BaqueanoError as error:
-        yield Check(N_("serial line"), "bad", _("no Uno that speaks our language"), str(error))
+        yield Check(N_("serial line"), "bad", _("no Uno with our firmware"), str(error))
 
 
 def commanded(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
@@ -57,12 +57,12 @@ def answers(
     """Check a link that has listened for a while, since its statistics were `before`."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
 
-    info, heard = link.info, link.receive()
+    info, telemetry = link.info, link.receive()
     if info is None:
         yield Check(
             N_("firmware"),
             "bad",
-            _("the Uno was reset while it was asked"),
+            _("the Uno was reset during the check"),
             _("Look at its supply, and try again"),
         )
         return
@@ -89,13 +89,13 @@ def answers(
         _("{ppm:+.0f} ppm", ppm=-ppm),
         _("More than a resonator may be off: does the board run at 16 MHz?"),
     )
-    if heard:
-        yield battery(heard[-1].battery_v, least_battery_v)
-    known = any(way != Way() for way in link.settings(wait).ways)
+    if telemetry:
+        yield battery(telemetry[-1].battery_v, least_battery_v)
+    calibrated = any(way != Way() for way in link.settings(wait).ways)
     yield Check(
         N_("motors"),
-        "ok" if known else "warn",
-        _("calibrated") if known else _("not calibrated"),
+        "ok" if calibrated else "warn",
+        _("calibrated") if calibrated else _("not calibrated"),
         _("Type: baqueano robot calibrate motors"),
     )
 

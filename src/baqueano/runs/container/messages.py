@@ -230,7 +230,7 @@ def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data
 
 
 def unpack_log(message: bytes) -> tuple[int, str, str, str]:
-    """Return level, source, text and data of one rcl_interfaces/msg/Log. ValueError if it is none."""
+    """Return level, source, text and data of one rcl_interfaces/msg/Log. ValueError for anything else."""
     try:
         body, words, at = message[4:], [], 9
         level = body[8]

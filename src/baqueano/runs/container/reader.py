@@ -75,7 +75,7 @@ def read_run(path: Path | str) -> Run:
     foreign = METADATA not in contents.metadata and not contents.problems
     if foreign and contents.complete and not contents.messages:
         raise FileError(fault("runs.no-message", path=path))
-    return _Assembly(path, contents).run()
+    return _RunAssembly(path, contents).run()
 
 
 def read_bytes(path: Path) -> bytes:
@@ -113,7 +113,7 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-class _Assembly:
+class _RunAssembly:
     """Puts the messages of a file together to a run."""
 
     def __init__(self, path: Path, contents: Contents) -> None:
@@ -260,17 +260,17 @@ class _Assembly:
 
     def losses(self, run: Run) -> list[Diagnostic]:
         """Return the messages about the file as a whole."""
-        of, found = {"file": self.path.name, "ticks": len(run.t_ns)}, []
+        of, warnings = {"file": self.path.name, "ticks": len(run.t_ns)}, []
         if not self.contents.complete:
-            found.append(_warning("run.not-closed", **of, duration_s=run.duration_s))
+            warnings.append(_warning("run.not-closed", **of, duration_s=run.duration_s))
         if self.contents.problems:
             more = max(self.contents.places - 3, 0)
             problems, code = (
                 _listed(self.contents.problems[:3]),
                 "run.damaged-often" if more else "run.damaged",
             )
-            found.append(_warning(code, **of, places=problems, more=more))
-        return found
+            warnings.append(_warning(code, **of, places=problems, more=more))
+        return warnings
 
     def sized(self, layout: Any) -> Any:
         return lambda topic, schema, size: layout(size)

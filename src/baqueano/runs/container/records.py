@@ -150,7 +150,7 @@ class _Walk:
             at = self.record(at)
         unknown = [k for k in self.contents.messages if k not in self.contents.channels]
         if unknown:
-            self.lost(-1, -1, f"{len(unknown)} topics lost their names")
+            self.lost(-1, -1, note("damage.names", topics=len(unknown)))
         topics = Counter[str]()
         for key, of_channel in self.contents.messages.items():
             topic = self.contents.channels[key].topic if key in self.contents.channels else ""
@@ -165,7 +165,7 @@ class _Walk:
         end, chunk = at + 9 + size, self.next_chunk(at)
         lost_step = chunk < min(end, len(self.data)) and not self.ended
         if lost_step and kind not in (CHUNK, ATTACHMENT):  # or a chunk with a damaged kind
-            self.lost(at, chunk, f"no record of kind {kind} was expected")
+            self.lost(at, chunk, note("damage.unexpected", kind=kind))
             if chunk > at:
                 return chunk
             kind = CHUNK  # its checksum decides
@@ -173,16 +173,16 @@ class _Walk:
             chunk = self.next_chunk(at + 1)
             if chunk == len(self.data):
                 return None
-            self.lost(at, chunk, f"a record claims {size} bytes")
+            self.lost(at, chunk, note("damage.record-size", size=size))
             return chunk
         if kind == 0 and size == 0:  # the tail that a power cut leaves: all of it at once
             rest = _NOT_ZERO.search(self.data, at)
             end += ((rest.start() if rest else len(self.data)) - end) // 9 * 9
-            why: Diagnostic | str = "zeros"
+            why = note("damage.zeros")
         elif not 0 < kind <= LAST_KNOWN:
-            why = f"a record of unknown kind {kind}"
+            why = note("damage.unknown-kind", kind=kind)
         elif size < LEAST.get(kind, 0):
-            why = f"a record of kind {kind} with {size} bytes"
+            why = note("damage.short-record", kind=kind, size=size)
         else:
             try:
                 self.content(kind, at + 9, end)
@@ -239,7 +239,7 @@ class _Walk:
             self.ended = True
             checksum = Cursor(body).number(4)
             if checksum and not self.contents.places and checksum != zlib.crc32(self.view[: at - 9]):
-                self.lost(-1, -1, "the checksum over all data does not hold")
+                self.lost(-1, -1, note("damage.data-checksum"))
         elif kind == FOOTER:
             self.footer(Cursor(body), at + 16)
             self.contents.complete = self.data[end : end + 8] == MAGIC

@@ -1,10 +1,9 @@
 """Writing a run while it happens, or a whole one at once.
 
-The loop packs its messages and puts them in a queue; a thread of the writer's own moves them to the file and,
-twice a second, closes a chunk and asks the disk to keep it (fdatasync, or fsync where there is none). A
-program that is killed, or a power cut, loses at most one second, and a slow disk never holds up the motors:
-when the queue of a live run is full, what can be computed again from the rest (estimates, references) is
-dropped first, counted, and told.
+The loop packs its messages and puts them in a queue; a thread of the writer's own moves them to the file. Twice a
+second it closes a chunk and asks the disk to keep it (fdatasync, else fsync). A program that is killed, or a power cut,
+loses at most one second, and a slow disk never holds up the motors: when the queue of a live run is full, what can be
+computed again from the rest (estimates, references) is dropped first, counted, and told.
 """
 
 import heapq
@@ -21,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, fault
+from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import in_english
 from baqueano.printable import typed
@@ -126,8 +125,7 @@ class RunWriter:
             return
         self._closed = True
         if self.dropped:
-            lost = f"the disk was too slow: {self.dropped} estimates, references or poses are not in this run"
-            self.event(self._t_ns, "warning", "run writer", lost)
+            self.event(self._t_ns, "warning", "run writer", note("run.disk-slow", lost=self.dropped))
         self._closing.set()
         self._thread.join()
         try:
@@ -167,7 +165,7 @@ class RunWriter:
             if what not in self._once:
                 self._once.add(what)
                 self.event(
-                    self._t_ns, "error", "run writer", f"{what} was not of the expected shape: {error}"
+                    self._t_ns, "error", "run writer", note("run.not-packed", what=what, error=str(error))
                 )
 
     def _put(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:

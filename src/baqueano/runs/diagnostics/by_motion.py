@@ -5,7 +5,7 @@
     (a_x, a_y)              of (v̇, v ω)                                         scale within 2.5           (3)
     (ω)                     of (u_steering v, u_throttle v)                     any scale                  (4)
 
-(3) depends on the units of v and, where there is no truth, of the gyro. A gyro that turns against the wheels is
+(3) depends on the units of v and, without a truth, of the gyro. A gyro that turns against the wheels is
 inverted where (3) contradicts it as well; else swapped wheels and an IMU upside down look alike.
 """
 
@@ -62,13 +62,15 @@ def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnos
     """An error that contradicts the map: the channel, and the line to write; `otherwise` for a scale of no unit."""
     line = hypothesis.meaning or otherwise
     if hypothesis.code == "inverted":
-        inverted = note("doubt.write-scale", scale=f"{-entry.scale:g}")
-        line = note("doubt.and", first=inverted, then=hypothesis.meaning) if hypothesis.meaning else inverted
+        inverted = note("recording.write-scale", scale=f"{-entry.scale:g}")
+        line = (
+            note("recording.and", first=inverted, then=hypothesis.meaning) if hypothesis.meaning else inverted
+        )
     return Doubt(hypothesis.code, "error", None, _why(hypothesis, entry, code), line)
 
 
-def _why(found: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
-    r = found.relation
+def _why(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
+    r = hypothesis.relation
     return note(code, key=entry.key, slope=r.slope, correlation=r.correlation)
 
 
@@ -76,7 +78,7 @@ def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]
     """The line to write for each unit that `entry` may have instead, by its ratio."""
     units = ratios(measures, entry.unit).items()
     return {
-        r: note("doubt.write-unit", unit_of_it=unit, key=entry.key)
+        r: note("recording.write-unit", unit_of_it=unit, key=entry.key)
         for r, unit in units
         if not only or unit in only
     }
@@ -90,15 +92,17 @@ def _by_truth(
         return []
     true, doubts = _late(motion, entry, z, true_of)
     units = _lines(measures, entry)
-    twice = {1.0 / r: note("doubt.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
+    twice = {1.0 / r: note("recording.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
     (hypothesis,) = signal_map(z[:, None], true[:, None], [MappedChannel(1.0 / SCALE, SCALE, twice | units)])
-    r, why = hypothesis.relation, _why(hypothesis, entry, "doubt.against-truth")
+    r, why = hypothesis.relation, _why(hypothesis, entry, "recording.against-truth")
     if hypothesis.code:
-        doubts.append(_doubt(hypothesis, entry, "doubt.against-truth", note("doubt.check-unit-and-scale")))
+        doubts.append(
+            _doubt(hypothesis, entry, "recording.against-truth", note("recording.check-unit-and-scale"))
+        )
     elif hypothesis.is_clear:
         doubts += [Doubt("scale", "info", None, why)] if abs(r.slope - 1.0) > 0.02 else []
     elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
-        doubts.append(Doubt("no sign", "info", None, note("doubt.no-sign", key=entry.key)))
+        doubts.append(Doubt("no sign", "info", None, note("recording.no-sign", key=entry.key)))
     elif abs(r.correlation) < NO_RELATION:
         doubts.append(Doubt("unrelated", "warning", None, why))
     return doubts
@@ -118,9 +122,12 @@ def _late(
     late_s, true = float(lags[k]), true_of(float(lags[k]))
     if truth is None or abs(late_s) < APART_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[now] ** 2):
         return true, []
-    spec, code = motion.m.files[truth.file], "doubt.clock-later" if late_s > 0.0 else "doubt.clock-earlier"
+    spec, code = (
+        motion.m.files[truth.file],
+        "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier",
+    )
     why = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[now], then=r[k])
-    line = note("doubt.write-shift", shift_s=f"{spec.shift_s + late_s:.3g}", file=spec.name)
+    line = note("recording.write-shift", shift_s=f"{spec.shift_s + late_s:.3g}", file=spec.name)
     return true, [Doubt("clock", "info", None, why, line)]
 
 
@@ -137,27 +144,27 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
         "correlation": r.correlation,
     }
     if hypothesis.code == "inverted":
-        return [_opposed(motion, note("doubt.turns-against", **of), wheels, imu)]
+        return [_opposed(motion, note("recording.turns-against", **of), wheels, imu)]
     if hypothesis.code:
-        line = note("doubt.check-track", wheels=wheels, by=of["by"])
-        return [Doubt("track", "error", None, note("doubt.track", **of, apart_m=r.slope), line)]
+        line = note("recording.check-track", wheels=wheels, by=of["by"])
+        return [Doubt("track", "error", None, note("recording.track", **of, apart_m=r.slope), line)]
     if abs(r.correlation) < NO_RELATION and np.std(apart) > 0.0:
-        return [Doubt("unrelated", "warning", None, note("doubt.turns-otherwise", **of))]
+        return [Doubt("unrelated", "warning", None, note("recording.turns-otherwise", **of))]
     return []
 
 
 def _opposed(motion: LoggedMotion, why: Diagnostic, wheels: str, imu: "Imu") -> Doubt:
     """Gyro or wheels, whichever the sideways acceleration contradicts, or both of them."""
     if motion.run.truth is not None:
-        return Doubt("inverted", "error", None, why, note("doubt.swap-wheels", wheels=wheels))
+        return Doubt("inverted", "error", None, why, note("recording.swap-wheels", wheels=wheels))
     of: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
     measured = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
     if measured.is_clear() and measured.slope < 0.0:
-        both = note("doubt.and-sideways", cause=why, key=imu[1].key, correlation=measured.correlation)
-        return Doubt("inverted", "error", None, both, note("doubt.write-gyro", **of))
-    line = note("doubt.swap-or-gyro", **of)
+        both = note("recording.and-sideways", cause=why, key=imu[1].key, correlation=measured.correlation)
+        return Doubt("inverted", "error", None, both, note("recording.write-gyro", **of))
+    line = note("recording.swap-or-gyro", **of)
     if measured.is_clear():
-        line = note("doubt.swap-or-upside-down", **of, key=imu[1].key, also=f"{-imu[1].scale:g}")
+        line = note("recording.swap-or-upside-down", **of, key=imu[1].key, also=f"{-imu[1].scale:g}")
     return Doubt("inverted", "error", None, why, line)
 
 
@@ -173,18 +180,20 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
         in_g = _lines("acceleration", y, "g")
         for r, line in _lines("angular rate", gyro, "rad/s", "deg/s").items():
             meant[1] |= {1.0 / r: line} | {
-                one / r: note("doubt.list", first=line, then=more) for one, more in in_g.items() if r > 1.0
+                one / r: note("recording.list", first=line, then=more)
+                for one, more in in_g.items()
+                if r > 1.0
             }
     channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in meant]
     along, across = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
     if along.code == "swapped":
         first, second = along.relation.correlation, across.relation.correlation
-        why = note("doubt.axes-swapped", x=x.key, y=y.key, first=first, second=second)
-        return [Doubt("swapped", "error", None, why, note("doubt.swap-axes"))]
+        why = note("recording.axes-swapped", x=x.key, y=y.key, first=first, second=second)
+        return [Doubt("swapped", "error", None, why, note("recording.swap-axes"))]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
-    check = note("doubt.check-with-speed", source=source)
+    check = note("recording.check-with-speed", source=source)
     candidates = [(along, x)] if opposed else [(across, y), (along, x)]
-    return [_doubt(one, entry, "doubt.against-motion", check) for one, entry in candidates if one.code]
+    return [_doubt(one, entry, "recording.against-motion", check) for one, entry in candidates if one.code]
 
 
 def _steering(motion: LoggedMotion) -> list[Doubt]:
@@ -201,8 +210,8 @@ def _steering(motion: LoggedMotion) -> list[Doubt]:
     steering, other = (names[i] for i in order)
     of: JsonObject = {"steering": steering, "correlation": hypothesis.relation.correlation}
     if hypothesis.code == "swapped":
-        why = note("doubt.other-steers", **of, other=other)
-        return [Doubt("swapped", "error", None, why, note("doubt.swap-commands"))]
+        why = note("recording.other-steers", **of, other=other)
+        return [Doubt("swapped", "error", None, why, note("recording.swap-commands"))]
     if hypothesis.code == "inverted":
-        return [Doubt("sign", "info", None, note("doubt.turns-right", **of))]
+        return [Doubt("sign", "info", None, note("recording.turns-right", **of))]
     return []

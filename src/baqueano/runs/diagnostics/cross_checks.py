@@ -1,7 +1,7 @@
 """Errors that an imported recording may contain.
 
-Each signal alone (plausible.py), the truth by itself (truth.py), then all against each other (by_motion.py). An error
-contradicts the map: the import ends with the line to write, or goes on when the map lists it under `accept`.
+Each signal alone (physical_limits.py), the truth by itself (truth.py), then all against each other (by_motion.py). An
+error contradicts the map: the import ends with the line to write, or goes on when the map lists it under `accept`.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.by_motion import by_motion
 from baqueano.runs.diagnostics.doubt import Doubt
-from baqueano.runs.diagnostics.plausible import commands, plausible
+from baqueano.runs.diagnostics.physical_limits import commands, plausible
 from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
 from baqueano.runs.diagnostics.truth import course_and_heading
 from baqueano.runs.run import Run
@@ -31,7 +31,7 @@ def judged(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in errors)}))
         raise FileError(fault("import.does-not-fit", map=m.path.name, doubts=_all(errors), accept=codes))
     return tuple(
-        d._replace(level="warning", why=note("doubt.accepted", cause=d.why)) if d.level == "error" else d
+        d._replace(level="warning", why=note("recording.accepted", cause=d.why)) if d.level == "error" else d
         for d in doubts
     )
 
@@ -40,12 +40,14 @@ def _all(left: list[Doubt]) -> Diagnostic:
     """Return several doubts as one; a line to write of several stands after the last."""
     lines = [d.line for d in left]
     each = [
-        note("doubt.and-line", cause=d.why, line=d.line) if d.line and d.line not in lines[k + 1 :] else d.why
+        note("recording.and-line", cause=d.why, line=d.line)
+        if d.line and d.line not in lines[k + 1 :]
+        else d.why
         for k, d in enumerate(left)
     ]
     first = each[0]
     for then in each[1:]:
-        first = note("doubt.then", first=first, then=then)
+        first = note("recording.then", first=first, then=then)
     return first
 
 
@@ -68,12 +70,12 @@ def _alone(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Ite
         return
     still = np.ptp(z, axis=0) == 0.0
     for i in np.flatnonzero(still):
-        why = note("doubt.constant", key=key, number=i, value=z[0, i], rows=len(z))
+        why = note("recording.constant", key=key, number=i, value=z[0, i], rows=len(z))
         yield Doubt("constant", "warning", None, why)
     if slow:
         return
     lasting = np.concatenate([np.zeros(0, int), *(repeats(column).lasting for column in z[:, ~still].T)])
     if are_held(lasting):
         every = float(np.mean(lasting[lasting < LONG * np.median(lasting)]))
-        why = note("doubt.held", key=key, share=1.0 - 1.0 / every, every=every)
-        yield Doubt("held samples", "warning", int(t_ns[0]), why, note("doubt.write-new-when"))
+        why = note("recording.held", key=key, share=1.0 - 1.0 / every, every=every)
+        yield Doubt("held samples", "warning", int(t_ns[0]), why, note("recording.write-new-when"))

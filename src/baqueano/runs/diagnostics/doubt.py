@@ -40,8 +40,8 @@ class Doubt(NamedTuple):
         """Return the sentence and the line to write, as one."""
         severity = Severity(self.level)
         if self.line is None:
-            return note("doubt.alone", severity, what=self.code, cause=self.why)
-        return note("doubt.with-line", severity, what=self.code, cause=self.why, line=self.line)
+            return note("recording.alone", severity, what=self.code, cause=self.why)
+        return note("recording.with-line", severity, what=self.code, cause=self.why, line=self.line)
 
     @property
     def advice(self) -> str:

@@ -2,7 +2,8 @@
 
 A signal that moves by more than one level of its converter at a time does not repeat a value: what repeats between
 two such jumps was held. What repeats beside a jump to the next level moves by less than a step. Of an encoder whose
-wheel rolls evenly 1 to 4 % of such values last, of a driver that reads twice as fast as the chip measures all of them.
+wheel rolls evenly 1 to 4 % of such values last. Of a driver that reads twice as fast as the chip measures, all of them
+do.
 """
 
 from typing import NamedTuple

@@ -3,8 +3,8 @@
     z_i = s_i r_i g_i h_π(i) + e_i,   s_i = ±1,   low_i ≤ g_i ≤ high_i                                    (1)
 
 z is measured, h is predicted from one of these: a truth, wheels, v̇ and v ω, a model. r is the ratio of two units,
-g the scale that data sheets, skidding wheels or guessed files leave open. With ρ the correlation of z_i and h_j, and N
-windows that are as good as n independent ones, the best slope gains over no relation at all
+g the scale that data sheets, skidding wheels or guessed files leave open. ρ is the correlation of z_i and h_j, and N
+windows are as good as n independent ones; then the best slope gains over no relation at all
 
     log L = −n/2 log(1 − ρ²),   n = N (1 − a)/(1 + a),   a = a_e a_h                                      (2)
 

@@ -12,7 +12,7 @@ import numpy as np
 from baqueano.diagnostics import note
 from baqueano.geometry import wrap
 from baqueano.runs.diagnostics.doubt import Doubt
-from baqueano.runs.diagnostics.plausible import ENOUGH, FASTEST_M_S, FASTEST_RAD_S
+from baqueano.runs.diagnostics.physical_limits import ENOUGH, FASTEST_M_S, FASTEST_RAD_S
 from baqueano.runs.run import TruthLog
 from baqueano.signals import NANOSECONDS
 
@@ -24,11 +24,11 @@ def course_and_heading(truth: TruthLog) -> Iterator[Doubt]:
     dt, d = np.diff(truth.t_ns) / NANOSECONDS, np.diff(truth.eta, axis=0)
     speed, rate = (np.quantile(x / dt, 0.9) for x in (np.hypot(d[:, 0], d[:, 1]), np.abs(wrap(d[:, 2]))))
     if speed > FASTEST_M_S:
-        why = note("doubt.truth-fast", speed_m_s=speed)
-        yield Doubt("unit", "error", None, why, note("doubt.perhaps", line='unit = "mm"'))
+        why = note("recording.truth-fast", speed_m_s=speed)
+        yield Doubt("unit", "error", None, why, note("recording.perhaps", line='unit = "mm"'))
     elif rate > FASTEST_RAD_S:
-        why = note("doubt.truth-turns", rate_rad_s=rate)
-        yield Doubt("unit", "error", None, why, note("doubt.perhaps", line='unit = "deg"'))
+        why = note("recording.truth-turns", rate_rad_s=rate)
+        yield Doubt("unit", "error", None, why, note("recording.perhaps", line='unit = "deg"'))
     else:
         yield from _agreement(truth.eta)
 
@@ -46,9 +46,9 @@ def _agreement(eta: np.ndarray) -> Iterator[Doubt]:
     same, mirrored = (np.mean(np.exp(2j * (course + sign * heading))) for sign in (-1.0, 1.0))
     off = 0.5 * float(np.angle(same))
     if abs(mirrored) > CLEAR and abs(same) < 0.5:
-        why = note("doubt.mirrored", same=abs(same), mirrored=abs(mirrored))
-        yield Doubt("mirrored", "error", None, why, note("doubt.write-mirrored"))
+        why = note("recording.mirrored", same=abs(same), mirrored=abs(mirrored))
+        yield Doubt("mirrored", "error", None, why, note("recording.write-mirrored"))
     elif abs(same) > CLEAR and abs(off) > OFFSET_RAD:
-        why = note("doubt.beside", off_deg=np.degrees(off), back_deg=np.degrees(off) + 180.0)
-        line = note("doubt.write-offset", off=f"{off:.3f}", back=f"{wrap(off + np.pi):.3f}")
+        why = note("recording.beside", off_deg=np.degrees(off), back_deg=np.degrees(off) + 180.0)
+        line = note("recording.write-offset", off=f"{off:.3f}", back=f"{wrap(off + np.pi):.3f}")
         yield Doubt("heading offset", "error", None, why, line)

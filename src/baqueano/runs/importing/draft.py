@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from baqueano.errors import FileError
+from baqueano.language import translated as _
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
 
@@ -47,19 +48,20 @@ def _tables(table: LogTable, columns_left: list[str]) -> Iterator[str]:
     if time := _take(columns_left, TIME):
         yield f'time = "{time}"\ntime_unit = "{_time_unit(table, time)}"'
     else:
-        yield "rate_hz = 0.0                        # no column looks like a time: rows a second"
+        yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
     commands = [_take(columns_left, f"(?=.*({COMMAND})).*{side}") for side in (LEFT, RIGHT)]
     commands = commands if all(commands) else []
     single = [] if commands else [one for one in list(columns_left) if re.search(COMMAND, _plain(one))]
     if commands:
-        yield '\n[command]\nin_force = "from"                    # "until": the command of a row held up to its time'
+        until = _('"until": the command of a row held up to its time')
+        yield f'\n[command]\nin_force = "from"                    # {until}'
         yield f"wheels = [\n{_listed(_command(table, one) for one in commands)}\n]"
     elif single:
         columns_left[:] = [one for one in columns_left if one not in single]
         yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{one!r}" for one in single)}]'
         yield f"u = [\n{_listed(_command(table, one) for one in single)}\n]"
     else:
-        yield "\n# no column looks like a command: without [command] the vehicle stands"
+        yield f"\n# {_('no column looks like a command: without [command] the vehicle is at rest')}"
     wheels = [_take(columns_left, f"(?=.*({SPEED})).*{side}") for side in (LEFT, RIGHT)]
     if all(wheels):
         yield f"\n[sensors.wheels]\nz = [\n{_listed(_wheel(one) for one in wheels)}\n]"
@@ -72,7 +74,7 @@ def _tables(table: LogTable, columns_left: list[str]) -> Iterator[str]:
 
 
 def _rest(columns_left: Sequence[str]) -> list[str]:
-    return [f"\n# columns without a place: {', '.join(columns_left)}"] if columns_left else []
+    return [f"\n# {_('columns without a place:')} {', '.join(columns_left)}"] if columns_left else []
 
 
 def _plain(name: str) -> str:
@@ -115,13 +117,14 @@ def _command(table: LogTable, column: str) -> str:
     if most <= 1.0:
         return f'{{ column = "{column}", unit = "1" }}'
     of = FULL if most <= FULL else most
-    return f'{{ column = "{column}", unit = "raw", scale = {1.0 / of:.6g} }},   # 1 at {of:g}: is this full duty?'
+    full = _("1 at {of:g}: is this full duty?", of=of)
+    return f'{{ column = "{column}", unit = "raw", scale = {1.0 / of:.6g} }},   # {full}'
 
 
 def _wheel(column: str) -> str:
     unit_name = _unit(column, "angular rate")
     if unit_name != UNKNOWN:
-        return f'{{ column = "{column}", unit = "{unit_name}", radius_m = 0.0 }},   # the radius of the wheel'
+        return f'{{ column = "{column}", unit = "{unit_name}", radius_m = 0.0 }},   # {_("the radius of the wheel")}'
     return _entry(column, "speed")
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.result import shortened
+from baqueano.contracts.result import Result, shortened
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
@@ -41,6 +41,10 @@ class ImportedRun(NamedTuple):
 
     run: Run
     doubts: tuple[Doubt, ...]
+
+    _repr_html_ = Result._repr_html_
+    plot = Result.plot
+    to_pandas = Result.to_pandas
 
     @property
     def verdict(self) -> str:
@@ -114,7 +118,7 @@ class ImportedRuns(NamedTuple):
             )
             for (level, code), d in first.items()
         ]
-        return "\n".join(lines or [_("nothing was doubted")])
+        return "\n".join(lines or [_("nothing was doubtful")])
 
 
 def import_run(
@@ -193,7 +197,7 @@ def import_runs(
             )
         )
     if short:
-        why = note("doubt.short-parts", count=len(short), least=LEAST, names=short[:5])
+        why = note("recording.short-parts", count=len(short), least=LEAST, names=short[:5])
         first = made[0]
         made[0] = first._replace(doubts=(*first.doubts, Doubt("short", "warning", None, why)))
     return made
@@ -217,10 +221,10 @@ def _imported(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
         metadata=metadata,
     )  # fmt: skip
     if first:
-        usual, why = first == 1 and m.in_force == "from", note("doubt.no-command-yet", count=first)
+        usual, why = first == 1 and m.in_force == "from", note("recording.no-command-yet", count=first)
         doubts.append(Doubt("no command yet", "info", int(t_ns[0]), why, usual=usual))
     if all(one.constant == 0.0 for one in m.command.entries):
-        doubts.append(Doubt("no command", "info", int(t_ns[0]), note("doubt.no-command"), usual=True))
+        doubts.append(Doubt("no command", "info", int(t_ns[0]), note("recording.no-command"), usual=True))
     doubts += cross_checks.look(run, m)
     judged = cross_checks.judged(list(dict.fromkeys(doubts)), m)  # two parts of one file have the same gaps
     events = tuple(
@@ -295,7 +299,7 @@ def _finite_rows(
     lost = np.count_nonzero(~whole[first:])
     if lost:
         where = int(source.t_ns[first:][~whole[first:]][0])
-        why = note("doubt.missing", key=signal.key, lost=lost, rows=len(whole))
+        why = note("recording.missing", key=signal.key, lost=lost, rows=len(whole))
         doubts.append(Doubt("missing", "warning", where, why))
     if not whole.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))

@@ -114,8 +114,8 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
 def _matched(
     m: ColumnMap, pieces: dict[str, list[SourcePiece]], doubts: list[Doubt]
 ) -> list[tuple[str, dict[str, LogTable]]]:
-    """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files have
-    no value in common, or not as many parts of it."""
+    """Label of each part and its rows in each file, in the order of the ticks' file. FileError where the files do not
+    share a value, or not as many parts of it."""
     if not all(m.files[file].split for file in pieces):  # parts without a value are matched in order
         pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
     by_file = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
@@ -154,7 +154,7 @@ def _left_out(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) ->
             alone = [value for value in others if value not in of]
             if alone:
                 values = _values_of(m, file, alone)
-                why = note("doubt.not-in-all", map=m.path.name, values=values, file=file, lacking=lacking)
+                why = note("recording.not-in-all", map=m.path.name, values=values, file=file, lacking=lacking)
                 yield Doubt("not in all files", "warning", None, why)
 
 
@@ -291,7 +291,7 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> Log
             )
         table = read_table(path, spec.options, label)
     doubts += [
-        Doubt("cut line", "warning", None, note("doubt.cut-line", table=label, line=line))
+        Doubt("cut line", "warning", None, note("recording.cut-line", table=label, line=line))
         for line in table.cut
     ]
     for column in sorted(used):
@@ -310,7 +310,7 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) 
     if not valid.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not valid.all():
-        why = note("doubt.no-time", table=table.label, count=np.count_nonzero(~valid))
+        why = note("recording.no-time", table=table.label, count=np.count_nonzero(~valid))
         doubts.append(Doubt("no time", "warning", None, why))
         table, t_ns = table.only(valid), t_ns[valid]
     keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, doubts)

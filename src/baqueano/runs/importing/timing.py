@@ -118,7 +118,7 @@ def rows_in_order(
         if spec.backwards != "drop":
             code = "import.steps-back-often" if lost > MANY * len(t_ns) else "import.steps-back"
             raise FileError(fault(code, **of, file=spec.name, map=m.path.name))
-        doubts.append(Doubt("time steps back", "warning", int(t_ns[i]), note("doubt.steps-back", **of)))
+        doubts.append(Doubt("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **of)))
     keep = t_ns >= latest
     keep[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
     keep = _without_repeats(table, t_ns, keep, spec, used, m, doubts)
@@ -148,7 +148,7 @@ def _without_repeats(
         for row in zip(*(zip(before.text(c), after.text(c), strict=True) for c in sorted(used)), strict=True)
     ])  # fmt: skip
     line = table.lines[second[0]]
-    why = note("doubt.repeats", table=table.label, count=len(same), line=line)
+    why = note("recording.repeats", table=table.label, count=len(same), line=line)
     if not equal.all() and spec.repeats is None:
         line = table.lines[second[~equal][0]]
         raise FileError(
@@ -196,22 +196,22 @@ def _check_steps(
     gaps = np.flatnonzero(step_s > GAP * usual)
     for i in gaps[:20]:
         jump = step_s[i] > JUMP_S
-        why = note("doubt.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual)
+        why = note("recording.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual)
         doubts.append(
             Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), why)
         )
     if len(gaps) > 20:
-        why = note("doubt.more-gaps", table=table.label, more=len(gaps) - 20)
+        why = note("recording.more-gaps", table=table.label, more=len(gaps) - 20)
         doubts.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), why))
 
 
 def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
     """Ticks that few loops have: faster ones contradict the map, slower ones may be."""
     why = note(
-        "doubt.tick-lasts", table=table.label, unit_read=spec.time_unit, tick_s=usual, rate_hz=1.0 / usual
+        "recording.tick-lasts", table=table.label, unit_read=spec.time_unit, tick_s=usual, rate_hz=1.0 / usual
     )
     fits = _units_that_fit(usual, len(table.lines), spec)
-    line = note("doubt.write-time-unit", in_unit=fits[0], file=spec.name) if fits else None
+    line = note("recording.write-time-unit", in_unit=fits[0], file=spec.name) if fits else None
     return Doubt("time unit", "error" if usual < FAST_S else "warning", None, why, line)
 
 

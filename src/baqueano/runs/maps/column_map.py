@@ -87,7 +87,7 @@ def _beginning(path: Path) -> str:
 
 
 def _no_map(path: Path, error: ValueError) -> Diagnostic:
-    """Return what a file that is no TOML is: by its name a map, or a recording."""
+    """Return the kind of a file other than TOML: by its name a map, or a recording."""
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))

@@ -43,7 +43,7 @@ class Mount(NamedTuple):
         along = nu @ map_from_body(self.heading_rad).T
         return eta, along - nu[:, 2:] * np.array([-left, ahead, 0.0])
 
-    def moved(self, offset: "Mount") -> "Mount":
+    def composed_with(self, offset: "Mount") -> "Mount":
         """Return this one, with what was `offset` on a run that was imported by it.  (3)"""
         first = map_from_body(offset.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
         ahead, left = np.array(offset.lever_arm_m) + first
@@ -91,7 +91,7 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
         )
     lever = own_mount.get("lever_arm_m[0]", 0.0), own_mount.get("lever_arm_m[1]", 0.0)
     new = Mount(own_mount.get("shift_s", 0.0), lever, own_mount.get("heading_rad", 0.0))
-    mount, document = mount_of(before).moved(new), tomlkit.parse(text)
+    mount, document = mount_of(before).composed_with(new), tomlkit.parse(text)
     for key in (key for key in KEYS if any(name.startswith(key) for name in own_mount)):
         errors = ", ".join(f"{half:.2g}" for name, half in halves.items() if name.startswith(key))
         _put(document["truth"], key, getattr(mount, key), f"± {errors} (95 %), runs calibrate {run.name}")

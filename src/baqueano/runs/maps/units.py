@@ -76,11 +76,11 @@ _ALIASES = {
     "metres": "m",
     "meters": "m",
 }
-_BY_LOWER = {name.lower(): name for name in UNITS} | {name.lower(): known for name, known in _ALIASES.items()}
+_BY_LOWER = {name.lower(): name for name in UNITS} | {name.lower(): unit for name, unit in _ALIASES.items()}
 
 
 def unit(name: str) -> ColumnUnit | None:
-    """The unit of that name, None if there is none."""
+    """Return the unit of that name, None for an unknown name."""
     return UNITS.get(canonical(name))
 
 

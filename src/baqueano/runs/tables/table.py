@@ -16,6 +16,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
+from baqueano.language import translated as _
 from baqueano.runs.tables.cells import Cells, packed
 from baqueano.runs.tables.lines import CELL, Lines
 
@@ -48,7 +49,7 @@ class LogTable(NamedTuple):
     cut: tuple[int, ...] = ()  # lines that were left out
 
     def text(self, column: str) -> Any:
-        """The column as it was read. FileError if there is none of that name, or several."""
+        """The column as it was read. FileError unless exactly one has that name."""
         import difflib
 
         if column not in self.columns:
@@ -66,7 +67,7 @@ class LogTable(NamedTuple):
     def _first_cells(self, column: str) -> str:
         """Return the content of the file in words, for a message."""
         cells = self.columns[column]
-        return "several of that name" if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
+        return _("several columns of that name") if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
 
     def numbers(self, column: str) -> np.ndarray:
         """(rows,) float64; NaN where the cell is empty or says so."""
@@ -164,7 +165,7 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
 
 
 def _with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
-    """The lines that are neither empty nor a comment, and their numbers."""
+    """Return the lines with data, without empty ones and comments, and their numbers."""
     for line in lines:
         if line.strip() and not (comment and line.lstrip().startswith(comment)):
             yield lines.number, line

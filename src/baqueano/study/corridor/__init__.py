@@ -1,7 +1,7 @@
 """`baqueano study corridor`: does the corridor that the filter claims hold the vehicle?
 
-Vehicles of the independent truth are identified from commands and IMU alone and follow a sinuous circle, an eight or a
-rectangle at 0.2 m/s for a minute, led by the recommended filter. vehicles.py says how they differ from their files.
+Vehicles of the independent truth are identified from commands and IMU alone. They follow a sinuous circle, an eight or
+a rectangle at 0.2 m/s for a minute, with the recommended filter. vehicles.py says how they differ from their files.
 """
 
 from collections.abc import Callable
@@ -28,19 +28,19 @@ def corridor(
         (range(k, min(k + TOGETHER, first + vehicles)), backend)
         for k in range(first, first + vehicles, TOGETHER)
     ]
-    found = spread_over(batch, jobs, processes, lambda done: each(done * TOGETHER))
-    drives = sorted((d for some, _ in found for d in some), key=lambda d: d.seed)
-    return judged(drives, sorted(seed for _, refused in found for seed in refused))
+    parts = spread_over(batch, jobs, processes, lambda done: each(done * TOGETHER))
+    drives = sorted((d for some, _ in parts for d in some), key=lambda d: d.seed)
+    return judged(drives, sorted(seed for _, refused in parts for seed in refused))
 
 
 def with_recordings(
-    found: Corridors, backend: str = "auto", say: Callable[[str], object] = lambda text: None
+    corridors: Corridors, backend: str = "auto", say: Callable[[str], object] = lambda text: None
 ) -> Corridors:
     """Return the corridors of the vehicles, and those of windows of recordings."""
     ends, notes = ends_of_recordings(backend, say)
     windows = gathered(ends, 0, ())
-    lost = found.lost | windows.lost
-    return replace(found, windows=windows.instants, lost=lost, notes=(*found.notes, *notes))
+    lost = corridors.lost | windows.lost
+    return replace(corridors, windows=windows.instants, lost=lost, notes=(*corridors.notes, *notes))
 
 
 def judged(drives: list[CorridorDrive], refused: list[int]) -> Corridors:

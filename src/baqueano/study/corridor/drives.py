@@ -35,9 +35,9 @@ def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
     robots = vehicles(seeds)
     files = identified(robots, seeds, backend)
     kept = [k for k, file in enumerate(files) if file is not None]
-    names, known = [seeds[k] for k in kept], [file for file in files if file is not None]
-    again = switched_on_anew(robots.some(kept), names, known)
-    loops = [Loop(file, False, backend) for file in known]
+    names, vehicle_files = [seeds[k] for k in kept], [file for file in files if file is not None]
+    again = switched_on_anew(robots.some(kept), names, vehicle_files)
+    loops = [Loop(file, False, backend) for file in vehicle_files]
     return follow(loops, again, names), [s for s in seeds if s not in names]
 
 
@@ -47,7 +47,7 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
     shapes = [list(SHAPES)[seed % len(SHAPES)] for seed in seeds]
     routes = [SHAPES[shape](SPEED_M_S) for shape in shapes]
     guides = [Repeat.along(route, 0) for route in routes]
-    asked, states = (
+    progress, states = (
         [g.init() for g in guides],
         [o.start(r.eta[0]) for o, r in zip(loops, routes, strict=True)],
     )
@@ -57,20 +57,20 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
         np.zeros((n, 3)),
     )
     kept = [instants(route, rest, len(t_ns), rate_hz) for route in routes]
-    found: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]
+    errors: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]
     for k, t in enumerate(t_ns):
         z, before, u = world.tick(u, 1.0 / rate_hz), u, np.zeros((n, 3))
         true = world.truth.eta
         for i, one in enumerate(loops):
             tick = Tick(int(t), before[i], one.slots(Slot(1.0, z[i])))
-            asked[i], reference = guides[i].step(asked[i], at(int(t_ns[max(k, rest)])))
+            progress[i], reference = guides[i].step(progress[i], at(int(t_ns[max(k, rest)])))
             states[i], (sent, estimate) = one.step(states[i], tick, reference._replace(t_ns=int(t)))
             u[i] = sent if k >= rest else 0.0
             if k in kept[i]:
                 e = estimate.eta - true[i]
                 e[2] = wrap(e[2])
-                found[i].append(((k - rest) / rate_hz, e, estimate.cov[:3, :3]))
-    columns = [[np.array(column) for column in zip(*rows, strict=True)] for rows in found]
+                errors[i].append(((k - rest) / rate_hz, e, estimate.cov[:3, :3]))
+    columns = [[np.array(column) for column in zip(*rows, strict=True)] for rows in errors]
     laps_s = [float(route.t_s[-1]) for route in routes]
     return [
         CorridorDrive(s, shape, lap_s, *c)

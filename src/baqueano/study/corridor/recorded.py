@@ -49,7 +49,7 @@ def ends_of_recordings(
         if files := missing(case):
             notes.append(
                 _(
-                    "{case} is left out: there is no {files}; set BAQUEANO_DATA to its folder",
+                    "{case} is left out: {files} is missing; set BAQUEANO_DATA to its folder",
                     case=case,
                     files=files[0],
                 )
@@ -58,7 +58,7 @@ def ends_of_recordings(
         for subject in SUBJECTS[case][0]():
             for name, sensors in SETS.items():
                 say(f"{subject.name}, {name}")
-                with_scale = subject._replace(file=_told(subject, name))
+                with_scale = subject._replace(file=calibrated_file(subject, name))
                 fit, file = fitted(with_scale, sensors, backend)
                 if fit.verdict == Verdict.REFUSED:
                     notes.append(_("{name}, {name2}: its fit is refused", name=subject.name, name2=name))
@@ -87,8 +87,8 @@ def windows(file: "VehicleFile", run: "Run", window_s: float, backend: str = "au
     edges = np.searchsorted(t_ns, t_ns[0] + np.arange(0.0, (t_ns[-1] - t_ns[0]) * 1e-9, window_s) * 1e9)
     out = []
     for a, b in pairwise(edges.tolist()):
-        carry, (believed, cov) = kernel.run(_rows(ticks, a, b), carry=carry)
-        error = believed[-1] - eta[b - 1]
+        carry, (mean, cov) = kernel.run(_rows(ticks, a, b), carry=carry)
+        error = mean[-1] - eta[b - 1]
         error[2] = wrap(error[2])
         if (a == 0 or np.isfinite(eta[a - 1]).all()) and np.isfinite(eta[b - 1]).all():
             out.append(Instant(error, cov[-1]))  # a covariance that is not finite counts as lost
@@ -113,10 +113,10 @@ def _rows(ticks: Any, a: int, b: int) -> Any:
     return ticks[a:b]
 
 
-def _told(subject: Subject, name: str) -> "VehicleFile":
+def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
     """The file before the fit, with scales as they are known."""
     values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
     if name != "raw":
-        found = {one.name: one.value for one in calibrate(subject.fitted, subject.file).numbers}
-        values |= {path: value for path, value in found.items() if path.endswith("scale")}
+        scales = {one.name: one.value for one in calibrate(subject.fitted, subject.file).numbers}
+        values |= {path: value for path, value in scales.items() if path.endswith("scale")}
     return subject.file.with_values(values)

@@ -53,10 +53,10 @@ class Corridors:
         out = []
         for source, named in (("simulated", self.instants), ("recorded", self.windows)):
             coverage, wider = (COVERAGE, WIDER) if source == "simulated" else (OF_RECORDINGS, np.inf)
-            for at, found in named.items():
+            for at, instants in named.items():
                 for quantity, bar in DEGREES.items():
-                    row = {"source": source, "at": at, "quantity": quantity, "cases": len(found)}
-                    d2 = np.array([squared(one, quantity) for one in found])
+                    row = {"source": source, "at": at, "quantity": quantity, "cases": len(instants)}
+                    d2 = np.array([squared(one, quantity) for one in instants])
                     out.append(row | {"lost": self.lost.get(at, 0)} | _judged(d2, bar, coverage, wider))
         return out
 
@@ -81,7 +81,7 @@ class Corridors:
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         lines = [
             f"{_('at'):18}{_('quantity'):10}{_('cases'):>6}{_('lost'):>6}{_('coverage'):>10}  "
             f"{'95 %':14}{_('× needed'):>9}"

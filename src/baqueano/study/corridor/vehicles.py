@@ -14,7 +14,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.study.driving import FREE, experiments, guess, together
-from baqueano.study.truth import Robots, drawn
+from baqueano.study.truth import Robots, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
 TOLERANCE = 0.03  # of the scale of an MPU-6050
@@ -25,7 +25,7 @@ PAUSE_S = 600.0  # from the experiment to the drive
 
 def vehicles(seeds: Sequence[int]) -> Robots:
     """Return the vehicles as they are in the experiment."""
-    robots, draws = together([drawn(1, seed) for seed in seeds]), [_draw(seed) for seed in seeds]
+    robots, draws = together([draw_robots(1, seed) for seed in seeds]), [_draw(seed) for seed in seeds]
     scale = np.array([1.0 + draw.uniform(-TOLERANCE, TOLERANCE) for draw in draws])
     side = np.array([draw.choice([-0.5, 0.5]) * APART for draw in draws])
     imu = robots.imu.changed(gyro_scale=scale, walk=np.tile([0.0, 0.0, BIAS_WALK], (len(draws), 1)))

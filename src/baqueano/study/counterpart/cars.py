@@ -1,7 +1,7 @@
 """Cars of the truth as the kinematic car with drags: what of its file has a true value, and which.
 
 Per kilogram what is longitudinal. The steering gain and offset are those at low speed, where tyres do not slip. What
-a car on tyres does not have (one lag of the yaw rate, a drag of cornering) has no true value.
+a car on tyres does not have (one lag of the yaw rate, a drag of cornering) lacks a true value.
 """
 
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ def speed_at(x: np.ndarray) -> np.ndarray:
 
 
 def car_file(car: Cars) -> VehicleFile:
-    """Return the file of one car: true where there is a truth, plausible where there is none."""
+    """Return the file of one car: true where a truth exists, else plausible."""
     value = {path: float(v[0]) for path, v in car_values(car).items()}
     a, b = car.axle_m[0]
     imu, zone = car.imu, [*car.zone[0]]

@@ -13,7 +13,7 @@ from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile
 
 
-class Shown(NamedTuple):
+class GroupDrive(NamedTuple):
     """n vehicles over N ticks."""
 
     t_ns: np.ndarray  # (N,)
@@ -24,7 +24,7 @@ class Shown(NamedTuple):
     wandered: np.ndarray  # (n, 3) by which the biases walked, mean of all ticks
 
 
-def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray) -> Shown:
+def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray) -> GroupDrive:
     """Return what the vehicles show under the commands u (N, n, m), each in force until its tick."""
     world, n = world_of(vehicles, seeds, STEP_S), len(seeds)
     z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
@@ -34,7 +34,7 @@ def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: n
         truth[k] = np.concatenate(world.truth, axis=1)
         quiet[k], rolled[k] = world.quiet, world.rolled
         wandered += world.wandered / len(u)
-    return Shown(t_ns, z, quiet, truth, rolled, wandered)
+    return GroupDrive(t_ns, z, quiet, truth, rolled, wandered)
 
 
 def readings_without_noise(
@@ -48,7 +48,7 @@ def readings_without_noise(
     return quiet
 
 
-def recorded(shown: Shown, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
+def recorded(shown: GroupDrive, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
     """Return the run of vehicle `k` under u (N, m); an odometer reads where the file has one."""
     t_ns, truth = shown.t_ns, shown.truth[:, k]
     channels = {"imu": Channel(t_ns, t_ns, shown.z[:, k])}

@@ -6,7 +6,7 @@ A wheel pushes with F = g K and toes by τ, its arm is w:
     T_20 = X_r w_r − X_l w_l,  T_22 = X_r w_r + X_l w_l                                                   (1)
 
 The file lies about nothing that a scale tells: mass, and with it the inertia, to which all about z is relative.
-Of a tilt and a bias of the accelerometers a run shows only the sum, so the file holds the tilt, and the bias is free.
+Of a tilt and a bias of the accelerometers a run shows only the sum. So the file holds the tilt, and the bias is free.
 """
 
 from collections.abc import Mapping

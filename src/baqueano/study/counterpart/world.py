@@ -39,6 +39,7 @@ class LoopWorld(protocols.World):
         self._slots = sensor_slots(("imu",))
         self._u, self._count = np.zeros(vehicle.commands), 0
         self._truths: list[tuple[int, Motion]] = []
+        self.motion = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))  # of the last tick
 
     def read(self, t_ns: int) -> list[Tick]:
         """Return all ticks up to `t_ns`."""
@@ -48,7 +49,8 @@ class LoopWorld(protocols.World):
             ticks.append(Tick(next_ns, self._u, self._slots(Slot(1.0, z))))
             eta, nu, nu_dot = (x[0] for x in self._world.truth)
             down = self._world.physics.gravity(eta[None, 2])[0]
-            self._truths.append((next_ns, Motion(eta, nu, nu_dot, down)))
+            self.motion = Motion(eta, nu, nu_dot, down)
+            self._truths.append((next_ns, self.motion))
             self._count += 1
         return ticks
 

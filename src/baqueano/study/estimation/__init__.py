@@ -28,7 +28,7 @@ def estimation(
         if files := missing(name):
             left_out.append(
                 _(
-                    "{name} is left out: there is no {files}; set BAQUEANO_DATA to its folder",
+                    "{name} is left out: {files} is missing; set BAQUEANO_DATA to its folder",
                     name=name,
                     files=files[0],
                 )
@@ -50,6 +50,6 @@ def estimation(
             check_present()
         return EstimationStudy(tuple(out), notes=tuple(left_out))
     say(_("simulating, fitting and judging {seeds} vehicles", seeds=seeds))
-    found = independent.simulated(seeds, kinds, backend, processes)
-    rows, each = independent.rows(found), independent.each_vehicle(found)
-    return EstimationStudy(tuple(out), tuple(rows), tuple(each), (*left_out, independent.sentence(found)))
+    outcomes = independent.simulated(seeds, kinds, backend, processes)
+    rows, each = independent.rows(outcomes), independent.each_vehicle(outcomes)
+    return EstimationStudy(tuple(out), tuple(rows), tuple(each), (*left_out, independent.sentence(outcomes)))

@@ -2,7 +2,7 @@
 
 Speed is ν_x. Positions are those after the first true pose: path and truth coincide there, in position and
 heading. A window of T begins afresh at its first true pose. Blocks are the windows, pieces of 10 s of the speed, and
-the whole run as one, since its errors of position are one draw of the errors of heading.
+the whole run as one. Its errors of position are one draw of the errors of heading.
 
     ratio = √(Σ_b e_b² / Σ_b ẽ_b²),   its interval by drawing whole blocks b with replacement             (1)
 """
@@ -88,7 +88,7 @@ def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:
 
 
 def _summed(ours: np.ndarray, reference: np.ndarray, block: np.ndarray) -> Beside:
-    known, size = np.isfinite(ours) & np.isfinite(reference), int(block[-1]) + 1
-    sums = [np.bincount(block[known], x[known], size) for x in (ours, reference, np.ones(len(ours)))]
+    finite, size = np.isfinite(ours) & np.isfinite(reference), int(block[-1]) + 1
+    sums = [np.bincount(block[finite], x[finite], size) for x in (ours, reference, np.ones(len(ours)))]
     some = sums[2] > 0
     return Beside(*(x[some] for x in sums))

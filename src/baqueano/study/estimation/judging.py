@@ -53,10 +53,16 @@ def judged(
         ours = EstimatedPath(log.eta[at], log.nu[at, 0])
         errors = beside(run.t_ns, ours, reference, run.truth)
         speed = (ours.speed - true_speed(run.t_ns, run.truth)) ** 2 / log.cov[at, 3, 3]
-        found = filter_consistency(again), band(speed, 1)
+        consistency = filter_consistency(again), band(speed, 1)
         out.append(
             JudgedEstimate(
-                f"{subject.name}, {sensors}", sensors, kind, errors, *found, fit.verdict, text(stop_of(again))
+                f"{subject.name}, {sensors}",
+                sensors,
+                kind,
+                errors,
+                *consistency,
+                fit.verdict,
+                text(stop_of(again)),
             )
         )
     return out

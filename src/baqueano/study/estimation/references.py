@@ -59,8 +59,8 @@ def integrated(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarra
 def _read(run: "Run", sensor: str, entry: int) -> np.ndarray:
     """(N,) a channel at the ticks, between its readings."""
     channel = run.sensors[sensor]
-    known = np.isfinite(channel.z[:, entry])
-    return np.interp(run.t_s, seconds(channel.t_ns[known], run.t_ns[0]), channel.z[known, entry])
+    finite = np.isfinite(channel.z[:, entry])
+    return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), channel.z[finite, entry])
 
 
 def _middle(x: np.ndarray) -> np.ndarray:

@@ -4,7 +4,8 @@
     typical ratio    the geometric mean of the ratios of the recordings                                  (2)
 
 A long way off weighs more in (1); every recording weighs alike in (2). Bars are on (1), and on what one recording
-shows: its ratio may not be significantly above ALONE. A fit that is refused is not written: its recording has no bar.
+shows: its ratio may not be significantly above ALONE. A fit that is refused is not written: its recording is not held
+to a bar.
 """
 
 from dataclasses import dataclass
@@ -106,7 +107,7 @@ class EstimationStudy:
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         rows = self.rows_shown()
         wide = {
             key: max(len(_(key)), *(len(_(r[key])) for r in rows))
@@ -115,11 +116,11 @@ class EstimationStudy:
         head = "  ".join(_(key).ljust(width) for key, width in wide.items())
         lines = [f"{head}  {_('value'):>7} {_('ref.'):>7} {_('ratio'):>6}  95 %"]
         for r in rows:
-            known = np.isfinite(r.get("low", float("nan")))
+            bounded = np.isfinite(r.get("low", float("nan")))
             interval = (
                 _(r["verdict"])
                 if "verdict" in r
-                else (f"[{number(r['low']):.2f}, {number(r['high']):.2f}]" if known else "")
+                else (f"[{number(r['low']):.2f}, {number(r['high']):.2f}]" if bounded else "")
             )
             ratio = f"{number(r['ratio']):.2f}" if "ratio" in r else ""
             ok = _("NO") if r["ok"] is False else ""
@@ -190,14 +191,17 @@ def _of_one(one: "JudgedEstimate") -> list["TableRow"]:
 
 def _of_consistency(one: "JudgedEstimate") -> list["TableRow"]:
     """NEES and NIS beside 1, and the lag-1 correlation of each innovation beside 0."""
-    found, out = one.consistency, []
-    figures = {_("NEES of the pose"): (found.nees_pose, None), _("NEES of the speed"): (one.nees_speed, NEES)}
-    figures |= {_("NIS of innovation {k}", k=k): (band, NIS) for k, band in enumerate(found.channels)}
+    consistency, out = one.consistency, []
+    figures = {
+        _("NEES of the pose"): (consistency.nees_pose, None),
+        _("NEES of the speed"): (one.nees_speed, NEES),
+    }
+    figures |= {_("NIS of innovation {k}", k=k): (band, NIS) for k, band in enumerate(consistency.channels)}
     for name, (band, bar) in figures.items():
         ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
         cells = row(one.recording, one.estimator, name, band.mean, 1.0)
         out.append(cells | {"ok": ok, "verdict": band.verdict})
-    for k, value in enumerate(found.correlations):
+    for k, value in enumerate(consistency.correlations):
         name = _("lag-1 correlation of innovation {k}", k=k)
         out.append(row(one.recording, one.estimator, name, value, 0.0) | {"ok": bool(abs(value) <= WHITE)})
     return out

@@ -110,13 +110,13 @@ def work(job: EstimationJob) -> list[SimulatedOutcome]:
     """Return the outcomes of a job."""
     out = []
     for seed, one in zip(job.seeds, _subjects(job), strict=True):
-        found, failed = [], ""
+        estimates, failed = [], ""
         for sensors in SETUPS:
             try:
-                found += judged(one, sensors, job.kinds, job.backend)
+                estimates += judged(one, sensors, job.kinds, job.backend)
             except BaqueanoError as error:
                 failed = f"{one.name}, {sensors}: {error}"
-        out.append(SimulatedOutcome(seed, lacking(seed)[0], tuple(found), failed))
+        out.append(SimulatedOutcome(seed, lacking(seed)[0], tuple(estimates), failed))
     return out
 
 

@@ -17,7 +17,7 @@ from typing import Any
 from baqueano.identify.design.room import room_of
 from baqueano.language import translated as _
 from baqueano.study.experiments.drives import outcome, plans, vehicles_around
-from baqueano.study.experiments.result import Drawn, Experiments, joined, rows_of
+from baqueano.study.experiments.result import Experiments, SignalErrors, joined, rows_of
 from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import load
 
@@ -31,9 +31,9 @@ def experiments(
     rows, every = [], {}
     for name, size, count in ROOMS:
         say(_("{name}: {count} vehicles in {size} m", name=name, count=count, size=size))
-        found = of_file(name, size, count, seed, duration_s, processes, backend)
-        rows += rows_of(name, size, found)
-        for signal, part in found.items():
+        draws = of_file(name, size, count, seed, duration_s, processes, backend)
+        rows += rows_of(name, size, draws)
+        for signal, part in draws.items():
             every.setdefault(signal, []).append(part)
     whole = {signal: joined(parts) for signal, parts in every.items()}
     return Experiments((*rows, *rows_of("all", "", whole)), duration_s)
@@ -41,13 +41,13 @@ def experiments(
 
 def of_file(
     name: str, size: str, count: int, seed: int, duration_s: float, processes: int, backend: str
-) -> dict[str, Drawn]:
+) -> dict[str, SignalErrors]:
     """Return signal → what it did to `count` vehicles around the file."""
     file = load(name)
     room, vehicles = room_of(file, size), vehicles_around(file, count, seed)
     planned = plans(file, room, count, seed, duration_s, backend)
     work = partial(outcome, vehicles=vehicles, name=name, room=room, seed=seed)
-    found = dict(spread_over(work, list(planned.items()), processes))
-    if len(found) < len(planned):
+    draws = dict(spread_over(work, list(planned.items()), processes))
+    if len(draws) < len(planned):
         raise KeyboardInterrupt
-    return {signal: found[signal] for signal in planned}
+    return {signal: draws[signal] for signal in planned}

@@ -11,9 +11,9 @@ from baqueano.identify.design.room import VEHICLES, Room, contained
 from baqueano.identify.design.signals import KINDS, excitation
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 from baqueano.study.counterpart import world_of
-from baqueano.study.experiments.result import DESIGNED, Drawn
+from baqueano.study.experiments.result import DESIGNED, SignalErrors
 from baqueano.study.identification.bound import beside, bound_of, numbers, substitute
-from baqueano.study.truth import Cars, Robots, drawn, drawn_cars
+from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile, load
 
 SPREAD = 0.3
@@ -32,24 +32,24 @@ def plans(
     file: VehicleFile, room: Room, count: int, seed: int, duration_s: float, backend: str
 ) -> dict[str, PlannedDrive]:
     """Return signal → commands: the designed one is the same for all vehicles."""
-    begun = time.perf_counter()
+    began_s = time.perf_counter()
     u = designed(file, room, duration_s, seed=seed, backend=backend).u
-    out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - begun)}
+    out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
     cloud = Cloud(file, possible_vehicles(file, vehicles=VEHICLES), seed, backend)
     for kind in KINDS:
         us, slowest = [], 0.0
         for k in range(count):
-            begun = time.perf_counter()
-            asked = excitation(kind, file.command.limit, duration_s, file.rate_hz, seed + k, rest_s=1.0)
-            us.append(contained(asked, file, room, cloud=cloud).u)
-            slowest = max(slowest, time.perf_counter() - begun)
+            began_s = time.perf_counter()
+            command = excitation(kind, file.command.limit, duration_s, file.rate_hz, seed + k, rest_s=1.0)
+            us.append(contained(command, file, room, cloud=cloud).u)
+            slowest = max(slowest, time.perf_counter() - began_s)
         out[kind] = PlannedDrive(np.stack(us, axis=1), slowest)
     return out
 
 
 def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
     """Return vehicles of the truth whose numbers are within ± SPREAD of those that the file names."""
-    q = drawn(count, seed) if len(file.command.limit) == 3 else drawn_cars(count, seed)
+    q = draw_robots(count, seed) if len(file.command.limit) == 3 else draw_cars(count, seed)
     if isinstance(q, Cars):  # the file has a delay alone
         q = q.changed(
             lag_s=np.full(count, LAG_S), delay_s=np.full(count, file.vehicle.drivetrain.delay_s - LAG_S)
@@ -65,13 +65,15 @@ def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
 
 def outcome(
     job: tuple[str, PlannedDrive], vehicles: Robots | Cars, name: str, room: Room, seed: int
-) -> tuple[str, Drawn]:
+) -> tuple[str, SignalErrors]:
     """Return what a signal did to the vehicles."""
     (signal, planned), file = job, load(name)
     each = [vehicles.some([k]) for k in range(planned.u.shape[1])]
     around: list[Any] = [beside(q.changed(floor=0.0 * q.floor)) for q in each]
     group, many = around[0].joined(around[1:]), len(around[0].mass_kg)
-    quiet = np.split(shown(group, np.repeat(planned.u, many, axis=1), file.rate_hz), len(each), axis=1)
+    quiet = np.split(
+        ideal_readings(group, np.repeat(planned.u, many, axis=1), file.rate_hz), len(each), axis=1
+    )
     paths = [path for path in unknowns(file).names if path in numbers(vehicles)]
     errors = [_error(one, q, paths) for one, q in zip(quiet, each, strict=True)]
     driven = vehicles.some(np.repeat(np.arange(len(each)), DRIVES).tolist())
@@ -81,10 +83,10 @@ def outcome(
     for now in u:
         world.tick(now, 1.0 / file.rate_hz)
         margins = np.minimum(margins, np.min(room.free - np.abs(world.truth.eta[:, :2]), axis=1))
-    return signal, Drawn(np.array(errors), margins, planned.seconds)
+    return signal, SignalErrors(np.array(errors), margins, planned.seconds)
 
 
-def shown(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
+def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
     """Return what IMUs, and odometers of cars, show without noise (N, n, m) under the commands u (N, n, k)."""
     world, out = world_of(vehicles, [0] * u.shape[1]), []
     for now in u:

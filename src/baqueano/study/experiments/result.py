@@ -41,25 +41,25 @@ class Experiments:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return the bounds that are not kept, in words."""
-        out, said = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
-        if said["all"].ratio < RATIO:
+        out, by_vehicle = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
+        if by_vehicle["all"].ratio < RATIO:
             out.append(
                 _(
                     "designed is {ratio:.2f} times better than random steps, not {wanted:g} times",
-                    ratio=said["all"].ratio,
+                    ratio=by_vehicle["all"].ratio,
                     wanted=RATIO,
                 )
             )
-        if above := said["all"].above_best:
+        if above := by_vehicle["all"].above_best:
             out.append(_("of {above} vehicles another signal tells more", above=above))
         left = sum(row.left for row in self.each if row.vehicle != "all")
         if left:
             out.append(_("in {left} drives the body left the room", left=left))
-        if said["all"].seconds > self.duration_s / 6.0:
+        if by_vehicle["all"].seconds > self.duration_s / 6.0:
             out.append(
                 _(
                     "the design took {seconds:.1f} s, more than a sixth of {duration_s:g} s",
-                    seconds=said["all"].seconds,
+                    seconds=by_vehicle["all"].seconds,
                     duration_s=self.duration_s,
                 )
             )
@@ -90,7 +90,7 @@ class Experiments:
         return "\n".join([*lines, *(f"! {reason}" for reason in self.reasons)])
 
 
-class Drawn(NamedTuple):
+class SignalErrors(NamedTuple):
     """Figures of one signal on the vehicles of one file in one room."""
 
     errors: np.ndarray  # (V,)
@@ -98,12 +98,12 @@ class Drawn(NamedTuple):
     seconds: float
 
 
-def rows_of(vehicle: str, size: str, found: dict[str, Drawn]) -> list[ExperimentRow]:
+def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[ExperimentRow]:
     """Return a row per signal."""
-    base = _geometric(found[BASELINE].errors)
+    base = _geometric(draws[BASELINE].errors)
     rows = []
-    for signal, drawn in found.items():
-        others = np.min([d.errors for s, d in found.items() if s != signal], axis=0)
+    for signal, drawn in draws.items():
+        others = np.min([d.errors for s, d in draws.items() if s != signal], axis=0)
         error = _geometric(drawn.errors)
         rows.append(
             ExperimentRow(
@@ -114,10 +114,10 @@ def rows_of(vehicle: str, size: str, found: dict[str, Drawn]) -> list[Experiment
     return rows
 
 
-def joined(parts: list[Drawn]) -> Drawn:
+def joined(parts: list[SignalErrors]) -> SignalErrors:
     """Return what a signal did to the vehicles of all parts."""
     errors, margins = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-    return Drawn(errors, margins, max(part.seconds for part in parts))
+    return SignalErrors(errors, margins, max(part.seconds for part in parts))
 
 
 def _geometric(x: np.ndarray) -> float:

@@ -1,3 +1,3 @@
 """Faults of recordings and of models, and what fits say of them."""
 
-from baqueano.study.faults.judged import FAULTS, Faults, faults
+from baqueano.study.faults.detection import FAULTS, Faults, faults

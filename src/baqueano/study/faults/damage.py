@@ -108,11 +108,13 @@ def time_jumps_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) ->
 def _jumped(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
     at = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
 
-    def moved(t_ns: np.ndarray) -> np.ndarray:
+    def delay_stamps(t_ns: np.ndarray) -> np.ndarray:
         return t_ns + np.where(t_ns >= at, by_ns, 0)
 
-    sensors = {n: Channel(moved(c.t_ns), moved(c.arrival_ns), c.z) for n, c in run.sensors.items()}
-    return replace(run, t_ns=moved(run.t_ns), sensors=sensors, truth=None)
+    sensors = {
+        n: Channel(delay_stamps(c.t_ns), delay_stamps(c.arrival_ns), c.z) for n, c in run.sensors.items()
+    }
+    return replace(run, t_ns=delay_stamps(run.t_ns), sensors=sensors, truth=None)
 
 
 def sensor_clock_goes_back(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -130,7 +132,7 @@ def bursts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     return replace(run, sensors={**run.sensors, "imu": Channel(t_ns, c.arrival_ns[last], c.z)})
 
 
-def held(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def hold_samples(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     """The IMU measures 3 to 8 times more slowly than it is read."""
     z, of = _z(run), int(rng.integers(3, 9))
     return _with(run, z[np.arange(len(z)) // of * of])
@@ -232,7 +234,7 @@ DAMAGES: dict[str, Damage] = {
     N_("time jumps seconds"): time_jumps_seconds,
     N_("clock goes back"): sensor_clock_goes_back,
     N_("bursts"): bursts,
-    N_("held samples"): held,
+    N_("held samples"): hold_samples,
     N_("stuck"): stuck,
     N_("frames as zero"): zeros,
     N_("not numbers"): not_numbers,

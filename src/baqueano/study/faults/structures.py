@@ -1,7 +1,7 @@
 """Effects of the world that the fitted model lacks: a subject, its command and a generator → a plan.
 
-What acts on the force of the motors is simulated as the command that would have that effect, `felt`; the log holds the
-command that was given. What depends on the motion takes it from the sound run. Sizes are drawn anew for each run.
+What acts on the force of the motors is simulated as the command that would have that effect, `effective`; the log holds
+the command that was given. What depends on the motion takes it from the sound run. Sizes are drawn anew for each run.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ class FaultPlan(NamedTuple):
     """A vehicle to simulate, and the file to fit to it."""
 
     vehicle: Robots | Cars
-    felt: np.ndarray  # (N, m)
+    effective: np.ndarray  # (N, m)
     file: VehicleFile
     without: tuple[str, ...] = ()  # what is not freed, or the fit would find it
     second: Robots | Cars | None = None  # another vehicle under the same commands
@@ -30,7 +30,7 @@ class FaultPlan(NamedTuple):
 Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], FaultPlan | None]
 
 
-def _felt(of: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
+def _plan(of: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
     limit = np.asarray(of.file.command.limit)
     return FaultPlan(of.vehicle, np.clip(effective, -limit, limit), of.file, **more)
 
@@ -56,7 +56,7 @@ def _throttle(
     w = _channels(of, u)
     for k in range(w.shape[1] if isinstance(of.vehicle, Robots) else 1):
         w[:, k] = change(w[:, k])
-    return _felt(of, _command(of, w), **more)
+    return _plan(of, _command(of, w), **more)
 
 
 def dead_zone(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
@@ -136,7 +136,7 @@ def caster(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator
         kick[k] = level
     effective = u.copy()
     effective[:, 2] += kick * of.file.command.limit[2]
-    return _felt(of, effective)
+    return _plan(of, effective)
 
 
 def cogging(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
@@ -165,7 +165,7 @@ def slipping(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generat
             run.sensors["odometer"].z[during] *= 1.5
         return run
 
-    return _felt(of, _command(of, w), change=ahead)
+    return _plan(of, _command(of, w), change=ahead)
 
 
 def dry_friction(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:

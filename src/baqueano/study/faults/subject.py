@@ -49,12 +49,12 @@ class FaultSubject(NamedTuple):
         return as_sent(u) if isinstance(self.vehicle, Robots) else u
 
     def runs(
-        self, vehicles: Sequence[Robots | Cars], felt: Sequence[np.ndarray], logged: Sequence[np.ndarray]
+        self, vehicles: Sequence[Robots | Cars], effective: Sequence[np.ndarray], logged: Sequence[np.ndarray]
     ) -> list[Run]:
-        """Return the runs of the vehicles, side by side under the commands that are `felt` by each."""
+        """Return the runs of the vehicles, side by side under the `effective` commands of each."""
         group = vehicles[0].joined(list(vehicles[1:]))  # type: ignore[arg-type]
-        t_ns = times(len(felt[0]), self.file.rate_hz)
-        shown = driven(group, np.stack(felt, axis=1), [self.seed] * len(vehicles), t_ns)
+        t_ns = times(len(effective[0]), self.file.rate_hz)
+        shown = driven(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
         return [
             recorded(shown, k, u, self.file, f"seed {self.seed}", self.seed) for k, u in enumerate(logged)
         ]

@@ -1,7 +1,7 @@
 """The sound run without what a fit leaves out of the damaged one: what could still be known of it.
 
-A damage that is noticed costs samples. How much of what a fit then errs by is the price of what is gone, and how
-much is harm in the rest, is measured with the sound run, from which the same samples are taken: those of the same time.
+A damage that is noticed costs samples. A part of the error of such a fit is the price of what is gone, and a part is
+harm in the rest. The sound run, without the same samples, tells them apart: those of the same time.
 """
 
 from dataclasses import replace

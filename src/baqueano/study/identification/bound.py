@@ -56,17 +56,17 @@ def beside(vehicle: Robots | Cars) -> Robots | Cars:
 
 
 def bound_of(
-    quiet: np.ndarray, vehicle: Robots | Cars, known: Mapping[str, float] | None = None
+    quiet: np.ndarray, vehicle: Robots | Cars, prior_sigma: Mapping[str, float] | None = None
 ) -> dict[str, float]:
     """Return path → b of (1) from what the vehicles of `beside` show, (N, 2p, m): an IMU, and an odometer where m = 4.
 
-    `known`: path → standard deviation beforehand, √P₀ of (1).
+    `prior_sigma`: path → standard deviation beforehand, √P₀ of (1).
     """
     of = steps(vehicle)
     noise = np.append(vehicle.imu.noise[0], ODOMETER_M_S)[: quiet.shape[2]]
     slopes = (quiet[:, 0::2] - quiet[:, 1::2]) / (2.0 * np.array([*of.values()])[:, None])
     G = np.moveaxis(slopes / noise, 1, 2).reshape(-1, len(of))
-    before = np.array([(known or {}).get(path, np.inf) for path in of])
+    before = np.array([(prior_sigma or {}).get(path, np.inf) for path in of])
     G = np.concatenate([G, np.diag(1.0 / before)])
     size = np.linalg.norm(G, axis=0)
     R = np.linalg.qr(G / size, mode="r")

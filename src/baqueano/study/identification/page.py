@@ -43,7 +43,9 @@ def page_of_identification(study: Identification) -> Page:
     rows = study.rows()
     over = _("{seeds:,} seeds", seeds=study.seeds)
     over += (
-        _(" of {asked:,}, stopped from the keyboard", asked=study.asked) if study.seeds < study.asked else ""
+        _(" of {asked:,}, stopped from the keyboard", asked=study.requested)
+        if study.seeds < study.requested
+        else ""
     )
     clean = [row for row in rows if row["case"] == rows[0]["case"] and row["name"] != POOL]
     parts: list[Table | Drawing] = [draw(coverage(clean), _(COVERAGE))]
@@ -77,7 +79,7 @@ def page_of_identification(study: Identification) -> Page:
             Section("Parameters", "", [Table(_columns(single, PARAMETERS))]),
             Section("Figures", "", parts),
         ],
-        reproduce=typed("study", "identification", "--seeds", study.asked),
+        reproduce=typed("study", "identification", "--seeds", study.requested),
     )
 
 

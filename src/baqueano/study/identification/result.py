@@ -36,7 +36,7 @@ SURE = 3.0  # standard errors; they widen the limits where the seeds are few
 class Limit(NamedTuple):
     """Limits of a case: shares of intervals, ratios to the bound, shares of the fits."""
 
-    held: float = 0.0  # of all intervals, at least
+    coverage: float = 0.0  # of all intervals, at least
     held_most: float = 1.0
     each: float = 0.0  # of those of one parameter
     rmse: float = np.inf
@@ -52,6 +52,7 @@ LIMITS = {
     "rough": Limit(0.92, width=1.5),
     "floor": Limit(0.92, usable=0.80),
     "floor, innovations": Limit(0.92, usable=0.80),
+    "low-passed": Limit(),
     "wrong start": Limit(),
     "matched": Limit(0.85, named=0.10),
     "understeer": Limit(held_or_named=0.85),
@@ -63,7 +64,7 @@ class Identification:
     """All outcomes, fewer than were asked for if it was interrupted."""
 
     outcomes: tuple[TrialOutcome, ...]
-    asked: int
+    requested: int
 
     @property
     def seeds(self) -> int:
@@ -100,7 +101,7 @@ class Identification:
         )
         rows, lines = (
             self.rows(),
-            [_("{seeds} of {asked} seeds", seeds=self.seeds, asked=self.asked), head, "-" * len(head)],
+            [_("{seeds} of {asked} seeds", seeds=self.seeds, asked=self.requested), head, "-" * len(head)],
         )
         for row in (row for row in rows if row["name"] == POOL):
             text = f"{_(row['case']):36}{row['fits']:5}{_figures(row)}{number(100 * row['usable']):7.0f} %"
@@ -135,11 +136,11 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
             widths.append(float(np.median([o.sd[k] / o.bound[k] for o, k in at])))
             if one not in LOWEST or len(names) == 1:
                 ratios.append(float(np.sqrt(np.mean(error**2) / np.mean(bound**2))))
-    inside, said = np.abs(np.array(z)) <= QUANTILE_95, np.array(named, dtype=bool)
+    inside, reported = np.abs(np.array(z)) <= QUANTILE_95, np.array(named, dtype=bool)
     usable = [o for o in outcomes if o.verdict == Verdict.USABLE]
     return {
         "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "holds": _mean(inside),
-        "holds_or_named": _mean(inside | said), "named": _mean(said),
+        "holds_or_named": _mean(inside | reported), "named": _mean(reported),
         "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
         "sd": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
         "wrongly_usable": sum(bool(np.any(wrong(o.estimate, o.sd, o.truth))) for o in usable),
@@ -153,7 +154,7 @@ def _reasons(row: "TableRow") -> list[str]:
     limit, whole, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
     few = SURE * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
     by_chance = 1.0 + SURE / np.sqrt(2.0 * max(row["intervals"], 1))
-    least, rmse = (limit.held, limit.rmse) if whole else (limit.each, limit.rmse_each)
+    least, rmse = (limit.coverage, limit.rmse) if whole else (limit.each, limit.rmse_each)
     out = []
     if row["holds"] < min(least, 0.95 - few) or (whole and row["holds"] > max(limit.held_most, 0.95 + few)):
         out.append(_("{holds:.1f} % of the intervals hold the truth", holds=100 * row["holds"]))
@@ -230,8 +231,8 @@ MISSING = ("residual.missing", "residual.missing-free")  # name the parameter th
 
 
 def _z(o: TrialOutcome) -> np.ndarray:
-    seen = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != Verdict.REFUSED)
-    return (o.estimate[seen] - o.truth[seen]) / o.sd[seen]
+    identifiable = np.isfinite(o.sd) & np.isfinite(o.estimate) & (o.verdict != Verdict.REFUSED)
+    return (o.estimate[identifiable] - o.truth[identifiable]) / o.sd[identifiable]
 
 
 def _named(o: TrialOutcome, name: str) -> bool:

@@ -1,12 +1,13 @@
 """Simulations and fits of `study identification`: robots and cars of the independent truth.
 
-Robots with dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms, delays of 4 to 17 ms, an 8-bit PWM
-whose counts are logged, an IMU 3 cm off the centre, turned by 4° and tilted by 2°. All is free that a user would free;
+Robots with dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms, delays of 4 to 17 ms; an 8-bit PWM
+whose counts are logged; an IMU 3 cm off the centre, turned by 4° and tilted by 2°. All is free that a user would free;
 the search begins at a rough guess, but for the tilt (robots.py). Cars on tyres, by the kinematic car, IMU and odometer:
 
     clean               white noise alone
     rough               ticks 1 ms irregular under true stamps, 0.5 % outliers of 20 σ, steps of 1 σ, walking biases
     floor               process noise of a rough floor; floor, innovations: with the other cost
+    low-passed          clean, but the IMU filters at 44 Hz, which the file does not name
     wrong start         clean, from friction and forces times 0.2 to 5, random signs, and dead zones from 0 to 0.5
     matched             cars with stiff tyres that are alike, gentle steering: nearly the car that is fitted
     understeer          soft tyres that understeer and saturate, half of full lock and more
@@ -24,7 +25,7 @@ from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import (
     FREE_CAR,
     FREE_ROBOT,
-    Shown,
+    GroupDrive,
     car_file,
     car_values,
     driven,
@@ -36,15 +37,24 @@ from baqueano.study.counterpart import (
 from baqueano.study.counterpart.cars import SPEED, speed_at
 from baqueano.study.demo import GUESS
 from baqueano.study.identification.bound import beside, bound_of
-from baqueano.study.truth import Cars, Robots, drawn, drawn_cars
+from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
-OF_ROBOTS = (N_("clean"), N_("rough"), N_("floor"), N_("floor, innovations"), N_("wrong start"))
+OF_ROBOTS = (
+    N_("clean"),
+    N_("rough"),
+    N_("floor"),
+    N_("floor, innovations"),
+    N_("low-passed"),
+    N_("wrong start"),
+)
 OF_CARS = (N_("matched"), N_("understeer"))
 CASES = OF_ROBOTS + OF_CARS
 SECONDS, REST_S = 60.0, 2.0
 FLOOR = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
 JITTER_S = 1e-3
+BOUNDED = ("clean", "rough", "wrong start")  # the cases whose readings the bound of clean ones is for
+LOW_PASS_HZ = 44.0
 BOUND_STEP_S = 5e-3  # of Runge and Kutta: the bound is the one at 1 ms to 1e-4
 PWM = 255
 STEERED = {"matched": 0.2, "understeer": 0.8}  # of full lock
@@ -89,7 +99,7 @@ def work(job: TrialJob) -> list[TrialOutcome]:
 
 def robot(seed: int) -> Robots:
     """Return the robot of that seed."""
-    draw, q = np.random.default_rng([seed, 40]), drawn(1, seed)
+    draw, q = np.random.default_rng([seed, 40]), draw_robots(1, seed)
     at, towards = draw.uniform(-np.pi, np.pi, 2)
     imu = q.imu.changed(
         place_m=0.03 * np.array([[np.cos(at), np.sin(at)]]),
@@ -104,7 +114,7 @@ def robot(seed: int) -> Robots:
 
 def car(seed: int, case: str) -> Cars:
     """Return the car of that seed."""
-    q = drawn_cars(1, seed)
+    q = draw_cars(1, seed)
     return (
         q
         if case == "understeer"
@@ -127,9 +137,9 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     robots = [robot(seed) for seed in job.seeds]
     us = [_steps(guess(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
     t_ns, n = times(len(us[0]), 100.0), len(robots)
-    given: dict[str, Shown] = {}
+    given: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
-    if not all("floor" in case for case in cases):
+    if set(cases) & set(BOUNDED):
         bounds = _bounds(robots, us, t_ns)
     if "clean" in cases or "wrong start" in cases:
         given = dict.fromkeys(("clean", "wrong start"), driven(_group(robots), _beside(us), job.seeds, t_ns))
@@ -138,6 +148,9 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
         given |= dict.fromkeys(
             ("floor", "floor, innovations"), driven(_group(rough), _beside(us), job.seeds, t_ns)
         )
+    if "low-passed" in cases:
+        slow = [_filtered(q) for q in robots]
+        given["low-passed"] = driven(_group(slow), _beside(us), job.seeds, t_ns)
     if "rough" in cases:
         given["rough"] = _roughly(robots, us, job.seeds, t_ns)
     out: list[TrialOutcome] = []
@@ -148,7 +161,7 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
             run = recorded(given[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
             fit = _fitted(run, q, case, job.seeds[k], job.backend)
             clean = fit if case == "clean" else clean
-            bound = bounds[k] if "floor" not in case else {}
+            bound = bounds[k] if case in BOUNDED else {}
             right = clean if case == "wrong start" else None
             true = robot_values(q.changed(imu=q.imu.changed(bias=q.imu.bias + given[case].wandered[k])))
             out.append(_outcome(case, job.seeds[k], fit, true, bound, right))
@@ -172,7 +185,9 @@ def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> lis
     return [bound_of(piece, q) for piece, q in zip(pieces, robots, strict=True)]
 
 
-def _roughly(robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray) -> Shown:
+def _roughly(
+    robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray
+) -> GroupDrive:
     """Return the readings of robots whose logger wakes up irregularly."""
     late = np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
     irregular = t_ns + np.round(1e9 * late).astype(np.int64)
@@ -181,6 +196,10 @@ def _roughly(robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t
 
 def _coarse(q: Robots) -> Robots:
     return q.changed(imu=q.imu.changed(walk=np.array([WALK]), step=q.imu.noise))
+
+
+def _filtered(q: Robots) -> Robots:
+    return q.changed(imu=q.imu.changed(low_pass_s=np.full(1, 0.5 / (np.pi * LOW_PASS_HZ))))
 
 
 def _with_outliers(run: Run, q: Robots, seed: int) -> Run:
@@ -220,14 +239,14 @@ def _of_cars(job: TrialJob, case: str) -> list[TrialOutcome]:
 def _outcome(
     case: str, seed: int, fit: Fit, truth: dict[str, np.ndarray], bound: dict[str, float], clean: Fit | None
 ) -> TrialOutcome:
-    found = {
+    results = {
         **dict(zip(fit.own_names, zip(fit.own[0], fit.own_sd[0], strict=True), strict=True)),
         **dict(zip(fit.names, zip(fit.estimate, fit.sd, strict=True), strict=True)),
     }
     if SPEED in truth:
-        found[SPEED] = _speed(fit)
-    names = tuple(name for name in truth if name in found)
-    estimate, sd = np.array([found[name] for name in names]).T
+        results[SPEED] = _speed(fit)
+    names = tuple(name for name in truth if name in results)
+    estimate, sd = np.array([results[name] for name in names]).T
     met = clean is None or _same(fit, clean)
     reasons = tuple((one.code, one.subject) for one in fit.reasons)
     return TrialOutcome(
@@ -275,8 +294,8 @@ def _car_steps(seed: int, rate_hz: float, duration_s: float, lock: float) -> np.
     draw, ticks = np.random.default_rng([seed, 44]), round(duration_s * rate_hz)
     columns = []
     for low, high, hold_s in ((0.1, 0.55, 2.0), (-lock, lock, 1.2)):
-        held = round(hold_s * rate_hz)
-        columns.append(np.repeat(draw.uniform(low, high, ticks // held + 1), held)[:ticks])
+        hold_ticks = round(hold_s * rate_hz)
+        columns.append(np.repeat(draw.uniform(low, high, ticks // hold_ticks + 1), hold_ticks)[:ticks])
     u = np.stack(columns, axis=1)
     u[: round(REST_S * rate_hz)] = 0.0
     return u

@@ -2,8 +2,8 @@
 
 Robots of the independent truth (corridor/vehicles.py: gyro within ± 3 %, wheels 2 % apart) are driven for 60 s and
 identified. They drive LEARNED laps of a rectangle over two tags and are identified by both runs: the tags tell how far
-the model's speed is off. Switched on anew, they follow two shapes over tags that are all read, and over tags of which
-20 % are missed, 10 % read twice and 5 % taken for the other one.
+the model's speed is off. Switched on anew, they follow two shapes over tags that are all read. They also do so where 20
+% are missed, 10 % read twice and 5 % taken for the other one.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,10 +34,10 @@ def marks(
     """Return the laps of robots `first` … `first + seeds − 1`; `each` hears of the robots that are done."""
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, laps=laps, backend=backend, shapes=shapes, read=read)
-    found = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
-    refused = tuple(sorted(k for _, _, refused in found for k in refused))
+    parts = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
+    refused = tuple(sorted(k for _, _, refused in parts for k in refused))
     return Marks(
-        tuple(lap for _, rows, _ in found for lap in rows), sum(n for n, _, _ in found), laps, refused
+        tuple(lap for _, rows, _ in parts for lap in rows), sum(n for n, _, _ in parts), laps, refused
     )
 
 

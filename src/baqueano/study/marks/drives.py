@@ -75,25 +75,25 @@ def follow(
     world = TruthWorld(robots, team.seeds * len(ways), start, STEP_S, fast)
     floors = [Floor(tags_of(route), RADIUS_M, NOISE_M, team.seeds, start[:n, :2], way) for way in ways]
     t_ns = times(round((REST_S + laps * route.t_s[-1]) * RATE_HZ), RATE_HZ)
-    asked, reference = guide.init(), Reference(0, route.eta[0], np.zeros(3), 0.0)
+    progress, reference = guide.init(), Reference(0, route.eta[0], np.zeros(3), 0.0)
     samples: list[tuple[np.ndarray, ...]] = []
     rows: list[tuple[np.ndarray, ...]] = []
     for k, t in enumerate(t_ns.tolist()):
         z = world.tick(u, 1.0 / RATE_HZ)
         eta = world.truth.eta
         tags = [floor.read(1e-9 * t, eta[i * n : i * n + n, :2]) for i, floor in enumerate(floors)]
-        row, believed, rests = (u, z, np.concatenate(tags)), [], t <= REST_S * NANOSECONDS
+        row, estimates, rests = (u, z, np.concatenate(tags)), [], t <= REST_S * NANOSECONDS
         if not rests:
-            asked, reference = guide.step(asked, _at(t))
+            progress, reference = guide.step(progress, _at(t))
         u = np.zeros_like(u)
         for i, one in enumerate(loops):
             states[i], (command, estimate) = one.step(states[i], _tick(one, t, row, i), reference)
             u[i] = 0.0 if rests else command
-            believed.append(estimate)
+            estimates.append(estimate)
         if log:
             rows.append(row)
         if not rests and k % EVERY == 0:
-            samples.append((*_error(believed, eta), eta[:, :2], reference.eta[:2]))
+            samples.append((*_error(estimates, eta), eta[:, :2], reference.eta[:2]))
     error, cov, place, wanted = (np.array(one) for one in zip(*samples, strict=True))
     ticks = np.arange(len(wanted)) * round(EVERY / RATE_HZ * NANOSECONDS)
     across = [cross_track(ticks, place[:, i], ticks, wanted) for i in range(len(loops))]
@@ -105,16 +105,16 @@ def follow(
     ]
 
 
-def _error(believed: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Errors (n, 3), and the covariances (n, 3, 3) that are claimed."""
-    off = np.array([one.eta for one in believed]) - eta
-    return np.column_stack([off[:, :2], wrap(off[:, 2])]), np.array([one.cov[:3, :3] for one in believed])
+    off = np.array([one.eta for one in estimates]) - eta
+    return np.column_stack([off[:, :2], wrap(off[:, 2])]), np.array([one.cov[:3, :3] for one in estimates])
 
 
 def _tick(one: Loop, t_ns: int, row: tuple[np.ndarray, ...], i: int) -> Tick:
     u, imu, tag = (x[i] for x in row)
-    seen = not np.isnan(tag[0])
-    return Tick(t_ns, u, one.slots(Slot(1.0, imu), Slot(float(seen), tag if seen else np.zeros(2))))
+    visible = not np.isnan(tag[0])
+    return Tick(t_ns, u, one.slots(Slot(1.0, imu), Slot(float(visible), tag if visible else np.zeros(2))))
 
 
 def _at(t_ns: int) -> Estimate:
@@ -126,10 +126,10 @@ def _runs(team: Team, t_ns: np.ndarray, rows: list[tuple[np.ndarray, ...]]) -> t
     u, imu, tags = (np.stack(one, axis=1) for one in zip(*rows, strict=True))
     metadata, out = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
     for i, (file, seed) in enumerate(zip(team.files, team.seeds, strict=True)):
-        seen = ~np.isnan(tags[i, :, 0])
+        visible = ~np.isnan(tags[i, :, 0])
         sensors = {
             "imu": Channel(t_ns, t_ns, imu[i]),
-            "tags": Channel(t_ns[seen], t_ns[seen], tags[i, seen]),
+            "tags": Channel(t_ns[visible], t_ns[visible], tags[i, visible]),
         }
         name = f"laps {seed}"
         out.append(Run(name, None, t_ns, u[i], sensors=sensors, vehicle_text=file.text, metadata=metadata))

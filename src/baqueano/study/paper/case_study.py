@@ -86,12 +86,12 @@ class CaseStudy:
         for name, path, sign in names():
             truth = sign * float(fit.file.value(path)) + 0.0
             k = fit.names.index(path)
-            known = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.sd[k]))
+            identifiable = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.sd[k]))
             yield (
                 name,
                 truth,
-                sign * float(fit.estimate[k]) if known else None,
-                float(fit.sd[k]) if known else None,
+                sign * float(fit.estimate[k]) if identifiable else None,
+                float(fit.sd[k]) if identifiable else None,
             )
 
     @property
@@ -184,7 +184,7 @@ class ImpliedParameters:
         disc = 0.5 * self.mass_kg * self.radius_m**2
         gyration = np.sqrt(self.inertia / self.mass_kg)
         turning, with_disc = self.T_33 / self.inertia, self.T_33 / disc
-        said = (
+        figures = (
             (
                 f"I = {self.inertia}",
                 _("a radius of gyration of {gyration:.1f} m", gyration=gyration),
@@ -211,10 +211,10 @@ class ImpliedParameters:
             ),
             ("d_l[2], d_c", _("missing in the text"), _("one value each")),
         )
-        return [dict(zip(("printed", "implies", "expected"), row, strict=True)) for row in said]
+        return [dict(zip(("printed", "implies", "expected"), row, strict=True)) for row in figures]
 
     def table(self) -> str:
-        """For people."""
+        """Return the table as text."""
         return "\n".join(
             [
                 _("Case study II, as printed"),

@@ -7,10 +7,10 @@ from baqueano.language import marked as N_
 from baqueano.language import number
 from baqueano.language import translated as _
 from baqueano.report import Headline, Page, Section, Table, draw, figures
-from baqueano.report.of_fit import label
+from baqueano.report.fit_report import label
 from baqueano.simulate import simulate_loop
 from baqueano.study.paper.case_study import CaseStudy, ImpliedParameters
-from baqueano.study.paper.two_models import JudgedModel, rows
+from baqueano.study.paper.dynamic_vs_kinematic import JudgedModel, rows
 from baqueano.vehicle_file import load
 
 SHOWN_S = 30.0

@@ -107,9 +107,9 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
     ]
 
 
-def of_calibration(found: Calibration, name: str) -> list["TableRow"]:
+def of_calibration(calibration: Calibration, name: str) -> list["TableRow"]:
     """Gyro and clock. The vehicle file's gyro_scale is the inverse: what the gyro says of a turn."""
-    turn, offset = 1.0 / found.value("sensors.imu.gyro_scale"), found.value("clock.truth")
+    turn, offset = 1.0 / calibration.value("sensors.imu.gyro_scale"), calibration.value("clock.truth")
     near = abs(turn - GYRO) <= NEAR
     close = abs(offset - CLOCK_S[name]) <= CLOSE_S
     return [

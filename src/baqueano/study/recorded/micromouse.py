@@ -1,10 +1,10 @@
 """Micromouse "Algernon" (opatiny/micromouse): duty against the speed of both wheels, steady after each step.
 
-Gain, dead zone forward and backward and the coast of each motor are fitted to one sweep (2 s a step, 5 of 255 a step)
-and held against another one, of another day and battery, that went in steps of 1. The dead band is given as the mean of
-both wheels and ways, in units of the duty, against where the wheels of the other sweep begin to turn; one of them,
-left forward, sticks until 65 and then turns at once, which no dead zone is. The asymmetry is how much faster the right
-wheel turns by the model, over the commands at which both wheels turned.
+Gain, dead zone forward and backward and the coast of each motor are fitted to one sweep; 2 s a step, 5 of 255 a step.
+They are compared with a sweep of another day and battery, in steps of 1. The dead band is the mean of both wheels and
+ways, in units of the duty. It is compared with the duty at which the wheels of the other sweep begin to turn; one of
+them, left forward, sticks until 65 and then turns at once, which no dead zone is. The asymmetry is how much faster the
+right wheel turns by the model, over the commands at which both wheels turned.
 """
 
 from collections.abc import Callable
@@ -51,15 +51,15 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     say(_("micromouse: fitting a sweep of the duty, judging another one"))
     run, other = run_of(FITTED), run_of(OTHER)
     fit = fitted(run, backend)
-    band, seen = dead_band(fit), begins_to_turn(other)
+    band, threshold = dead_band(fit), begins_to_turn(other)
     faster = asymmetry(fit, run, backend)
-    z, said = measured_and_simulated(fit.vehicle_file, other, "wheels", backend)
-    explained = 1.0 - float(np.sum((z - said) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
-    near = abs(band - seen) <= NEAR * seen
+    z, simulated = measured_and_simulated(fit.vehicle_file, other, "wheels", backend)
+    explained = 1.0 - float(np.sum((z - simulated) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
+    near = abs(band - threshold) <= NEAR * threshold
     beside = abs(faster - ASYMMETRY) <= BESIDE
     name = "micromouse"
     return [
-        row(name, _("dead band [of 255]"), band, f"{number(seen):.1f} ± {100 * NEAR:.0f} %", near),
+        row(name, _("dead band [of 255]"), band, f"{number(threshold):.1f} ± {100 * NEAR:.0f} %", near),
         row(
             name,
             _("right wheel faster by [%]"),
@@ -100,18 +100,18 @@ def dead_band(fit: Fit) -> float:
 def begins_to_turn(run: "Run") -> float:
     """Mean over wheels and ways of the middle between the largest duty without motion and the next, of 255."""
     duty, speed = FULL * run.applied[:, 0], run.sensors["wheels"].z[-len(run.applied) :]
-    found = []
+    thresholds = []
     for wheel in speed.T:
         for way in (1.0, -1.0):
             of_way = way * duty > 0.0
             size, moves = way * duty[of_way], way * wheel[of_way] > TURNS_M_S
-            found.append(0.5 * (size[~moves].max() + size[moves].min()))
-    return float(np.mean(found))
+            thresholds.append(0.5 * (size[~moves].max() + size[moves].min()))
+    return float(np.mean(thresholds))
 
 
 def asymmetry(fit: Fit, run: "Run", backend: str = "auto") -> float:
     """Return how much faster the right wheel is, by the model, where turns of both were measured."""
-    z, said = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
+    z, simulated = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
     both = (np.abs(z) > TURNS_M_S).all(axis=1)
-    left, right = np.abs(said[both]).sum(axis=0)
+    left, right = np.abs(simulated[both]).sum(axis=0)
     return float(right / left - 1.0)

@@ -35,24 +35,24 @@ AXES = "XYZ"
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
     say(_("MPU-6050 at rest, 11 min"))
-    found = at_rest(import_run(MAP).run)
+    statistics = at_rest(import_run(MAP).run)
     author = _published()
     out = []
-    for c in found.channels:
+    for c in statistics.channels:
         unit = "g" if c.sensor == "accelerometer" else "°/s"
         kind = "accelerometer" if c.sensor == "accelerometer" else "gyroscope"
-        said = author[kind, AXES[c.entry]]
-        for what, ours, theirs in ((N_("mean"), c.mean, said[0]), (N_("deviation"), c.sd, said[1])):
+        published = author[kind, AXES[c.entry]]
+        for what, ours, theirs in ((N_("mean"), c.mean, published[0]), (N_("deviation"), c.sd, published[1])):
             out.append(
                 _beside(
                     f"{_(c.sensor)} {AXES[c.entry]}, {_(what)} [{unit}]", ours / SI[c.sensor], theirs, DIGITS
                 )
             )
-    for c in (c for c in found.channels if c.sensor == "gyro"):
+    for c in (c for c in statistics.channels if c.sensor == "gyro"):
         assert c.allan_1s is not None
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
         out.append(_beside(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
-    warned = any(one.code == "at-rest.bursts" for one in found.doubts)
+    warned = any(one.code == "at-rest.bursts" for one in statistics.doubts)
     return [*out, row(MAP, _("burst stamps are reported"), warned, _("yes"), warned)]
 
 

@@ -1,9 +1,9 @@
 """Warthog and Husky (norlab-ulaval/DRIVE): wheel speeds to poses, for a vehicle that skids to turn.
 
-Windows of 2 s, each a run. The two wheel radii, the effective track and the slide outward in a curve are fitted to
-the whole windows of the first half, with the lidar's poses as measurements; of each window of the second half the
-pose at its end is predicted from the one at its beginning and the wheel speeds alone. The vehicle file (warthog.toml)
-begins from the nominal radius and track; the Husky has nominal ones of its own, and is a check on another vehicle.
+Windows of 2 s, each a run. The two wheel radii, the effective track and the slide outward in a curve are fitted to the
+whole windows of the first half. The lidar's poses are the measurements; of each window of the second half the pose at
+its end is predicted from the one at its beginning and the wheel speeds alone. The vehicle file (warthog.toml) begins
+from the nominal radius and track; the Husky has nominal ones of its own, and is a check on another vehicle.
 """
 
 from collections.abc import Callable

@@ -5,10 +5,10 @@ agrees with itself. Plain NumPy, many vehicles side by side, Runge and Kutta at 
 command is felt.
 """
 
-from baqueano.study.truth.bicycle import Cars, drawn_cars
+from baqueano.study.truth.bicycle import Cars, draw_cars
 from baqueano.study.truth.floor import Floor, TagFaults
 from baqueano.study.truth.group import Group, TruthGroup
 from baqueano.study.truth.imu import Imus
 from baqueano.study.truth.transmission import Transmission
-from baqueano.study.truth.two_wheels import Robots, drawn
+from baqueano.study.truth.two_wheels import Robots, draw_robots
 from baqueano.study.truth.world import TruthWorld

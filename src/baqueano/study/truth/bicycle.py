@@ -112,7 +112,7 @@ class Cars(Group):
         return self.grip_n[:, axle] * np.tanh(self.tyre_n_rad[:, axle] * slip / self.grip_n[:, axle])
 
 
-def drawn_cars(n: int, seed: int) -> Cars:
+def draw_cars(n: int, seed: int) -> Cars:
     """Return n cars that differ as parts of one bag do and understeer a little: U about 0.008 rad s²/m."""
     draw = np.random.default_rng([seed, 30])
 

@@ -53,7 +53,7 @@ class Imus(Group):
         left = cr * aside + sr * (sp * along + cp * GRAVITY)
         return np.stack([forward, left, self.gyro_scale * cr * cp * w], axis=1) + self.bias
 
-    def shown(self, quiet: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
+    def readings(self, quiet: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
         """Return the readings (n, 3): with biases that wandered by (n, 3), noise of unit normals (n, 3), rounded."""
         z = quiet + wandered + self.noise * white
         safe = np.where(self.step > 0.0, self.step, 1.0)

@@ -26,7 +26,7 @@ class Line:
         self._sent_s = np.append(self._sent_s[1:], t_s)
         self._sent = np.concatenate([self._sent[1:], np.array(u, dtype=float)[None]])
 
-    def felt(self, t_s: np.ndarray) -> np.ndarray:
+    def delayed(self, t_s: np.ndarray) -> np.ndarray:
         """Return the commands (n, m) that are felt at `t_s` (n,)."""
         return self._sent[np.searchsorted(self._sent_s, t_s - self._delay_s, side="right") - 1, self._all]
 
@@ -55,7 +55,7 @@ def integrated(
         stop = np.minimum(np.minimum(at + step_s, line.next_s(at)), end)
         stop = np.where(end - stop < SHORTEST_S, end, stop)
         h = stop - at
-        x = stepped(x, line.felt(at + 0.5 * h), h[:, None])
+        x = stepped(x, line.delayed(at + 0.5 * h), h[:, None])
         at = stop
         if kicked is not None:
             x = kicked(x, h)

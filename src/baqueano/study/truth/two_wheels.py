@@ -147,12 +147,12 @@ class Robots(Group):
             steady = most * (sign * np.maximum(size - zone, 0.0))
             return lambda x: steady
 
-        def forces(x: np.ndarray) -> np.ndarray:
+        def motor_forces(x: np.ndarray) -> np.ndarray:
             standing = np.exp(-((self._rim(x) / STRIBECK_M_S) ** 2))
             there = zone * (1.0 + (self.breakaway[:, None] - 1.0) * standing)
             return most * (sign * np.maximum(size - there, 0.0))
 
-        return forces
+        return motor_forces
 
     def _friction(self, v: np.ndarray) -> np.ndarray:
         """Return the friction in (X, Y, N) at the velocities (n, 3).  (3), (5)"""
@@ -162,7 +162,7 @@ class Robots(Group):
         return dry + (self.viscous + self.quadratic * np.abs(v)) * v
 
 
-def drawn(n: int, seed: int) -> Robots:
+def draw_robots(n: int, seed: int) -> Robots:
     """Return n robots that differ as parts of one bag do."""
     draw = np.random.default_rng([seed, 20])
 

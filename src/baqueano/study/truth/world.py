@@ -17,7 +17,7 @@ JUST_S = 1e-6  # before now: the command that brought the vehicle here
 class TruthWorld:
     """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its own seed, the same in every group.
 
-    Steps of 1 ms; a longer `step_s` is for hours of driving with robots whose IMU has no low-pass. So is `fast`, which
+    Steps of 1 ms; a longer `step_s` is for hours of driving with robots whose IMU lacks a low-pass. So is `fast`, which
     takes a function of arrays and examples of them, and returns one that gives the same sooner."""
 
     def __init__(
@@ -48,13 +48,13 @@ class TruthWorld:
         self._wandered = self._wandered + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
         filtered = self.physics.imu.low_pass_s[:, None] > 0.0
         quiet = np.where(filtered, self._smooth, self.quiet) if self._smooth is not None else self.quiet
-        return self.physics.imu.shown(quiet, self._wandered, draw[:, :3])
+        return self.physics.imu.readings(quiet, self._wandered, draw[:, :3])
 
     def go(self, u: np.ndarray, dt_s: float) -> None:
         """Move for `dt_s` under the commands u (n, m), sent from now on; no IMU is read."""
         self._line.send(self.t_s, u)
         before, self.t_s = self.t_s, self.t_s + dt_s
-        self._moved(before, self._kicked if len(self._rough) else None)
+        self._moved(before, self._apply_kick if len(self._rough) else None)
 
     def _moved(self, before_s: float, kicked: Any) -> None:
         """Integrate from `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""
@@ -76,7 +76,7 @@ class TruthWorld:
     @property
     def truth(self) -> TruthGroup:
         """Return pose, velocity and acceleration now."""
-        u = self._line.felt(np.full(len(self._x), self.t_s - JUST_S))
+        u = self._line.delayed(np.full(len(self._x), self.t_s - JUST_S))
         return TruthGroup(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
 
     @property
@@ -94,7 +94,7 @@ class TruthWorld:
         """Return the readings of IMUs without noise now (n, 3)."""
         return self.physics.imu.quiet(self.truth, self.physics.gravity(self._x[:, 2]))
 
-    def _kicked(self, x: np.ndarray, h: np.ndarray) -> np.ndarray:
+    def _apply_kick(self, x: np.ndarray, h: np.ndarray) -> np.ndarray:
         for i in self._rough[h[self._rough] > 0.0]:
             x[i, 3:6] += self.physics.floor[i] * np.sqrt(h[i]) * self._noise[i].standard_normal(3)
         return x

@@ -25,11 +25,11 @@ _FILLED = ("zeros", "ones", "empty", "full", "eye", "identity", "zeros_like", "o
 _OURS = ("numpy.", "baqueano.symbolic.")  # whose calls are never meant to make room for scalars
 
 
-class _Here(threading.local):
+class _TraceContext(threading.local):
     depth = 0  # of traces within traces in this thread
 
 
-_here = _Here()
+_here = _TraceContext()
 _lock = threading.Lock()
 _running = 0
 _before: dict[str, Value] = {}

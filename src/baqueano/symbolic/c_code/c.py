@@ -15,7 +15,7 @@ from baqueano.symbolic.graph.program import Program
 
 POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
 ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
-LANES_ARGUMENTS = (COUNT, COUNT, *[POINTER] * 6)
+BATCH_ARGUMENTS = (COUNT, COUNT, *[POINTER] * 6)
 
 WORTH_A_THREAD = 100_000  # vehicles times ticks
 WITH_TANGENTS = ("sensitivities", "gradient", "normal_equations")
@@ -108,7 +108,7 @@ class CKernel:
         self._function("normal_equations")(n, *addresses, bend, *_addresses(cost, gradient, upper))
         return float(cost[0]), gradient, np.where(self.below, upper.T, upper)
 
-    def lanes(
+    def batch(
         self,
         count: int,
         n: int,
@@ -122,7 +122,7 @@ class CKernel:
     ) -> None:
         """L vehicles: theta (L, p), start (L, s). Inputs that `is_shared` are columns of shared (N, ·), the
         others those of own (L, N, ·). Fills final (L, c) and outputs (L, N, m), unless it is None."""
-        function = self._function("lanes", tuple(is_shared), outputs is not None)
+        function = self._function("batch", tuple(is_shared), outputs is not None, hasty=self.program.hasty)
 
         def run(part: slice) -> None:
             to = None if outputs is None else outputs[part].ctypes.data
@@ -146,7 +146,7 @@ class CKernel:
         return self.texts[key]
 
     @cached_property
-    def _slopes(self) -> c_bodies.Differentiated:
+    def _slopes(self) -> c_bodies.DerivativeProgram:
         return c_bodies.differentiated(
             with_reciprocals(self.program, 1)
         )  # the slope of x/y by y needs 1/y anyway
@@ -164,11 +164,11 @@ class CKernel:
         library = self.libraries[key] = compile.load(
             header(body, self.program.tables) + body,
             operations=body.count(" = "),
-            find_vectors=name == "lanes",  # √ and ⌊ ⌋ of eight become vectors only so
+            find_vectors=name == "batch",  # √ and ⌊ ⌋ of eight become vectors only so
             hasty=hasty,
         )
         function = library.kernel
-        function.argtypes = LANES_ARGUMENTS if name == "lanes" else ARGUMENTS
+        function.argtypes = BATCH_ARGUMENTS if name == "batch" else ARGUMENTS
         function.restype = None
         return function
 

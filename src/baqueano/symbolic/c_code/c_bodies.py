@@ -1,12 +1,12 @@
 """The functions that a kernel may have, as C text: one loop over the ticks each, around the same arithmetic.
 
-All but `lanes` have one signature: n ticks; θ, start and inputs in; one setting; up to three arrays out.
+All but `batch` have one signature: n ticks; θ, start and inputs in; one setting; up to three arrays out.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from baqueano.symbolic.c_code.c_text import Text
+from baqueano.symbolic.c_code.c_text import CText
 from baqueano.symbolic.derivatives.tangents import Tangents, blocks, tangents
 from baqueano.symbolic.graph.emit import EmitPlan, plan
 from baqueano.symbolic.graph.emit import cost as cost_of
@@ -33,7 +33,7 @@ LANES = 8  # vehicles side by side
 UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
 
 
-class Differentiated(NamedTuple):
+class DerivativeProgram(NamedTuple):
     """A program, the rows of its tangents, and the order of both: all functions with derivatives share them."""
 
     program: Program
@@ -41,7 +41,7 @@ class Differentiated(NamedTuple):
     order: EmitPlan
 
 
-def differentiated(program: Program) -> Differentiated:
+def differentiated(program: Program) -> DerivativeProgram:
     """Return the rows by the rule that needs fewer operations at a tick."""
     bodies = []
     for eliminate in (False, True):
@@ -50,14 +50,14 @@ def differentiated(program: Program) -> Differentiated:
         initial = (*program.initial, *(x for block in rows for x in block.initial))
         wanted = (x for block in rows for x in (*block.outputs, *block.next_carry))
         order = plan(initial, (*program.outputs, *program.next_carry, *wanted), changing)
-        bodies.append((cost_of(order.loop), Differentiated(program, rows, order)))
+        bodies.append((cost_of(order.loop), DerivativeProgram(program, rows, order)))
     return min(bodies, key=lambda choice: choice[0])[1]
 
 
 def values(program: Program) -> str:
     """first (n, m): the outputs; second (c,): the carry after the last tick. `again` has all but the setting in one
     array: a call of one argument costs a third of one of eight."""
-    text = Text(width=1)
+    text = CText(width=1)
     text.lines.append(SIGNATURE)
     order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
     _symbols(text, program)
@@ -72,7 +72,7 @@ def values(program: Program) -> str:
     return str(text) + AGAIN.format(nonzero=" | ".join(nonzero) or "0")
 
 
-def sensitivities(slopes: Differentiated) -> str:
+def sensitivities(slopes: DerivativeProgram) -> str:
     """first (n, m): the outputs; second (n, m, p): their derivatives by θ."""
     text, program, rows = _with_tangents(slopes), slopes.program, slopes.rows
     p = len(program.theta)
@@ -88,7 +88,7 @@ def sensitivities(slopes: Differentiated) -> str:
 
 def cost(program: Program) -> str:
     """first: the sum of the only output."""
-    text = Text(width=1)
+    text = CText(width=1)
     order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
     text.lines += [SIGNATURE, "    double sum = 0.0;"]
     _symbols(text, program)
@@ -101,7 +101,7 @@ def cost(program: Program) -> str:
     return str(text)
 
 
-def gradient(slopes: Differentiated) -> str:
+def gradient(slopes: DerivativeProgram) -> str:
     """first: the sum of the only output; second (p,): its derivatives."""
     text = _with_tangents(slopes, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
     program, rows = slopes.program, slopes.rows
@@ -112,7 +112,7 @@ def gradient(slopes: Differentiated) -> str:
     return str(text)
 
 
-def normal_equations(slopes: Differentiated) -> str:
+def normal_equations(slopes: DerivativeProgram) -> str:
     """Residuals r with Huber's ρ, bend k = setting:  ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r.
     first: Σ ρ; second (p,): Σ w r ∂r; third (p, p): Σ w ∂r ∂rᵀ, whose upper half counts."""
     program, rows, p = slopes.program, slopes.rows, len(slopes.program.theta)
@@ -144,7 +144,7 @@ def normal_equations(slopes: Differentiated) -> str:
     return str(text)
 
 
-def _add_to_hessian(text: Text, rows: list[Tangents], residuals: range, p: int) -> None:
+def _add_to_hessian(text: CText, rows: list[Tangents], residuals: range, p: int) -> None:
     """The blocks on and above the diagonal; beyond 16 parameters in loops, so that compilers keep up."""
     if p > UNROLLED:
         size = rows[-1].first + rows[-1].lanes
@@ -164,10 +164,10 @@ def _add_to_hessian(text: Text, rows: list[Tangents], residuals: range, p: int) 
             text.add(f"hessian{block.first}[{i}] = {' + '.join((f'hessian{block.first}[{i}]', *terms))};")
 
 
-def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:
+def batch(program: Program, shared: Sequence[bool], outputs: bool) -> str:
     """outputs (L, n, m) if asked for; final (L, c). `shared` tells which columns of the inputs are common to
     all vehicles, (n, ·), and which are each vehicle's own, (L, n, ·). The last vehicle fills idle lanes."""
-    text = Text(width=LANES)
+    text = CText(width=LANES)
     text.lines.append(LANES_SIGNATURE)
     wanted = program.outputs if outputs else ()
     order = plan(program.initial, (*wanted, *program.next_carry), {*program.carry, *program.inputs}, False)
@@ -202,10 +202,10 @@ def lanes(program: Program, shared: Sequence[bool], outputs: bool) -> str:
     return str(text)
 
 
-def _with_tangents(slopes: Differentiated, *declarations: str) -> Text:
+def _with_tangents(slopes: DerivativeProgram, *declarations: str) -> CText:
     """All down to the last statement of a tick, with rows of the outputs and of the carry; declarations that name
     {first} are made for each block of θ, none where θ is empty."""
-    (program, rows, order), text = slopes, Text(width=1)
+    (program, rows, order), text = slopes, CText(width=1)
     text.lines.append(SIGNATURE)
     _symbols(text, program)
     for block in rows:
@@ -217,7 +217,7 @@ def _with_tangents(slopes: Differentiated, *declarations: str) -> Text:
     return text
 
 
-def _end_with_tangents(text: Text, program: Program, rows: list[Tangents]) -> None:
+def _end_with_tangents(text: CText, program: Program, rows: list[Tangents]) -> None:
     targets = [x for block in rows for x in block.drifts]
     values = [x for block in rows for x in block.next_carry]
     text.assign((*program.carry, *targets), (*program.next_carry, *values))
@@ -233,14 +233,14 @@ def _stored(to: str, name: str, rows: list[Tangents], p: int, index: str = "") -
     ]
 
 
-def _symbols(text: Text, program: Program) -> None:
+def _symbols(text: CText, program: Program) -> None:
     text.symbols(program.theta, "theta[{}]")
     text.symbols(program.start, "start[{}]")
     text.symbols(program.inputs, "inputs[{}]")
 
 
 def _begin(
-    text: Text, program: Program, order: EmitPlan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
+    text: CText, program: Program, order: EmitPlan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
 ) -> None:
     """All down to the last statement of a tick."""
     text.symbols(program.carry, "x{}")

@@ -43,7 +43,7 @@ def literal(value: float) -> str:
     return f"({text})" if text.startswith("-") else text
 
 
-class Text:
+class CText:
     """C text that grows, and the names that its terms have so far."""
 
     def __init__(self, width: int) -> None:

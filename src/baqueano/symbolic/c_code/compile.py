@@ -1,9 +1,8 @@
 """C text → a loaded library: find a compiler, choose its flags, keep what was built.
 
-A library is kept in the user's cache folder under the hash of all it depends on (text, flags, compiler,
-processor), in a file that is named by the hash of its own content. The name is true or the file is not
-loaded: one that was cut or damaged is removed and built again, and two processes that build the same kernel
-at once cannot disturb each other.
+A library is kept in the user's cache folder under the hash of all it depends on (text, flags, compiler, processor). The
+file is named by the hash of its own content. The name is true or the file is not loaded: one that was cut or damaged is
+removed and built again, and two processes that build the same kernel at once cannot disturb each other.
 
 Never -ffast-math: loading a library that was linked with it turns subnormal numbers to zero in the whole
 process. What it would gain comes from -fno-math-errno, -fno-trapping-math and -ffp-contract=fast.
@@ -26,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.diagnostics import Diagnostic, fault, joined
-from baqueano.errors import Coded
+from baqueano.errors import DiagnosticError
 
 if TYPE_CHECKING:
     import ctypes
@@ -42,8 +41,8 @@ double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
 """
 
 
-class CompileError(Coded, RuntimeError):
-    """The compiler refused a text, or there is none."""
+class CompileError(DiagnosticError, RuntimeError):
+    """The compiler refused a text, or none exists."""
 
 
 class Compiler(NamedTuple):
@@ -62,9 +61,9 @@ class FoundCompiler(NamedTuple):
 
 
 def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: bool = False) -> "ctypes.CDLL":
-    """The library of a C text, from the cache if it is there. The flags depend on the `operations` of its
-    loop, on whether the compiler may look for vectors that are not in the text, and on whether it should rather
-    be quick than thorough."""
+    """The library of a C text, from the cache if it is there. The flags depend on the `operations` of its loop. They
+    also say if the compiler may look for vectors that are not in the text, and if it should be quick rather than
+    thorough."""
     compiler = find()
     if compiler.compiler is None:
         raise CompileError(compiler.why or "")
@@ -77,23 +76,23 @@ def find() -> FoundCompiler:
 
 
 @cache
-def _find(asked: str, path: str) -> FoundCompiler:
+def _find(wanted: str, path: str) -> FoundCompiler:
     whys: list[Diagnostic] = []
-    for compiler in _candidates(asked, path):
+    for compiler in _candidates(wanted, path):
         try:
             _load(PROBE, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
             whys.append(error.diagnostic)
         else:
             return FoundCompiler(compiler, joined(whys))
-    if asked and not whys:
-        whys.append(fault("compiler.no-command", found=asked))
+    if wanted and not whys:
+        whys.append(fault("compiler.no-command", found=wanted))
     return FoundCompiler(None, joined(whys) or fault("compiler.absent", "pip install ziglang"))
 
 
-def _candidates(asked: str, path: str) -> Iterator[Compiler]:
-    if asked:
-        command = [asked] if shutil.which(asked, path=path) else shlex.split(asked)
+def _candidates(wanted: str, path: str) -> Iterator[Compiler]:
+    if wanted:
+        command = [wanted] if shutil.which(wanted, path=path) else shlex.split(wanted)
         file = shutil.which(command[0], path=path)
         if file:
             yield _compiler((file, *command[1:]))

@@ -2,17 +2,17 @@
 
 For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …; each active value is either *kept*, as a row of
 its own, or *eliminated*: its coefficients are multiplied, as scalars, into those of its users. Keeping all
-costs a vector operation for each edge of the graph, so it grows linearly. Eliminating a value with s sources, n of
-them with a coefficient that is not 1, and u users, p of them more than a sum, saves some of them where, with B blocks
-of parameters,
+costs a vector operation for each edge of the graph, so it grows linearly. A value has s sources, n of them with a
+coefficient that is not 1, and u users, p of them more than a sum. Its elimination saves work where, with B blocks of
+parameters,
 
     s u + n p / B <= s + u:                                                                               (1)
 
 the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken.
 
-The arms of `where` meet in a choice between rows, never in a product with 0, since the arm that is not taken
-may be NaN. Where all sources are the carry and the parameters, which hold at every tick, it is enough to
-choose between coefficients.
+The arms of `where` meet in a choice between rows, never in a product with 0. The arm that is not taken may be NaN.
+Where all sources are the carry and the parameters, which hold at every tick, it is enough to choose between
+coefficients.
 """
 
 from collections.abc import Iterable, Iterator
@@ -61,8 +61,8 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
     base: dict[Node, Combination] = {
         x: {TangentRow("unit", lanes, value=j): one} for j, x in enumerate(seeds)
     }
-    active = _active(program, seeds)
-    base |= {x: {drift: one} for x, drift in zip(program.carry, drifts, strict=True) if x in active}
+    moved = active(program, seeds)
+    base |= {x: {drift: one} for x, drift in zip(program.carry, drifts, strict=True) if x in moved}
     parts = (program.initial, program.next_carry, program.outputs)
     order = postorder([root for part in parts for root in part], lambda _: False)
     count = len(list(blocks(len(program.theta))))
@@ -79,17 +79,17 @@ def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
     return terms
 
 
-def _active(program: Program, seeds: Iterable[Node]) -> set[Node]:
+def active(program: Program, seeds: Iterable[Node]) -> set[Node]:
     """Return the nodes that depend on the seeds, also by way of the carry."""
     order = postorder((*program.initial, *program.next_carry, *program.outputs), lambda _: False)
-    active = set(seeds)
+    nodes = set(seeds)
     size = -1
-    while size != len(active):
-        size = len(active)
-        active.update(node for node in order if any(a in active for a in node.args))
+    while size != len(nodes):
+        size = len(nodes)
+        nodes.update(node for node in order if any(a in nodes for a in node.args))
         ends = zip(program.carry, program.initial, program.next_carry, strict=True)
-        active.update(x for x, begin, end in ends if begin in active or end in active)
-    return active
+        nodes.update(x for x, begin, end in ends if begin in nodes or end in nodes)
+    return nodes
 
 
 class _Rows:

@@ -21,7 +21,7 @@ class Assembly(NamedTuple):
     first: np.ndarray  # (s,) place of each start value in the whole carry
     back: np.ndarray  # place of each entry of the whole carry in (final carry, start values)
     twin: np.ndarray  # place of the entry that each entry must equal at the start
-    dead: tuple[int, ...]  # places in the whole carry
+    unused_carry: tuple[int, ...]  # places in the whole carry
 
     def whole(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
         """The whole carry after a run; the last axis counts its entries."""
@@ -54,13 +54,13 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
     place = {x: k for k, x in enumerate(carry)}
     place |= {x: len(carry) + k for k, x in enumerate(symbols) if x in constant}
     used = set(below([*trace.outputs, *(after[x] for x in carry)]))
-    dead = [k for k, x in enumerate(trace.carry) if x not in alive and not (x in constant and x in used)]
+    unused = [k for k, x in enumerate(trace.carry) if x not in alive and not (x in constant and x in used)]
     return Assembly(
         program,
         np.array(first if from_start else [], dtype=int),
         np.array([place.get(x, 0) for x in trace.carry], dtype=int),
         np.array([first_of[x] for x in trace.carry], dtype=int),
-        tuple(dead),
+        tuple(unused),
     )
 
 

@@ -2,8 +2,8 @@
 
 The text of a kernel is a list of statements. It is demand-driven: each root is followed depth first, so that
 a value stands near its first use, and a compiler's scheduler starts from short lives. What depends neither on
-the carry nor on the inputs is left out of the loop. Work that one arm of `where` alone needs is sunk into a
-branch, if it is enough to pay for a branch that is sometimes mispredicted.
+the carry nor on the inputs is left out of the loop. Work that one arm of `where` alone needs is sunk into a branch. It
+must be enough to pay for a branch that is sometimes mispredicted.
 
 A *term* is anything with `op` and `args`: a scalar `Node`, or a `Row` of tangents.
 """
@@ -95,17 +95,17 @@ def _is_reciprocal(node: Node) -> bool:
 
 
 def schedule(
-    roots: Iterable[Term], known: Callable[[Term], bool], branches: bool = True, pays: float = BRANCH_PAYS
+    roots: Iterable[Term], is_given: Callable[[Term], bool], branches: bool = True, pays: float = BRANCH_PAYS
 ) -> list[Statement]:
     """Return statements that compute the roots from the known nodes, each term once, in an order that can be run.
     A branch `pays` from so many operations."""
     roots = list(roots)
     if not branches:
-        return postorder(roots, known)
-    search = _Branches(roots, known, pays)
+        return postorder(roots, is_given)
+    search = _Branches(roots, is_given, pays)
     while True:
         try:
-            return _Scheduler(known, search.chosen()).emit(roots)
+            return _Scheduler(is_given, search.chosen()).emit(roots)
         except _Circle as circle:
             search.refused.add(circle.key)
 
@@ -121,7 +121,7 @@ def cost(statements: Iterable[Statement]) -> float:
     return total
 
 
-def postorder(roots: Iterable[Term], known: Callable[[Term], bool]) -> list[Term]:
+def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:
     """Return all terms under the roots, arguments before users, without those already computed and their terms."""
     done: set[Term] = set()
     order = []
@@ -129,10 +129,10 @@ def postorder(roots: Iterable[Term], known: Callable[[Term], bool]) -> list[Term
         stack = [root]
         while stack:
             term = stack[-1]
-            if term in done or known(term):
+            if term in done or is_given(term):
                 stack.pop()
                 continue
-            pending = [a for a in term.args if a not in done and not known(a)]
+            pending = [a for a in term.args if a not in done and not is_given(a)]
             if pending:
                 stack += reversed(pending)
             else:
@@ -167,7 +167,7 @@ def _cost(term: Term) -> float:
     return 0.0 if term.op in LEAVES else COST.get(term.op, 1.0)
 
 
-class _Key(NamedTuple):
+class _BranchKey(NamedTuple):
     """The common parts of the choices that one branch serves. None of them depends on another: `level`."""
 
     place: int  # number of the region that the branch stands in
@@ -199,10 +199,10 @@ class _Region:
 
 
 @dataclass(eq=False, slots=True)
-class _Group:
+class _BranchGroup:
     """A branch to be: its choices, and the terms that only one of its arms needs."""
 
-    key: _Key
+    key: _BranchKey
     arms: tuple[_Region, _Region]
     choices: list[Term] = field(default_factory=list)
     needs: list[Term] = field(default_factory=list)  # what has to be there before the branch
@@ -214,21 +214,21 @@ class _Group:
 class _Circle(Exception):
     """A branch would have to be finished before it can begin."""
 
-    def __init__(self, key: _Key) -> None:
+    def __init__(self, key: _BranchKey) -> None:
         self.key = key
 
 
 class _Branches:
     """Chooses the branches of one schedule."""
 
-    def __init__(self, roots: Sequence[Term], known: Callable[[Term], bool], pays: float) -> None:
-        self.roots, self.order, self.pays = roots, postorder(roots, known), pays
-        self.numbers: dict[tuple[_Key, int], int] = {}  # of the two arms of each branch
-        self.refused: set[_Key] = set()
+    def __init__(self, roots: Sequence[Term], is_given: Callable[[Term], bool], pays: float) -> None:
+        self.roots, self.order, self.pays = roots, postorder(roots, is_given), pays
+        self.numbers: dict[tuple[_BranchKey, int], int] = {}  # of the two arms of each branch
+        self.refused: set[_BranchKey] = set()
         self.refused_everywhere: set[tuple[Term, int]] = set()  # condition, level
         self.levels: dict[Term, int] = {}
 
-    def chosen(self) -> dict[Term, _Group]:
+    def chosen(self) -> dict[Term, _BranchGroup]:
         """The group of each choice that is worth a branch. Small groups are given up until all pay."""
         while True:
             groups = self.groups()
@@ -246,19 +246,19 @@ class _Branches:
                     return groups
                 self.levels = levels
 
-    def groups(self) -> dict[Term, _Group]:
+    def groups(self) -> dict[Term, _BranchGroup]:
         """Place each term in the innermost region that holds all its uses. Users come first."""
         loop = _Region()
         places: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
-        groups: dict[_Key, _Group] = {}
-        grouped: dict[Term, _Group] = {}
+        groups: dict[_BranchKey, _BranchGroup] = {}
+        grouped: dict[Term, _BranchGroup] = {}
         for term in reversed(self.order):
             here = places[term]
             regions = [here] * len(term.args)
             key = self.key(term, here) if term.op in CHOICES else None
             if key is not None:
                 if key not in groups:
-                    groups[key] = _Group(key, (self.arm(key, 0, here), self.arm(key, 1, here)))
+                    groups[key] = _BranchGroup(key, (self.arm(key, 0, here), self.arm(key, 1, here)))
                 group = grouped[term] = groups[key]
                 group.choices.insert(0, term)
                 regions = [here, *group.arms]
@@ -267,18 +267,18 @@ class _Branches:
         _settle(self.order, places, list(groups.values()))
         return grouped
 
-    def key(self, term: Term, here: _Region) -> _Key | None:
+    def key(self, term: Term, here: _Region) -> _BranchKey | None:
         if here.depth == DEEPEST:
             return None
-        key = _Key(here.number, term.args[0], self.levels.get(term, 0))
+        key = _BranchKey(here.number, term.args[0], self.levels.get(term, 0))
         return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
 
-    def arm(self, key: _Key, arm: int, outside: _Region) -> _Region:
+    def arm(self, key: _BranchKey, arm: int, outside: _Region) -> _Region:
         """Regions keep their numbers from round to round."""
         return _Region(self.numbers.setdefault((key, arm), len(self.numbers) + 1), outside, outside.depth + 1)
 
 
-def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_Group]) -> None:
+def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_BranchGroup]) -> None:
     """Fills in the terms of each region, and what each branch needs from outside."""
     for term in order:
         for region in places[term].outwards():
@@ -309,34 +309,34 @@ def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
 
 
 class _Scheduler:
-    def __init__(self, known: Callable[[Term], bool], plan: dict[Term, _Group]) -> None:
-        self.known, self.plan = known, plan
+    def __init__(self, is_given: Callable[[Term], bool], plan: dict[Term, _BranchGroup]) -> None:
+        self.is_given, self.plan = is_given, plan
         self.done: set[Term] = set()
 
     def emit(self, roots: Iterable[Term]) -> list[Statement]:
         statements: list[Statement] = []
-        begun: set[_Group] = set()
+        open_groups: set[_BranchGroup] = set()
         for root in roots:
             stack = [root]
             while stack:
                 term = stack[-1]
-                if term in self.done or self.known(term):
+                if term in self.done or self.is_given(term):
                     stack.pop()
                     continue
                 group = self.plan.get(term)
                 needs = term.args if group is None else group.needs
-                pending = [a for a in needs if a not in self.done and not self.known(a)]
+                pending = [a for a in needs if a not in self.done and not self.is_given(a)]
                 if not pending:
                     statements.append(term if group is None else self.branch(group))
                     self.done.add(term)
-                elif group in begun:
+                elif group in open_groups:
                     raise _Circle(group.key)
                 else:
                     stack += reversed(pending)
-                    begun |= {group} if group else set()
+                    open_groups |= {group} if group else set()
         return statements
 
-    def branch(self, group: _Group) -> EmittedBranch:
+    def branch(self, group: _BranchGroup) -> EmittedBranch:
         then, otherwise = (self.emit([t.args[i] for t in group.choices]) for i in (1, 2))
         self.done.update(group.choices)
         return EmittedBranch(group.key.condition, tuple(group.choices), then, otherwise)

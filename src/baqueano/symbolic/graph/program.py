@@ -21,6 +21,7 @@ class Program(NamedTuple):
     inputs: tuple[Node, ...]  # q symbols
     next_carry: tuple[Node, ...]  # c expressions
     outputs: tuple[Node, ...]  # m expressions
+    hasty: bool = False  # so long that it is compiled soon rather than well
     zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they have to be 0
 
     @property
@@ -81,7 +82,7 @@ class Kernel(Protocol):
         """The outputs as residuals: cost, gradient (p,), hessian (p, p)."""
         ...
 
-    def lanes(
+    def batch(
         self,
         count: int,
         n: int,

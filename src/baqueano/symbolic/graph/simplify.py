@@ -1,4 +1,4 @@
-"""Local rules: x + 0 is x, x · 0 is 0, two negations are none. Each takes a graph and the arguments of one
+"""Local rules: x + 0 is x, x · 0 is 0, two negations cancel. Each takes a graph and the arguments of one
 operator, constants first where their order is free, and returns a simpler node or None.
 
 x · 0 and x − x are 0 even where x may be inf or NaN: without it no matrix stays sparse. So finiteness is

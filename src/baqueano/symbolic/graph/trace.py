@@ -1,8 +1,8 @@
 """Trace a call of a step, with symbols in place of numbers → its graph.
 
-A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal; if
-the step returns the same nodes on both sides again, it stays so for ever, by induction, and half of its
-entries need not be carried. If not, the step is traced again without that assumption.
+A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal; if the step
+returns the same nodes on both sides again, it stays so for ever, by induction. Then half of its entries need not be
+carried. If not, the step is traced again without that assumption.
 """
 
 from collections.abc import Callable, Iterable
@@ -100,12 +100,12 @@ def _kept_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dic
         changed = [x for x, y in pairs if kinds[x] != (_const_kind(y, kinds[x]) or kind_of(y))]
         for x in changed:
             del kinds[x]
-    found, at = [], 0
+    own_kinds, at = [], 0
     for leaf in leaves(shape):
         own = {kinds.get(x, "f") for x in symbols[at : at + leaf.size]}
-        found.append(own.pop() if len(own) == 1 else "f")
+        own_kinds.append(own.pop() if len(own) == 1 else "f")
         at += leaf.size
-    return with_kinds(shape, iter(found))
+    return with_kinds(shape, iter(own_kinds))
 
 
 def _const_kind(node: Node, kind: str) -> str:

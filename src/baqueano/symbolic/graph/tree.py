@@ -49,7 +49,7 @@ class Branch(NamedTuple):
     children: tuple["Shape", ...]
 
 
-class Fixed(NamedTuple):
+class ConstantLeaf(NamedTuple):
     """A constant without numbers: always this very value."""
 
     path: str
@@ -57,7 +57,7 @@ class Fixed(NamedTuple):
 
 
 _WHOLE = ("add", "sub", "mul", "neg", "abs", "min", "max", "where")  # integers of integers
-Shape: TypeAlias = Leaf | Branch | Fixed
+Shape: TypeAlias = Leaf | Branch | ConstantLeaf
 
 
 def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "f") -> Shape:
@@ -70,7 +70,7 @@ def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "
         return Leaf(path, (), np.asarray(tree).dtype.kind.replace("u", "i"), False)
     items = _items(tree)
     if items is None:
-        return Fixed(path, tree)
+        return ConstantLeaf(path, tree)
     mark = "{}.{}" if _has_names(tree) else "{}[{!r}]"
     children = [shape_of(x, mark.format(path, key), kind_of) for key, x in items]
     return Branch(path, type(tree), tuple(key for key, _ in items), tuple(children))
@@ -103,7 +103,7 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
     """Return the leaves of a tree that has this shape; ValueError where it has another."""
     if isinstance(shape, Leaf):
         return [tree]
-    if isinstance(shape, Fixed):
+    if isinstance(shape, ConstantLeaf):
         if tree is not shape.value and not _equal(tree, shape.value):
             raise Invalid(
                 fault("tree.value", path=shape.path, found=_short(tree), expected=_short(shape.value))
@@ -115,13 +115,13 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
     return [v for child, (_, x) in zip(shape.children, items, strict=True) for v in values(child, x)]
 
 
-def build(shape: Shape, found: Iterator[Tree]) -> Tree:
-    """The tree whose leaves are `found`, in order."""
+def build(shape: Shape, leaves: Iterator[Tree]) -> Tree:
+    """The tree whose leaves are `leaves`, in order."""
     if isinstance(shape, Leaf):
-        return next(found)
-    if isinstance(shape, Fixed):
+        return next(leaves)
+    if isinstance(shape, ConstantLeaf):
         return shape.value
-    return make(shape.kind, shape.keys, [build(child, found) for child in shape.children])
+    return make(shape.kind, shape.keys, [build(child, leaves) for child in shape.children])
 
 
 def make(kind: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
@@ -155,7 +155,7 @@ def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray
 
 
 def restored(leaf: Leaf, column: np.ndarray) -> Tree:
-    """Return floats in the kind of the leaf: an array of its kind; a Python number if there are no axes."""
+    """Return floats in the kind of the leaf: an array of its kind; a Python number without axes."""
     column = column != 0.0 if leaf.kind == "b" else column
     column = np.rint(column).astype(np.int64) if leaf.kind == "i" else column
     return column if column.ndim else column.item()
@@ -181,11 +181,11 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
     return kind_of
 
 
-def _kind(node: Node, known: dict[Node, str]) -> str:
+def _kind(node: Node, kinds_of: dict[Node, str]) -> str:
     if node.op not in _WHOLE:
         return "b" if node.op in LOGICAL else "f"
     args = node.args[1:] if node.op == "where" else node.args
-    kinds = {known[a] for a in args if a.op != "const"}
+    kinds = {kinds_of[a] for a in args if a.op != "const"}
     constants = [a.value for a in args if a.op == "const"]
     if kinds == {"b"} and node.op == "where" and all(c in (0.0, 1.0) for c in constants):
         return "b"

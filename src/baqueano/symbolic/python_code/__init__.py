@@ -1,1 +1,1 @@
-"""The Python back end: a program → text of plain floats, where there is no C compiler."""
+"""The Python back end: a program → text of plain floats, for use without a C compiler."""

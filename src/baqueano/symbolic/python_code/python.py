@@ -111,7 +111,7 @@ class PythonKernel:
         self.sensitivities(n, theta, start, inputs, outputs, slopes)
         return normal_equations(outputs, slopes, huber)
 
-    def lanes(
+    def batch(
         self,
         count: int,
         n: int,

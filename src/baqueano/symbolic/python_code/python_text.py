@@ -49,7 +49,7 @@ def kernel_text(
     """`first` is wanted once, before the loop; a row holds a tuple for each group of nodes in `wanted`."""
     each = [*program.next_carry, *(node for group in wanted for node in group)]
     once = [*program.initial, *first]
-    text = _Text(formats, [*each, *once])
+    text = _PythonText(formats, [*each, *once])
     head = [
         "def kernel(theta, start, rows):",
         f"    {text.leaves('p', program.theta)} = theta",
@@ -76,7 +76,7 @@ def kernel_text(
 
 def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) -> str:
     """Write a tick without parameters and carry; terms of one arm of a choice are sunk into a branch."""
-    text = _Text(formats, wanted)
+    text = _PythonText(formats, wanted)
     leaves = text.leaves("i", inputs)
     text.statements([node for node in below(wanted) if node.op == "const"], "")
     loop = schedule(wanted, lambda node: node.op in LEAVES, pays=BRANCH_PAYS)
@@ -98,7 +98,7 @@ def _truths(node: Node) -> int:
     return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
 
 
-class _Text:
+class _PythonText:
     """Statements that compute nodes; each has the name of a variable, or the expression it is."""
 
     def __init__(self, formats: Formats, roots: Sequence[Node]) -> None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.envelope import Envelope
 
 RANGE_DIGITS = 4  # of an end of the envelope
+KINDS = tuple(f"{room}.kind" for room in ("estimator", "guide", "controller", "supervisor"))
 SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of its own
 
 
@@ -88,7 +89,7 @@ def edited(
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded = {k: _rounded(v, origins[k].sd if k in origins else None) for k, v in values.items()}
-    paths = known_paths(file.data, file.folder)
+    paths = known_paths(_with_kinds(file.data, values), file.folder)
     for key in origins:
         if ".".join(split(key)[0]) not in paths:
             raise no_such_key(file.name, key, paths)
@@ -146,7 +147,7 @@ def _with(
     envelope: "Envelope | None" = None,
 ) -> str:
     """The text with the values put in; with comments by tomlkit, else written anew."""
-    paths = known_paths(file.data, file.folder)
+    paths = known_paths(_with_kinds(file.data, values), file.folder)
     if keep_comments:
         import tomlkit
 
@@ -162,6 +163,7 @@ def _with(
     for path, value in whole.items():
         _put(document, path, value)
         _forget(document, ".".join(path))
+    _drop_unknown(document, [split(key)[0] for key in values], paths)
     for dotted, origin in (origins or {}).items():
         _put(document, ("provenance", dotted), _origin_table(origin))
     if parameter_cov is not None:
@@ -171,6 +173,21 @@ def _with(
         table = envelope._replace(names=list(envelope.names), low=low, high=high)._asdict()
         _put(document, ("envelope",), _plain(table))
     return dump(document)
+
+
+def _with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
+    """The tables with the kinds that `values` give to rooms."""
+    kinds = {key.removesuffix(".kind"): value for key, value in values.items() if key in KINDS}
+    return data | {room: {**data.get(room, {}), "kind": kind} for room, kind in kinds.items()}
+
+
+def _drop_unknown(document: Any, changed: Iterable[tuple[str, ...]], paths: list[str]) -> None:
+    """Delete what the block of another kind does not have."""
+    for room, *rest in changed:
+        if rest == ["kind"] and f"{room}.kind" in KINDS:
+            for key in [k for k in document[room] if f"{room}.{k}" not in paths]:
+                del document[room][key]
+                _forget(document, f"{room}.{key}")
 
 
 def _with_entry(

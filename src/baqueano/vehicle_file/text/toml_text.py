@@ -1,7 +1,7 @@
 """The text of a vehicle file: bytes → text → tables, with a line number for every key.
 
-A hand-written file comes from any editor: a byte order mark is dropped, UTF-16 and other encodings are
-refused with the remedy, and so is what would cost more than a file is worth (64 KiB, 16 levels).
+A hand-written file comes from any editor: a byte order mark is dropped. UTF-16 and other encodings are refused with the
+remedy. So is what would cost more than a file is worth (64 KiB, 16 levels).
 """
 
 import re
@@ -112,13 +112,13 @@ def _depth(value: object) -> int:
     return deepest
 
 
-def _syntax(said: str, text: str, name: str) -> Diagnostic:
+def _syntax(cause: str, text: str, name: str) -> Diagnostic:
     """Return what tomllib found, with the line itself and the usual remedy."""
-    match = re.search(r"\(at line (\d+), column \d+\)", said)
+    match = re.search(r"\(at line (\d+), column \d+\)", cause)
     lines = text.splitlines()
     number = int(match[1]) if match else len(lines)
     line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
-    what = re.sub(r"\s*\(at .*\)$", "", said)
+    what = re.sub(r"\s*\(at .*\)$", "", cause)
     at: dict[str, Any] = {"file": name, "line": number, "found": repr(line[:80])}
     if re.search(r"=\s*[-+]?\d+,\d", line):
         with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)

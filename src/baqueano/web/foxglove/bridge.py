@@ -85,7 +85,7 @@ class Foxglove:
         """A program has gone."""
         self._clients.pop(line, None)
 
-    async def heard(self, line: Visitor, word: "JsonObject") -> None:
+    async def receive(self, line: Visitor, word: "JsonObject") -> None:
         """Do a word of a program; one that would change something is answered by a status."""
         client, op = self._clients[line], word["op"]
         try:
@@ -133,8 +133,8 @@ class Foxglove:
             "name": "baqueano", "file": "", "line": 0,
         })  # fmt: skip
 
-    def _subscribe(self, client: Client, asked: "list[JsonObject]") -> None:
-        for one in asked:
+    def _subscribe(self, client: Client, requests: "list[JsonObject]") -> None:
+        for one in requests:
             number, channel = int(one["id"]), int(one["channelId"])
             if not 0 < channel <= len(self._topics) or not 0 <= number < 1 << 32:
                 client.line.say(_status("web.foxglove-channel", str(channel)))
@@ -172,18 +172,22 @@ class Foxglove:
             client.line.say({"op": "unadvertise", "channelIds": [*range(1, len(before) + 1)]})
             client.line.say({"op": "advertise", "channels": channels})
 
-    def _parameters(self, names: list[str], asked: object) -> "JsonObject":
+    def _parameters(self, names: list[str], request_id: object) -> "JsonObject":
         vehicle = self._about().get("vehicle") or {}
-        known: dict[str, Value] = {
+        values_of: dict[str, Value] = {
             f"vehicle.{k}": vehicle[k] for k in ("name", "world", "rate_hz") if k in vehicle
         }
-        known |= {f"block.{room}": str(kind) for room, kind in (self._about().get("blocks") or {}).items()}
-        known |= dict(vehicle.get("gains") or {})
+        values_of |= {
+            f"block.{room}": str(kind) for room, kind in (self._about().get("blocks") or {}).items()
+        }
+        values_of |= dict(vehicle.get("gains") or {})
         for one in vehicle.get("command", []):
-            known[f"limit.{one['name']}"] = [one["low"], one["high"]]
-        chosen = [name for name in known if not names or name in names]
-        values = [{"name": name, "value": known[name]} for name in chosen]
-        return {"op": "parameterValues", "parameters": values} | ({} if asked is None else {"id": str(asked)})
+            values_of[f"limit.{one['name']}"] = [one["low"], one["high"]]
+        chosen = [name for name in values_of if not names or name in names]
+        values = [{"name": name, "value": values_of[name]} for name in chosen]
+        return {"op": "parameterValues", "parameters": values} | (
+            {} if request_id is None else {"id": str(request_id)}
+        )
 
     def _graph(self) -> "JsonObject":
         def blocks(topic: str) -> list[str]:
@@ -249,8 +253,8 @@ def _properties(topic: str, fields: "list[JsonObject]") -> "JsonObject":
 def _body(topic: str, fields: "list[JsonObject]", row: list[float]) -> bytes:
     """Return the numbers of a topic as JSON; nothing where none of them is known."""
     named = zip((one["name"] for one in fields), row, strict=False)
-    held = {_key(name): x for name, x in named if _topic(name) == topic}
-    return encoded(held) if any(x is not None for x in held.values()) else b""
+    values = {_key(name): x for name, x in named if _topic(name) == topic}
+    return encoded(values) if any(x is not None for x in values.values()) else b""
 
 
 def _time(t_ns: int) -> "JsonObject":

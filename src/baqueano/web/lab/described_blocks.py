@@ -48,14 +48,14 @@ def described(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
     }  # fmt: skip
 
 
-def checked(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
+def check_block(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
     """Return what `blocks check` finds wrong with it."""
     from baqueano.vehicle_file.checked import check
 
     described(word | {"kind": word["kind"]}, file)  # refuses what is in no list
     room = word["room"]
-    found = check(block_of(room, word["kind"] or _kind_in_file(room, file), file), file, room)
-    return {"findings": [one.to_json() for one in found.findings]}
+    report = check(block_of(room, word["kind"] or _kind_in_file(room, file), file), file, room)
+    return {"findings": [one.to_json() for one in report.findings]}
 
 
 def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
@@ -65,7 +65,7 @@ def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
 
 def own_kinds(room: str, file: "VehicleFile") -> list[str]:
     """Return "file.py:Class" of each class in the user's folder that fits a room, by its text."""
-    found = []
+    kinds = []
     for path in sorted(Path(file.folder or ".").glob("*.py"))[:FILES]:
         if path.is_symlink() or path.stat().st_size > LARGEST:
             continue
@@ -74,8 +74,8 @@ def own_kinds(room: str, file: "VehicleFile") -> list[str]:
         except (OSError, ValueError, SyntaxError):
             continue
         classes = [one for one in tree.body if isinstance(one, ast.ClassDef)]
-        found += [f"{path.name}:{one.name}" for one in classes if _room(one) == room]
-    return found
+        kinds += [f"{path.name}:{one.name}" for one in classes if _room(one) == room]
+    return kinds
 
 
 def _room(cls: ast.ClassDef) -> str:

@@ -27,10 +27,10 @@ class Lab:
     async def ask(self, do: str, **words: object) -> tuple["JsonObject", bytes]:
         """Return the answer to a word, and the bytes behind it. The error that the worker met is raised here. Who goes
         meanwhile leaves an answer that is read all the same: it is not taken for the next."""
-        asked = asyncio.create_task(self._exchange({"do": do, **words}))
-        self._asked.add(asked)
-        asked.add_done_callback(self._asked.discard)
-        reply, behind = await asyncio.shield(asked)
+        task = asyncio.create_task(self._exchange({"do": do, **words}))
+        self._asked.add(task)
+        task.add_done_callback(self._asked.discard)
+        reply, behind = await asyncio.shield(task)
         if "no" in reply:
             raise of_code(reply["code"], Diagnostic.of_json(reply["no"]))
         return reply, behind
@@ -51,8 +51,8 @@ class Lab:
 
     async def close(self) -> None:
         """End the worker."""
-        for asked in list(self._asked):
-            asked.cancel()
+        for task in list(self._asked):
+            task.cancel()
         await asyncio.gather(*self._asked, return_exceptions=True)
         await self._end()
 

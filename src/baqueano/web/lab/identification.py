@@ -1,9 +1,9 @@
 """Parameters of a vehicle while it drives, from the rows of the page: in the lab worker, beside the drive.
 
 The information of each window is exact (identify/design/live.py); a real fit over all rows is made again and again in a
-thread, first after FIRST_S of driving, then each second, and no more often than SHARE of the time allows. Errors are
-those that the information expects: before the first fit at the guess of the vehicle file, from then on at what was
-fitted. Values, their own standard errors and the verdict are the fit's alone.
+thread. It begins after FIRST_S of driving and repeats each second, within SHARE of the time. Errors are those that the
+information expects: before the first fit at the guess of the vehicle file, from then on at what was fitted. Values,
+their own standard errors and the verdict are the fit's alone.
 """
 
 import time
@@ -39,14 +39,6 @@ STAGES = 6  # fits of a run that is over
 UNSEEN = 0.3  # standard error, in parts of the value, from where on a motion is missing
 LEAST = 0.05  # of the size in the file, below which a fitted value is no measure of its own error
 LONGEST_GAP_S = 5.0
-NAMES = {
-    "model.friction.linear": "drag", "model.friction.quadratic": "drag-square", "model.friction.coulomb": "dry",
-    "model.actuator_matrix": "push",
-}  # fmt: skip
-SINGLE = {
-    "model.drivetrain.lag_s": "known.lag", "model.drivetrain.dead_zone_forward": "known.dead-ahead",
-    "model.drivetrain.dead_zone_backward": "known.dead-back",
-}  # fmt: skip
 
 
 class FitOfDrive(NamedTuple):
@@ -132,10 +124,10 @@ class DriveIdentification:
             last = ticks[0] - 1
         whole = np.arange(last + 1, ticks[-1] + 1)
         place = np.searchsorted(ticks, whole, side="right") - 1
-        held = np.concatenate([self._u[-1:] if len(self._u) else u[:1], u])[place + 1]
+        in_force = np.concatenate([self._u[-1:] if len(self._u) else u[:1], u])[place + 1]
         there = np.where((place >= 0)[:, None] & (ticks[place] == whole)[:, None], z[place], np.nan)
         self._ticks = np.concatenate([self._ticks, whole])
-        self._u, self._z = np.concatenate([self._u, held]), np.concatenate([self._z, there])
+        self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, there])
 
     def state(self) -> "JsonObject":
         """Return all that the page shows, and begin a fit where one is due."""
@@ -154,11 +146,11 @@ class DriveIdentification:
         ends = np.geomspace(FIRST_S, max(FIRST_S, run.duration_s), STAGES if self.compiled else 1)
         fits: list[FitOfDrive] = []
         for t_s in [*ends[:-1].tolist(), run.duration_s]:
-            found = self._fit(run.cut(0.0, t_s) if t_s < run.duration_s else run)
-            if isinstance(found, Diagnostic):
-                self._why = found
+            result = self._fit(run.cut(0.0, t_s) if t_s < run.duration_s else run)
+            if isinstance(result, Diagnostic):
+                self._why = result
             else:
-                fits.append(found)
+                fits.append(result)
                 self._why = None
         if fits:
             self._use(fits[-1])
@@ -189,7 +181,7 @@ class DriveIdentification:
         return WINDOW / self.file.rate_hz
 
     def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
-        """Return a fit, or why there is none."""
+        """Return a fit, or why it failed."""
         began_s = time.monotonic()
         try:
             fit = identify(run, self.file)
@@ -201,13 +193,13 @@ class DriveIdentification:
         """Take a fit that has ended: from now on errors are expected at what it found."""
         if self._job is None or not self._job.done():
             return
-        found, self._job = self._job.result(), None
-        if isinstance(found, Diagnostic):
-            self._why = found
+        result, self._job = self._job.result(), None
+        if isinstance(result, Diagnostic):
+            self._why = result
             return
         self._why, began_s = None, time.monotonic()
-        self._use(found)
-        took_s = found.took_s + time.monotonic() - began_s
+        self._use(result)
+        took_s = result.took_s + time.monotonic() - began_s
         self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / SHARE - 1.0))
 
     def _use(self, one: FitOfDrive) -> None:
@@ -215,9 +207,9 @@ class DriveIdentification:
         self._fitted = one
         if one.fit.verdict == Verdict.REFUSED:
             return
-        known = np.isfinite(one.fit.estimate)
-        names = [name for name, there in zip(one.fit.names, known, strict=True) if there]
-        self._theta = self._informant.theta(names, one.fit.estimate[known])
+        identifiable = np.isfinite(one.fit.estimate)
+        names = [name for name, there in zip(one.fit.names, identifiable, strict=True) if there]
+        self._theta = self._informant.theta(names, one.fit.estimate[identifiable])
         size = self._informant.of.size
         own = np.concatenate(
             [np.abs(self._theta[: self._informant.of.interest]), size[self._informant.of.interest :]]
@@ -274,9 +266,9 @@ class DriveIdentification:
         for path in self._informant.of.names:
             k = fit.names.index(path) if path in fit.names else None
             x = float("nan") if k is None else float(fit.estimate[k])
-            known = np.isfinite(x) and k is not None
-            value.append(x if known else None)
-            part = float(fit.sd[k]) / abs(x) if known and x != 0.0 else float("inf")
+            identifiable = np.isfinite(x) and k is not None
+            value.append(x if identifiable else None)
+            part = float(fit.sd[k]) / abs(x) if identifiable and x != 0.0 else float("inf")
             sd.append(min(part, 10.0) if np.isfinite(part) else None)
         reason = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
         return {
@@ -288,22 +280,19 @@ class DriveIdentification:
         """Return the motion that would tell most; not without a compiler, where that takes seconds."""
         if not self.compiled or not self._sd:
             return None
-        found = self._advisor.next(self._information.F, self._theta, self._size, self._wider)
-        if found is None:
+        advice = self._advisor.next(self._information.F, self._theta, self._size, self._wider)
+        if advice is None:
             return None
-        label = label_of(self._free[found.parameter]).to_json()
-        return {"motion": found.words.to_json(), "label": label, "from": found.before, "to": found.after}
+        label = label_of(self._free[advice.parameter]).to_json()
+        return {"motion": advice.words.to_json(), "label": label, "from": advice.before, "to": advice.after}
 
 
 def label_of(one: Free) -> Diagnostic:
     """Return the name of a parameter for people."""
-    field, _, _ = one.path.partition("[")
-    if field in NAMES and one.entry and (len(one.entry) == 1 or one.entry[0] == one.entry[-1]):
-        return note(f"known.{NAMES[field]}-{one.entry[0]}")
-    if field in SINGLE:
-        return note(SINGLE[field], nth=one.entry[0] + 1 if one.entry else 1)
+    if one.label:
+        return note("known.label", meaning=one.label, entry="")
     entry = f" [{', '.join(map(str, one.entry))}]" if one.entry else ""
-    return note("known.other", meaning=one.of.meaning, entry=entry)
+    return note("known.label", meaning=one.of.meaning, entry=entry)
 
 
 def _rounded(sd: np.ndarray) -> list[float]:

@@ -1,5 +1,5 @@
-"""The page's end of live identification: rows of the drive go to a lab worker of their own, what they have taught comes
-back each second, and goes to each browser that looks, in its language.
+"""The page's end of live identification: rows of the drive go to a lab worker of their own. Its results come back each
+second, and go to each browser that looks, in its language.
 
     browser   identify {on}             look at it, or look away
     page      identify {of: "live", …}  each second while somebody looks: what is known of each parameter
@@ -52,8 +52,10 @@ class Identifying:
 
     def begin(self, names: list[str], ahead: bool = False) -> None:
         """A drive with these columns begins. `ahead`: start the worker at once, somebody will look."""
-        known = "t" in names
-        self._at = [k for k, name in enumerate(names) if known and (name == "t" or name[:2] in ("u.", "z."))]
+        has_time = "t" in names
+        self._at = [
+            k for k, name in enumerate(names) if has_time and (name == "t" or name[:2] in ("u.", "z."))
+        ]
         self._names = [names[k] for k in self._at]
         self._forget()
         if ahead and self.vehicle and (self._asking is None or self._asking.done()):
@@ -83,8 +85,8 @@ class Identifying:
 
     async def recorded(self, path: Path, language: str) -> "JsonObject":
         """Return what a run has taught."""
-        found, _ = await self._lab.ask("identify run", path=str(path))
-        return worded(found, language)
+        reply, _ = await self._lab.ask("identify run", path=str(path))
+        return worded(reply, language)
 
     async def close(self) -> None:
         """End the worker."""
@@ -122,24 +124,24 @@ class Identifying:
             flat = self._frames.popleft().tolist()
             rows += [flat[k : k + wide] for k in range(0, len(flat), wide)]
         try:
-            said, _ = await self._lab.ask(
+            reply, _ = await self._lab.ask(
                 "identify", vehicle=self.vehicle, drive=drive, names=self._names, rows=rows
             )
         except BaqueanoError as error:
-            said = {"parameters": [], "why": error.diagnostic.to_json(), "busy": False}
+            reply = {"parameters": [], "why": error.diagnostic.to_json(), "busy": False}
         if drive == self._drive:
-            self._said = said
+            self._said = reply
             for visitor in self._looking:
-                self._say(visitor, said)
+                self._say(visitor, reply)
 
-    def _say(self, visitor: Visitor, said: "JsonObject") -> None:
-        visitor.say({"is": "identify", "of": "live"} | worded(said, visitor.language))
+    def _say(self, visitor: Visitor, reply: "JsonObject") -> None:
+        visitor.say({"is": "identify", "of": "live"} | worded(reply, visitor.language))
 
 
-def worded(said: "JsonObject", language: str) -> "JsonObject":
+def worded(reply: "JsonObject", language: str) -> "JsonObject":
     """Return what the worker says with its diagnostics as sentences of this language."""
     with within(language):
-        return {name: _worded(value, name) for name, value in said.items()}
+        return {name: _worded(value, name) for name, value in reply.items()}
 
 
 def _worded(value: Value, name: str) -> Value:

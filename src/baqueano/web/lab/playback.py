@@ -106,8 +106,8 @@ class RunPlayer:
                 if not self.viewers():
                     return
                 now_s = time.monotonic()
-                held = self._paused or self._why is not None
-                done_s += 0.0 if held else (now_s - before_s) * self._pace
+                paused = self._paused or self._why is not None
+                done_s += 0.0 if paused else (now_s - before_s) * self._pace
                 before_s = now_s
                 due = at
                 while due < len(rows) and rows[due][0] <= done_s:
@@ -173,7 +173,7 @@ def rows_of(frame: bytes, columns: int) -> Iterator[list[float]]:
 
 async def play(folder: Path, pace: float, browser: bool) -> None:
     """Serve a page of what comes on stdin until all of it was shown."""
-    from baqueano.web.run import Served, show_vehicle
+    from baqueano.web.run import PageOptions, show_vehicle
 
     lab = Lab()
     playback = RunPlayer(lab, pace)
@@ -191,7 +191,11 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
 
     try:
         await show_vehicle(
-            start, Served(folder, browser=browser), lambda said: say(text(said)), lasting=False, meet=meet
+            start,
+            PageOptions(folder, browser=browser),
+            lambda message: say(text(message)),
+            lasting=False,
+            meet=meet,
         )
     finally:
         await lab.close()

@@ -30,7 +30,7 @@ LONGEST_NAME = 200  # letters of a name of a browser
 
 class Questions:
     """The workers, and what they are asked. `source` is the vehicle that the page is about: {vehicle, routes} or
-    {path, routes}; None where there is none."""
+    {path, routes}; None without one."""
 
     def __init__(self, shelf: Shelf, source: "Callable[[], JsonObject | None]") -> None:
         self._shelf, self._source = shelf, source
@@ -63,17 +63,17 @@ class Questions:
         await self.slow.close()
 
     async def _answer(self, visitor: Visitor, word: "JsonObject") -> None:
-        said: JsonObject
+        reply: JsonObject
         try:
-            said = await self.words[word["what"]](visitor, word)
+            reply = await self.words[word["what"]](visitor, word)
         except BaqueanoError as error:
-            said = self._refusal(visitor, error.diagnostic)
+            reply = self._refusal(visitor, error.diagnostic)
         except (KeyError, TypeError, ValueError, OverflowError) as error:  # any word may come
-            said = self._refusal(visitor, fault("web.not-understood", error=type(error).__name__))
+            reply = self._refusal(visitor, fault("web.not-understood", error=type(error).__name__))
         if self._is_newest(visitor, word):
             self._newest.pop((visitor, word["what"]), None)
         if visitor.open:
-            visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | said)
+            visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
     def _refusal(self, visitor: Visitor, why: Diagnostic) -> "JsonObject":
         with within(visitor.language):
@@ -83,7 +83,7 @@ class Questions:
         return visitor.open and self._newest.get((visitor, word["what"])) == word.get("id")
 
     def about(self, word: "JsonObject") -> "JsonObject":
-        """Return what a question is about: a run of the list, or the page's vehicle. UsageError where there is none."""
+        """Return what a question is about: a run of the list, or the page's vehicle. UsageError without one."""
         if word.get("run"):
             paths = self._shelf.paths()
             if word["run"] not in paths:
@@ -99,14 +99,14 @@ class Questions:
         return self.about(word) | {"route": str(word.get("route") or "")[:LONGEST_NAME], "kind": kind}
 
     async def _tune(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        said, _ = await self._bench.ask("tune", **self._bench_word(word))
-        return said
+        reply, _ = await self._bench.ask("tune", **self._bench_word(word))
+        return reply
 
     async def _lap(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         if not self._is_newest(visitor, word):
             return {"stale": True}
-        said, _ = await self._bench.ask("lap", gains=word["gains"], **self._bench_word(word))
-        return said
+        reply, _ = await self._bench.ask("lap", gains=word["gains"], **self._bench_word(word))
+        return reply
 
     async def _landscape(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         """A square of laps, row by row from below."""
@@ -117,29 +117,29 @@ class Questions:
         for first in range(0, len(at), PIECE):
             if not self._is_newest(visitor, word):
                 return {"stale": True}
-            said, _ = await self._bench.ask("costs", at=at[first : first + PIECE], **given)
-            costs += said["costs"]
+            reply, _ = await self._bench.ask("costs", at=at[first : first + PIECE], **given)
+            costs += reply["costs"]
         return {"side": side, "costs": costs, "seconds": time.monotonic() - began}
 
     async def _downhill(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         given = {name: word[name] for name in ("gains", "price")} | self._bench_word(word)
-        said, _ = await self.slow.ask("downhill", **given)
-        return said
+        reply, _ = await self.slow.ask("downhill", **given)
+        return reply
 
     async def write(self, visitor: Visitor, word: "JsonObject") -> Diagnostic:
         """Write gains into the vehicle file of the page, and return that it is done."""
         given = {"gains": word["gains"]} | self._bench_word({"route": word.get("route")})
-        said, _ = await self._bench.ask("write", **given)
-        return note("web.tuned", file=said["file"])
+        reply, _ = await self._bench.ask("write", **given)
+        return note("web.tuned", file=reply["file"])
 
     async def _block(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        said, _ = await self.slow.ask("block", **self._block_word(word))
-        return said | {"swapped": self.blocks.get(str(word["room"]))}
+        reply, _ = await self.slow.ask("block", **self._block_word(word))
+        return reply | {"swapped": self.blocks.get(str(word["room"]))}
 
     async def _check(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        said, _ = await self.slow.ask("check", **self._block_word(word))
+        reply, _ = await self.slow.ask("check", **self._block_word(word))
         with within(visitor.language):
-            return {"findings": [text(Diagnostic.of_json(one)) for one in said["findings"]]}
+            return {"findings": [text(Diagnostic.of_json(one)) for one in reply["findings"]]}
 
     def _block_word(self, word: "JsonObject") -> "JsonObject":
         room = str(word["room"])[:LONGEST_NAME]
@@ -148,27 +148,27 @@ class Questions:
 
     async def _compare(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         paths = self._shelf.paths()
-        found = [paths[one] for one in list(word["runs"])[:COMPARED] if one in paths]
-        if not found:
+        chosen = [paths[one] for one in list(word["runs"])[:COMPARED] if one in paths]
+        if not chosen:
             raise UsageError(fault("web.no-run"))
-        said, _ = await self.slow.ask(
-            "compare", paths=[str(path) for path in found], language=visitor.language
+        reply, _ = await self.slow.ask(
+            "compare", paths=[str(path) for path in chosen], language=visitor.language
         )
-        return said
+        return reply
 
     async def swap(self, room: str, kind: str) -> str:
         """Let the next missions take another block; "" takes that of the file again. Return its kind. UsageError
         for one that is not in the list of its room."""
-        said, _ = await self.slow.ask(
+        reply, _ = await self.slow.ask(
             "block", **self.about({}), room=room[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
         )
-        if not said["kinds"]:
+        if not reply["kinds"]:
             raise UsageError(fault("web.no-swap", room=one_line(room)[:LONGEST_NAME]))
-        if said["kind"] == said["of_file"]:
+        if reply["kind"] == reply["of_file"]:
             self.blocks.pop(room, None)
         else:
-            self.blocks[room] = said["kind"]
-        return said["kind"]
+            self.blocks[room] = reply["kind"]
+        return reply["kind"]
 
     def path_of(self, word: str) -> Path:
         """Return the run of a word of the list."""

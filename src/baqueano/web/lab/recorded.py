@@ -84,9 +84,9 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     columns |= {f"eta.{a}": eta[:, k] for k, a in enumerate(ETA)}
     columns |= {f"P.{a}": silent if cov is None else cov[:, i, j] for a, (i, j) in P.items()}
     columns |= {f"nu.{a}": nu[:, k] for k, a in enumerate(NU)}
-    asked = run.asked
-    ref = _poses(asked, t)
-    columns |= {f"ref.{a}": ref[:, k] for k, a in enumerate(ETA)} | {"ref.u": _rates(asked, t)[:, 0]}
+    target = run.asked
+    ref = _poses(target, t)
+    columns |= {f"ref.{a}": ref[:, k] for k, a in enumerate(ETA)} | {"ref.u": _rates(target, t)[:, 0]}
     true = _poses(run.truth, t)
     columns |= {f"truth.{a}": true[:, k] for k, a in enumerate(ETA)}
     for k in range(run.applied.shape[1]):
@@ -101,7 +101,7 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
 
 
 def _poses(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
-    """Return the poses (N, 3) of a log at the ticks, NaN where it has none."""
+    """Return the poses (N, 3) of a log at the ticks, NaN without one."""
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
     return poses_at(t_ns, log.t_ns, log.eta)
@@ -165,8 +165,8 @@ def _tables(vehicle_text: str) -> "JsonObject":
 
 
 def _table(data: "JsonObject", name: str) -> "JsonObject":
-    held = data.get(name)
-    return held if isinstance(held, dict) else {}
+    table = data.get(name)
+    return table if isinstance(table, dict) else {}
 
 
 def _command(data: "JsonObject", n: int) -> tuple[list[str], str]:
@@ -217,10 +217,10 @@ def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
 
 def route_of(run: Run) -> "JsonObject | None":
     """Return the path that was asked for, None of a run in which no guide asked."""
-    asked = run.asked
-    if asked is None:
+    target = run.asked
+    if target is None:
         return None
-    xy = asked.eta[np.isfinite(asked.eta).all(axis=1), :2]
+    xy = target.eta[np.isfinite(target.eta).all(axis=1), :2]
     if len(xy) < 2 or not np.ptp(xy, axis=0).any():
         return None
     closed = bool(np.hypot(*(xy[-1] - xy[0])) < CLOSED_M)

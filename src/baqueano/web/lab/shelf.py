@@ -37,10 +37,10 @@ class Shelf:
 
     def paths(self) -> dict[str, Path]:
         """Return the runs that are there, newest first, by word. Links lead nowhere."""
-        held = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
-        held = [p.resolve() for p in held if not p.name.startswith(".")]
-        held.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-        files = dict.fromkeys([*self._beside, *held[:NEWEST]])
+        listed = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
+        listed = [p.resolve() for p in listed if not p.name.startswith(".")]
+        listed.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+        files = dict.fromkeys([*self._beside, *listed[:NEWEST]])
         return {self.word(path): path for path in files if path.is_file()}
 
     def runs(self) -> "list[JsonObject]":
@@ -63,18 +63,18 @@ class Shelf:
     async def body(self, path: str) -> Content | None:
         """Return what stands at /run/WORD or /report/WORD; None where nothing does."""
         what, _, word = path.removeprefix("/").partition("/")
-        found = self.paths().get(word) if what in ("run", "report") else None
-        if found is None:
+        stored = self.paths().get(word) if what in ("run", "report") else None
+        if stored is None:
             return None
         if what == "run":
             plain = (
-                "".join(c for c in found.name if c.isascii() and (c.isalnum() or c in "._-")) or "run.mcap"
+                "".join(c for c in stored.name if c.isascii() and (c.isalnum() or c in "._-")) or "run.mcap"
             )
-            return Content(TYPES[".mcap"], found, download=plain)
-        page = Path(self._pages.name) / f"{word}-{found.stat().st_mtime_ns}.html"
+            return Content(TYPES[".mcap"], stored, download=plain)
+        page = Path(self._pages.name) / f"{word}-{stored.stat().st_mtime_ns}.html"
         if not page.exists():
             try:
-                await self._press.ask("report", path=str(found), to=str(page))
+                await self._press.ask("report", path=str(stored), to=str(page))
             except BaqueanoError:
                 return None
         return Content(TYPES[".html"], page, REPORT_POLICY)

@@ -15,8 +15,9 @@ from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import SHAPES, shape
 from baqueano.runs.route_file import read_route
-from baqueano.tune.gains import EFFORT_M2
+from baqueano.tune.asked import file_values
 from baqueano.tune.laps import SimulatedLaps, simulated_laps
+from baqueano.tune.rehearsal import JERK_M2
 from baqueano.tune.search import UNUSABLE, descend, gains, place
 
 if TYPE_CHECKING:
@@ -43,19 +44,19 @@ class TuningBench:
         names = route_names(word)
         name = word.get("route") or names[0]
         file, route, laps = self._laps(word | {"route": name})
-        asked = laps.asked
-        block = file.controller(word.get("kind") or None, **asked.first)
+        search = laps.asked
+        block = search.block
         meanings = dict(_meanings(block))
-        known = bool(np.all(np.isfinite(asked.before)))
+        complete = bool(np.all(np.isfinite(search.before)))
         rows = [
-            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n], "low": low, "high": high,
-             "file": before if known else None, "value": first}
+            {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]],
+             "low": low, "high": high, "file": before if complete else None, "value": first}
             for n, unit, low, high, before, first in zip(
-                asked.names, asked.units, asked.low.tolist(), asked.high.tolist(), asked.before.tolist(),
-                asked.first.values(), strict=True)
+                search.names, search.units, search.low.tolist(), search.high.tolist(), search.before.tolist(),
+                search.first.values(), strict=True)
         ]  # fmt: skip
         return {
-            "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": EFFORT_M2,
+            "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": JERK_M2,
             "seconds": laps.seconds, "whole": laps.whole, "ticks": round(laps.seconds * file.rate_hz),
             "path": {
                 "x": np.round(route.eta[:, 0], 4).tolist()[:: 1 + len(route.eta) // 1500],
@@ -70,32 +71,32 @@ class TuningBench:
         _, _, laps = self._laps(word)
         began = time.perf_counter()
         lap = laps.lap(_values(word["gains"], laps))
-        return drawn(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
+        return lap_picture(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
 
     def costs(self, word: "JsonObject") -> "JsonObject":
         """Return both terms of the cost of laps, whose gains vary along two axes: {gains, a, b, at: [[x, y], …]}; x and
         y are places in [0, 1] of the range of gains a and b (search.py)."""
         _, _, laps = self._laps(word)
-        asked, base = laps.asked, _values(word["gains"], laps)
-        a, b = (asked.names.index(word[axis]) for axis in "ab")
+        search, base = laps.asked, _values(word["gains"], laps)
+        a, b = (search.names.index(word[axis]) for axis in "ab")
         at = np.clip(np.array(word["at"], dtype=float).reshape(-1, 2)[:MOST], 0.0, 1.0)
         each = np.tile(base, (len(at), 1))
         for axis, k in ((0, a), (1, b)):
-            each[:, k] = gains(at[:, axis], asked.low[k], asked.high[k])
+            each[:, k] = gains(at[:, axis], search.low[k], search.high[k])
         return {"costs": _finite(laps.costs(each))}
 
     def downhill(self, word: "JsonObject") -> "JsonObject":
         """Return the steps of a descent from `gains` at a `price` of jerks: places in [0, 1], gains, and costs."""
         _, _, laps = self._laps(word)
-        price, asked = max(0.0, float(word["price"])), laps.asked
+        price, search = max(0.0, float(word["price"])), laps.asked
         began = time.perf_counter()
-        start = np.clip(_values(word["gains"], laps), asked.low, asked.high)
-        found = descend(lambda g: laps.cost_and_gradient(g, price), start, asked.low, asked.high)
-        way = [*found.way, found.gains]
+        start = np.clip(_values(word["gains"], laps), search.low, search.high)
+        descent = descend(lambda g: laps.cost_and_gradient(g, price), start, search.low, search.high)
+        way = [*descent.way, descent.gains]
         return {
-            "way": [each.tolist() for each in way], "cost": found.cost, "before": float(found.costs[0]),
-            "laps": len(found.costs), "seconds": time.perf_counter() - began,
-            "places": [place(each, asked.low, asked.high).tolist() for each in way],
+            "way": [each.tolist() for each in way], "cost": descent.cost, "before": float(descent.costs[0]),
+            "laps": len(descent.costs), "seconds": time.perf_counter() - began,
+            "places": [place(each, search.low, search.high).tolist() for each in way],
         }  # fmt: skip
 
     def write(self, word: "JsonObject") -> "JsonObject":
@@ -106,8 +107,8 @@ class TuningBench:
         file, _, laps = self._laps(word)
         if file.path is None:
             raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=file.name))
-        own = dict(zip(laps.asked.names, _values(word["gains"], laps).tolist(), strict=True))
-        values = {f"controller.{name}": value for name, value in own.items()}
+        block = laps.asked.with_gains(_values(word["gains"], laps))
+        values = file_values(block, laps.asked.names, word.get("kind") or None)
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
         file.with_values(values, dict.fromkeys(values, origin)).save()
         self._kept.clear()
@@ -173,7 +174,7 @@ def _of_run(word: "JsonObject") -> "Route | None":
     return Route(seconds(t_ns, t_ns[0]), ref.eta[good], ref.nu[good], False)
 
 
-def drawn(lap: "SimulatedLap") -> "JsonObject":
+def lap_picture(lap: "SimulatedLap") -> "JsonObject":
     """Return a lap as it is drawn."""
     every = 1 + len(lap.x) // POINTS
     figures = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
@@ -191,7 +192,7 @@ def _meanings(block: object) -> "list[tuple[str, str]]":
 
 
 def _values(given: object, laps: SimulatedLaps) -> np.ndarray:
-    """Return gains (p,) within their bounds. UsageError for what are none."""
+    """Return gains (p,) within their bounds. UsageError for anything else."""
     try:
         values = np.array(given, dtype=float)
     except (TypeError, ValueError, OverflowError):

@@ -93,7 +93,7 @@ class Worker:
         return self._open[key]
 
     def _runs(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """A line for each of these files; a file that is no run has its fault in words."""
+        """A line for each of these files; another file has its fault in words."""
         from baqueano.runs import read_run
         from baqueano.web.lab.recorded import listed
 
@@ -127,18 +127,18 @@ def _refiltered(run: "Run", estimator: str) -> "Run":
     from baqueano.web.lab.described_blocks import listed_kinds
 
     file = vehicle_of(run)
-    known = listed_kinds("estimator", file)
-    if estimator not in known:
-        raise UsageError(fault("web.no-kind", room="estimator", found=repr(estimator), known=known))
+    kinds = listed_kinds("estimator", file)
+    if estimator not in kinds:
+        raise UsageError(fault("web.no-kind", room="estimator", found=repr(estimator), known=kinds))
     again = replay(run, file, estimator=estimator, backend="auto")
     return replace(again, name=estimator, metadata=run.metadata | again.metadata | {"kind": "replay"})
 
 
 def _block(word: "JsonObject") -> tuple["JsonObject", bytes]:
-    from baqueano.web.lab.described_blocks import checked, described
+    from baqueano.web.lab.described_blocks import check_block, described
     from baqueano.web.lab.tuning import file_of
 
-    return (described if word["do"] == "block" else checked)(word, file_of(word)), b""
+    return (described if word["do"] == "block" else check_block)(word, file_of(word)), b""
 
 
 def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
@@ -149,12 +149,12 @@ def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.messages import text
     from baqueano.runs import read_run
 
-    found = compare([read_run(Path(path)) for path in word["paths"]])
+    comparison = compare([read_run(Path(path)) for path in word["paths"]])
     with within(word["language"]):
         return {
-            "names": [one.name for one in found.runs], "sections": sections_of(found),
-            "sentences": [list(one.sentences) for one in found.runs],
-            "reasons": [text(one) for one in found.reasons],
+            "names": [one.name for one in comparison.runs], "sections": sections_of(comparison),
+            "sentences": [list(one.sentences) for one in comparison.runs],
+            "reasons": [text(one) for one in comparison.reasons],
         }, b""  # fmt: skip
 
 
@@ -174,21 +174,21 @@ def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.runs.route_file import read_route
     from baqueano.vehicle_file import load
 
-    file, said, kind = load(word["vehicle"]), word["said"], word["kind"]
+    file, order, kind = load(word["vehicle"]), word["said"], word["kind"]
     route = u = None
     if kind == "repeat":
-        known = {path.stem: path for path in Path(word["routes"]).glob("*.csv")}
-        if said.get("route") not in known:
-            raise FileError(fault("door.no-route", found=repr(said.get("route")), known=sorted(known)))
-        route = read_route(known[said["route"]])
+        files = {path.stem: path for path in Path(word["routes"]).glob("*.csv")}
+        if order.get("route") not in files:
+            raise FileError(fault("door.no-route", found=repr(order.get("route")), known=sorted(files)))
+        route = read_route(files[order["route"]])
     if kind == "experiment":
         signal, long_s = (
-            str(said.get("signal", "random_steps")),
-            min(float(said.get("seconds", 60.0)), LONGEST_S),
+            str(order.get("signal", "random_steps")),
+            min(float(order.get("seconds", 60.0)), LONGEST_S),
         )
         u = excitation(signal, file.command.limit, long_s, file.rate_hz, 0)
-    blocks = said.get("blocks", {}) if kind == "repeat" else {}
-    mission = Mission(kind, u=u, route=route, laps=max(0, round(said.get("laps", 1))), blocks=blocks)
+    blocks = order.get("blocks", {}) if kind == "repeat" else {}
+    mission = Mission(kind, u=u, route=route, laps=max(0, round(order.get("laps", 1))), blocks=blocks)
     return {"mission": packed(mission, file).json()}, b""
 
 

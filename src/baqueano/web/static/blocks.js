@@ -1,7 +1,7 @@
 // The diagram of the blocks, alive: on each wire what travels there now, in each block who sits there.
 
-import { begin, colours, follow } from "./canvas.js";
-import { choices, el, write } from "./dom.js";
+import { arrow, begin, colours, follow, line } from "./canvas.js";
+import { choices, el, empty, region, select, write } from "./dom.js";
 import { Strip } from "./strips.js";
 import { num, t, three } from "./strings.js";
 
@@ -18,7 +18,7 @@ export class Blocks {
 
   constructor(page) {
     this.page = page;
-    this.node = el("div", { class: "blocks" });
+    this.node = el("div.blocks");
     this.picked = "estimator";
     this.view = 0;
     this.known = {};
@@ -51,26 +51,27 @@ export class Blocks {
 
   build() {
     const { record, vehicle, blocks } = this.source;
-    if (!record) { this.node.replaceChildren(el("section", { class: "card empty" }, el("h2", {}, t("replay.none")))); return; }
-    this.wires = follow(el("canvas", { class: "wires", "aria-hidden": "true" }));
+    if (!record) { this.node.replaceChildren(empty(t("replay.none"))); return; }
+    this.wires = follow(el("canvas.wires", { "aria-hidden": "true" }));
     const names = { vehicle: blocks?.model ?? vehicle.name, sensors: [...new Set(record.channels.map((one) => one.replace(/[.[].*$/, "")))].join(", "), estimator: blocks?.estimator, guide: blocks?.guide, controller: blocks?.controller, supervisor: t("block.supervisor-does") };
-    this.costs = Object.fromEntries(BLOCKS.map((key) => [key, el("i", {}, this.known[key]?.step_us ? `${three(this.known[key].step_us)} µs` : "")]));
+    this.costs = Object.fromEntries(BLOCKS.map((key) => [key, el("i", this.known[key]?.step_us ? `${three(this.known[key].step_us)} µs` : "")]));
     this.boxes = Object.fromEntries(BLOCKS.map((key) => {
-      const box = el("button", { type: "button", class: `block at-${key}`, "aria-pressed": String(key === this.picked), onclick: () => this.pick(key) }, el("b", {}, t(`block.${key}`)), el("span", {}, names[key] ?? t("block.none")), this.costs[key]);
+      const box = el(`button.block.at-${key}`, { "aria-pressed": String(key === this.picked), onclick: () => this.pick(key) }, el("b", t(`block.${key}`)), el("span", names[key] ?? t("block.none")), this.costs[key]);
       return [key, box];
     }));
     const lines = this.#lines(record, vehicle);
     this.sparks = Object.fromEntries(ON_WIRE.filter((key) => lines[key].length).map((key) => {
       const canvas = follow(el("canvas", { "aria-hidden": "true" }));
-      const value = el("b", {});
-      const node = el("div", { class: `spark at-${key}` }, el("p", {}, el("span", {}, t(`wire.${key}`)), value), canvas);
+      const value = el("b");
+      const units = new Set(lines[key].map((name) => record.field(name).unit)), unit = units.size === 1 ? [...units][0] : "";
+      const node = el(`div.spark.at-${key}`, el("p", el("span", `${t(`wire.${key}`)} `, el("small", unit)), value), canvas);
       return [key, { canvas, node, value, lines: lines[key], range: [NaN, NaN] }];
     }));
-    this.world = el("span", { class: "world-label" }, t("block.world"));
-    this.late = el("b", {});
-    this.tick = el("div", { class: "tick" }, el("span", {}, t("block.tick", { ms: num(1000 / vehicle.rate_hz, 0) })), this.late, el("span", {}, t("block.late")));
-    this.side = el("aside", { class: "card side", "aria-live": "polite" });
-    this.node.replaceChildren(el("section", { class: "card diagram" }, this.wires, this.world, ...Object.values(this.boxes), ...Object.values(this.sparks).map((one) => one.node), record.has("late_ms") ? this.tick : null), this.side);
+    this.world = el("span.world-label", t("block.world"));
+    this.late = el("b");
+    this.tick = el("div.tick", el("span", t("block.tick", { ms: num(1000 / vehicle.rate_hz, 0) })), this.late, el("span", t("block.late")));
+    this.side = el("aside.card.side", { "aria-live": "polite" });
+    this.node.replaceChildren(el("section.card.diagram", this.wires, this.world, ...Object.values(this.boxes), ...Object.values(this.sparks).map((one) => one.node), record.has("late_ms") ? this.tick : null), this.side);
     this.names = names;
     this.pick(this.picked);
   }
@@ -98,33 +99,33 @@ export class Blocks {
       controller: commands, supervisor: commands,
     }[key];
     this.strips = specs.map((one) => ({ ...one, traces: one.traces.filter(({ name }) => record.has(name)) })).filter((one) => one.traces.length).slice(0, 5).map((one) => new Strip(one));
-    this.content = el("div", { class: "content", tabindex: "0", role: "region", "aria-label": t(`block.${key}`) });
-    this.other = el("div", { class: "other" });
-    this.foot = el("footer", {});
-    this.side.replaceChildren(el("h2", {}, t(`block.${key}`)), el("p", { class: "who" }, this.names[key] ?? t("block.none")), el("p", {}, t(`block.${key}-about`)), this.other, choices(t("block.views"), VIEWS.map((one) => t(`block.${one}`)), this.view, (k) => { this.view = k; this.#show(); }), this.content, this.foot);
+    this.content = region("div.content", t(`block.${key}`));
+    this.other = el("div.other");
+    this.foot = el("footer");
+    this.side.replaceChildren(el("h2", t(`block.${key}`)), el("p.who", this.names[key] ?? t("block.none")), el("p", t(`block.${key}-about`)), this.other, choices(t("block.views"), VIEWS.map((one) => t(`block.${one}`)), this.view, (k) => { this.view = k; this.#show(); }), this.content, this.foot);
     this.#show();
     this.#learn(key);
   }
 
   /** Show signals, parameters or text of the block that is picked, what its step costs, and what may take its place. */
   #show() {
-    const about = this.known[this.picked], { content, picked, page } = this, wait = el("p", {}, about?.no ?? t("block.asking"));
+    const about = this.known[this.picked], { content, picked, page } = this, wait = el("p", about?.no ?? t("block.asking"));
     content.classList.toggle("strip-list", this.view === 0);
     if (this.view === 0) content.replaceChildren(...this.strips.map((one) => one.node));
     else if (!about?.text) content.replaceChildren(wait);
-    else if (this.view === 1) content.replaceChildren(about.parameters.length ? el("table", {}, ...about.parameters.map(({ name, unit, meaning, value, shape }) => el("tr", {}, el("th", { scope: "row" }, name, el("small", {}, meaning)), el("td", {}, value ? value.map(three).join(" ") : shape, " ", el("small", {}, unit))))) : el("p", {}, t("block.no-parameters")));
+    else if (this.view === 1) content.replaceChildren(about.parameters.length ? el("table", ...about.parameters.map(({ name, unit, meaning, value, shape }) => el("tr", el("th", { scope: "row" }, name, el("small", meaning)), el("td", value ? value.map(three).join(" ") : shape, " ", el("small", unit))))) : el("p", t("block.no-parameters")));
     else {
-      const text = el("pre", {}, about.text);
+      const text = el("pre", about.text);
       content.replaceChildren(text);
       content.scrollTop = (about.line / about.text.split("\n").length) * text.scrollHeight;
     }
     if (!about?.text) return;
-    const line = (what, node) => el("p", {}, el("span", {}, what), node), result = el("button", { type: "button", class: "action", onclick: () => this.#check(result) }, t("block.check"));
-    this.foot.replaceChildren(el("p", { class: "file" }, about.file), about.step_us ? line(t("block.step", { of: num(about.tick_us / 1000, 0) }), el("b", {}, `${three(about.step_us)} µs`)) : "", line("blocks check", result));
+    const line = (what, node) => el("p", el("span", what), node), result = el("button.action", { onclick: () => this.#check(result) }, t("block.check"));
+    this.foot.replaceChildren(el("p.file", about.file), about.step_us ? line(t("block.step", { of: num(about.tick_us / 1000, 0) }), el("b", `${three(about.step_us)} µs`)) : "", line("blocks check", result));
     if (!about.kinds.length || page.hello.mode !== "live") return;
-    const select = el("select", { "aria-label": t("block.swap"), disabled: page.hello.role !== "drive" }, ...about.kinds.map((one) => el("option", { value: one, selected: one === about.kind }, one)));
-    select.addEventListener("change", () => page.link.send({ is: "swap", room: picked, kind: select.value }));
-    this.other.replaceChildren(el("label", { class: "pick" }, t("block.swap"), select), page.hello.swapped?.[picked] ? el("span", { class: "chip gold" }, t("block.next")) : "");
+    const others = select(t("block.swap"), about.kinds, about.kind, (kind) => page.link.send({ is: "swap", room: picked, kind }));
+    others.disabled = page.hello.role !== "drive";
+    this.other.replaceChildren(el("label.pick", t("block.swap"), others), page.hello.swapped?.[picked] ? el("span.chip.gold", t("block.next")) : "");
   }
 
   #check(result) {
@@ -132,7 +133,7 @@ export class Blocks {
     write(result, t("block.checking"));
     this.page.link.ask("check", { ...this.run, room: this.picked, kind }, ({ findings, no }) => {
       const good = findings?.length === 0;
-      result.replaceWith(good ? el("b", { class: "good" }, t("block.sound")) : el("span", { class: "bad" }, no ?? findings.join(" ")));
+      result.replaceWith(good ? el("b.good", t("block.sound")) : el("span.bad", no ?? findings.join(" ")));
     });
   }
 
@@ -157,20 +158,10 @@ export class Blocks {
     if (!(low < high)) [low, high] = [low - 1, low + 1];
     const every = Math.max(1, Math.floor((i - first) / (2 * w)));
     columns.forEach((v, n) => {
-      c.strokeStyle = [colours.measured, colours.model, colours.ghost][n];
-      c.lineWidth = 1.3;
-      c.setLineDash(n === 1 ? [5, 2] : []);
-      c.beginPath();
-      let open = false;
-      for (let k = first; k <= i; k += every) {
-        const y = h - 2 - ((v[k] - low) / (high - low)) * (h - 4), x = ((record.t[k] - from) / (to - from)) * w;
-        if (y !== y) { open = false; continue; }
-        if (open) c.lineTo(x, y); else c.moveTo(x, y);
-        open = true;
-      }
-      c.stroke();
+      const points = [];
+      for (let k = first; k <= i; k += every) points.push(Number.isFinite(v[k]) ? [((record.t[k] - from) / (to - from)) * w, h - 2 - ((v[k] - low) / (high - low)) * (h - 4)] : null);
+      line(c, points, [colours.measured, colours.model, colours.ghost][n], 1.3, [[], [5, 2], [2, 2]][n]);
     });
-    c.setLineDash([]);
   }
 
   /** Draw the wires between the boxes, wherever the grid has put them. */
@@ -189,9 +180,7 @@ export class Blocks {
     c.roundRect(world.l, world.t, world.r - world.l, world.b - world.t, 12);
     c.stroke();
     c.setLineDash([]);
-    c.strokeStyle = c.fillStyle = colours.muted;
-    c.lineWidth = 1.8;
-    for (const [from, to] of WIRES) arrow(c, path(at[from], at[to]));
+    for (const [from, to] of WIRES) arrow(c, path(at[from], at[to]), colours.muted, 1.8, 10);
   }
 }
 
@@ -203,17 +192,4 @@ function path(a, b) {
   const middle = (a.l + b.r) / 2;
   if (a.l - b.r < 60 && b.x < a.x) return [[a.l, a.y], [middle, a.y], [middle, b.y - 12], [b.r, b.y - 12]];
   return [[b.x > a.x ? a.r : a.l, a.y], [b.x, a.y], [b.x, b.y > a.y ? b.t : b.b]];
-}
-
-function arrow(c, path) {
-  c.beginPath();
-  for (const [x, y] of path) c.lineTo(x, y);
-  c.stroke();
-  const [[x0, y0], [x1, y1]] = path.slice(-2), far = Math.hypot(x1 - x0, y1 - y0) || 1, dx = (x1 - x0) / far, dy = (y1 - y0) / far;
-  c.beginPath();
-  c.moveTo(x1, y1);
-  c.lineTo(x1 - 10 * dx - 5 * dy, y1 - 10 * dy + 5 * dx);
-  c.lineTo(x1 - 10 * dx + 5 * dy, y1 - 10 * dy - 5 * dx);
-  c.closePath();
-  c.fill();
 }

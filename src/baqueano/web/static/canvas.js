@@ -56,3 +56,56 @@ export function nice(size) {
   const ten = 10 ** Math.floor(Math.log10(size));
   return ten * (size / ten >= 5 ? 5 : size / ten >= 2 ? 2 : 1);
 }
+
+/** Draw a line through points [x, y]; null lifts the pen. */
+export function line(c, points, colour, width, dash = []) {
+  let down = false;
+  c.beginPath();
+  for (const one of points) {
+    if (one && down) c.lineTo(...one);
+    else if (one) c.moveTo(...one);
+    down = Boolean(one);
+  }
+  c.strokeStyle = colour;
+  c.lineWidth = width;
+  c.lineJoin = "round";
+  c.setLineDash(dash);
+  c.stroke();
+  c.setLineDash([]);
+}
+
+/** Draw a disc, with an edge where a colour of it is given. */
+export function dot(c, x, y, r, fill, edge = null) {
+  c.beginPath();
+  c.arc(x, y, r, 0, 7);
+  if (fill) { c.fillStyle = fill; c.fill(); }
+  if (edge) { c.strokeStyle = edge; c.lineWidth = 2; c.stroke(); }
+}
+
+/** Fill a polygon. */
+export function area(c, points, colour) {
+  c.beginPath();
+  for (const one of points) c.lineTo(...one);
+  c.fillStyle = colour;
+  c.fill();
+}
+
+/** Draw a way whose last piece ends in a head. */
+export function arrow(c, way, colour, width, head) {
+  const [[x0, y0], [x, y]] = way.slice(-2), far = Math.hypot(x - x0, y - y0) || 1, ux = (x - x0) / far, uy = (y - y0) / far;
+  line(c, [...way.slice(0, -1), [x - 0.75 * head * ux, y - 0.75 * head * uy]], colour, width);
+  area(c, [[x, y], [x - head * ux - 0.5 * head * uy, y - head * uy + 0.5 * head * ux], [x - head * ux + 0.5 * head * uy, y - head * uy - 0.5 * head * ux]], colour);
+}
+
+/** Write a text with a halo, so that it reads on any line. */
+export function label(c, text, x, y, colour, align = "center", weight = 600) {
+  c.font = `${weight} ${0.8 * colours.rem}px ${colours.font}`;
+  c.textAlign = align;
+  c.textBaseline = "middle";
+  c.lineWidth = 4;
+  c.lineJoin = "round";
+  c.strokeStyle = colours.card;
+  c.strokeText(text, x, y);
+  c.fillStyle = colour;
+  c.fillText(text, x, y);
+}

@@ -1,15 +1,15 @@
 // The screen that shows the vehicle now, and from which it is driven.
 
-import { begin, colours, follow } from "./canvas.js";
-import { choices, el, show, write } from "./dom.js";
-import { moving } from "./hand.js";
+import { begin, colours, follow, line } from "./canvas.js";
+import { choices, el, fill, key, number, select, show, write } from "./dom.js";
+import { action, pressed } from "./hand.js";
 import { Map2D } from "./map.js";
 import { Honesty, Trail, across } from "./record.js";
 import { groupsOf, stripList } from "./strips.js";
 import { length, num, t } from "./strings.js";
 
 const SPANS = [10, 20, 60]; // s, of the strips
-const PACES = [0.25, 1, 2, 4, 8];
+const PACES = [0.25, 0.5, 1, 2, 4, 8]; // of the simulation: the stops of a slider
 
 export class Drive {
   static key = "drive";
@@ -26,60 +26,57 @@ export class Drive {
     this.honesty = new HonestyCard(record);
     this.groups = groupsOf(record, hello.vehicle);
     this.strips = this.groups.flatMap(([, strips]) => strips);
-    this.node = el("div", { class: "drive" }, this.#mapCard(), this.#console(), this.#stripCard());
+    this.numbers = new Numbers();
+    this.node = el("div.drive", this.map.card(mapKeys(record.has("truth.x")), this.numbers.node), this.#console(), this.#stripCard());
     this.state(page.state);
     this.routes(hello.routes);
   }
 
-  #mapCard() {
-    this.numbers = this.map.beside = new Numbers();
-    return el("section", { class: "card map-card" }, mapLegend(this.page.record.has("truth.x")), this.map.canvas, this.map.buttons, this.numbers.node);
-  }
-
   #stripCard() {
-    const since = el("span", {});
+    const since = el("span");
     const tell = (k) => { this.span = SPANS[k]; write(since, `−${SPANS[k]} s`); };
     tell(1);
-    return el("section", { class: "card strips" }, stripList(this.groups),
-      el("footer", {}, since, choices(t("strips.span"), SPANS.map((s) => `${s} s`), 1, tell), el("span", {}, t("strips.now"))));
+    return el("section.card.strips", stripList(this.groups),
+      el("footer", since, choices(t("strips.span"), SPANS.map((s) => `${s} s`), 1, tell), el("span", t("strips.now"))));
   }
 
   #console() {
     const { page } = this, { hand } = page;
-    const button = (key, code, act, move = false) => {
-      const made = el("button", { type: "button", class: "action" }, el("span", {}, t(key)), el("kbd", {}, code.slice(3)));
-      made.code = code;
-      if (move) moving(made, page, act);
-      else { made.press = () => { if (!made.disabled) act(); }; made.addEventListener("click", made.press); }
-      return made;
-    };
-    this.teach = button("drive.teach", "KeyT", () => page.link.send({ is: "mission", kind: "teach", name: this.#freeName() }), true);
-    this.repeat = button("drive.repeat", "KeyR", () => page.link.send({ is: "mission", kind: "repeat", route: this.route.value, laps: this.laps }), true);
-    this.byHand = button("drive.by-hand", "KeyB", () => page.link.send({ is: "mission", kind: "drive" }), true);
-    this.pause = button("drive.pause", "KeyP", () => page.link.send({ is: page.state.paused ? "go" : "pause" }));
-    this.mark = button("drive.mark", "KeyM", () => page.link.send({ is: "mark" }));
-    this.end = button("drive.end", "KeyE", () => page.link.send({ is: "end" }));
+    const { link } = page, mission = (kind, more) => link.send({ is: "mission", kind, ...more });
+    this.teach = action("drive.teach", "KeyT", () => mission("teach", { name: this.#freeName() }), page);
+    this.repeat = action("drive.repeat", "KeyR", () => mission("repeat", { route: this.route.value, laps: this.laps }), page);
+    this.byHand = action("drive.by-hand", "KeyB", () => mission("drive"), page);
+    this.pause = action("drive.pause", "KeyP", () => link.send({ is: page.state.paused ? "go" : "pause" }));
+    this.mark = action("drive.mark", "KeyM", () => link.send({ is: "mark" }));
+    this.end = action("drive.end", "KeyE", () => link.send({ is: "end" }));
     this.repeat.classList.add("repeat");
     this.actions = [this.teach, this.repeat, this.byHand, this.pause, this.mark, this.end];
-    this.route = el("select", { id: "route", "aria-label": t("drive.route") });
-    this.route.addEventListener("change", () => this.state(page.state));
-    const count = el("output", {});
+    this.route = select(t("drive.route"), [], "", () => this.state(page.state));
+    const count = el("output");
     const laps = (more) => { this.laps = Math.min(Math.max(this.laps + more, 1), 99); write(count, this.laps === 1 ? t("drive.one-lap") : t("drive.laps", { n: this.laps })); };
     laps(0);
     const share = el("input", { type: "range", min: "10", max: "100", step: "5", value: String(100 * hand.part), "aria-label": t("drive.stick-label") });
-    const says = el("label", { class: "stick" }, el("span", {}), share);
+    const says = el("label.stick", el("span"), share);
     const tell = () => { hand.part = share.value / 100; write(says.firstChild, t("drive.stick", { part: num(Number(share.value), 0) })); share.style.setProperty("--part", `${(share.value - 10) / 0.9}%`); };
     share.addEventListener("input", tell);
     tell();
-    this.paces = el("select", { class: "pace", "aria-label": t("drive.pace") }, ...PACES.map((one) => el("option", { value: String(one) }, t("drive.pace-is", { n: one === 0.25 ? "¼" : one }))));
-    this.paces.value = String(page.state.pace ?? 1);
-    this.paces.addEventListener("change", () => page.link.send({ is: "pace", factor: Number(this.paces.value) }));
-    this.missions = el("div", { class: "choose" }, this.route,
-      el("span", { class: "laps", role: "group", "aria-label": t("drive.laps-label") },
-        el("button", { type: "button", "aria-label": t("drive.fewer"), onclick: () => laps(-1) }, "−"), count,
-        el("button", { type: "button", "aria-label": t("drive.more"), onclick: () => laps(1) }, "+")));
-    this.controls = el("div", { class: "controls" }, el("div", { class: "actions" }, ...this.actions, this.paces), el("div", { class: "settings" }, this.missions, says));
-    return el("section", { class: "card console", "aria-label": t("drive.controls") }, hand.pad, this.controls, this.honesty.node);
+    const paces = el("input", { type: "range", min: "0", max: String(PACES.length - 1), "aria-label": t("drive.pace") });
+    this.pace = el("label.stick.pace", el("span"), paces);
+    this.pace.put = (factor) => {
+      const k = PACES.reduce((best, one, n) => (Math.abs(Math.log(one / factor)) < Math.abs(Math.log(PACES[best] / factor)) ? n : best), 0), text = t("drive.pace-is", { n: { 0.125: "⅛", 0.25: "¼", 0.5: "½" }[factor] ?? num(factor, factor % 1 ? 1 : 0) });
+      if (document.activeElement !== paces) paces.value = String(k);
+      paces.style.setProperty("--part", `${(100 * k) / (PACES.length - 1)}%`);
+      paces.setAttribute("aria-valuetext", text);
+      write(this.pace.firstChild, text);
+    };
+    this.pace.put(page.state.pace ?? 1);
+    paces.addEventListener("input", () => { this.pace.put(PACES[paces.value]); page.link.send({ is: "pace", factor: PACES[paces.value] }); });
+    this.missions = el("div.choose", this.route,
+      el("span.laps", { role: "group", "aria-label": t("drive.laps-label") },
+        el("button", { "aria-label": t("drive.fewer"), onclick: () => laps(-1) }, "−"), count,
+        el("button", { "aria-label": t("drive.more"), onclick: () => laps(1) }, "+")));
+    this.controls = el("div.controls", el("div.actions", ...this.actions, this.pace), el("div.settings", this.missions, says));
+    return el("section.card.console", { "aria-label": t("drive.controls") }, hand.pad, this.controls, this.honesty.node);
   }
 
   #freeName() {
@@ -89,17 +86,15 @@ export class Drive {
 
   routes(names) {
     this.names = names;
-    const kept = this.route.value;
-    this.route.replaceChildren(...names.map((name) => el("option", { value: name }, name)));
-    if (names.includes(kept)) this.route.value = kept;
+    fill(this.route, names, this.route.value);
     show(this.missions, names.length > 0);
     this.state(this.page.state);
   }
 
   /** Say by the buttons what can be done now. */
   state(state) {
-    const { page } = this, mine = page.hand.mine, kind = state.mission?.kind ?? state.mission ?? null;
-    const drives = page.hello.role === "drive", moves = ["MISSION", "MANUAL"].includes(state.state);
+    const { page } = this, { mine } = page.hand, kind = state.mission?.kind ?? state.mission ?? null;
+    const drives = page.hello.role === "drive", moves = page.moves;
     show(this.page.hand.pad, drives);
     show(this.controls, drives);
     const set = (button, free, pressed) => { button.disabled = !(mine && free); button.classList.toggle("off", !free && !pressed); button.setAttribute("aria-pressed", String(pressed)); };
@@ -112,17 +107,13 @@ export class Drive {
     write(this.repeat.firstChild, kind === "repeat" && state.laps ? `${t("drive.repeat")} · ${state.lap ?? 1}/${state.laps}` : t("drive.repeat"));
     write(this.pause.firstChild, t(state.paused ? "drive.go" : "drive.pause"));
     show(this.pause, page.hello.vehicle.world === "simulated");
-    show(this.paces, page.hello.vehicle.world === "simulated" && state.pace !== null && state.pace !== undefined);
+    const paced = page.hello.vehicle.world === "simulated" && state.pace !== null && state.pace !== undefined;
+    show(this.pace, paced);
+    if (paced) this.pace.put(state.pace);
   }
 
   key(event, down) {
-    const button = this.actions.find((one) => one.code === event.code);
-    if (button && !button.hidden && !event.ctrlKey && !event.metaKey && !event.altKey) {
-      if (!down) button.drop?.();
-      else if (!event.repeat) button.press();
-      return true;
-    }
-    return mapKey(this.map, event, down);
+    return pressed(this.actions, event, down) || this.map.key(event, down);
   }
 
   draw() {
@@ -135,20 +126,8 @@ export class Drive {
   }
 }
 
-export function mapKey(map, event, down) {
-  const act = { KeyF: () => map.to("follow"), Digit0: () => map.to("fit"), Equal: () => map.zoom(1.25), NumpadAdd: () => map.zoom(1.25), Minus: () => map.zoom(0.8), NumpadSubtract: () => map.zoom(0.8) }[event.code]
-    ?? (event.key === "+" ? () => map.zoom(1.25) : event.key === "-" ? () => map.zoom(0.8) : null);
-  if (!act || event.ctrlKey || event.metaKey || event.altKey) return false;
-  if (down) act();
-  return true;
-}
-
-export function mapLegend(truth, ghost = null) {
-  const known = ghost === null;
-  const one = (kind, text) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), text);
-  return el("div", { class: "legend map-legend" }, one("route", t("map.route")), one("estimate", t("map.estimate")), known ? one("corridor", t("map.corridor")) : null,
-    truth && known ? one("truth", t("map.truth")) : null, ghost ? one("ghosted", ghost) : null);
-}
+/** The legend of a map: with a ghost beside it neither corridor nor truth is drawn. */
+export const mapKeys = (truth, ghost = null) => [key("route", t("map.route")), key("estimate", t("map.estimate")), ...(ghost ? [key("ghosted", ghost)] : [key("corridor", t("map.corridor")), ...(truth ? [key("truth", t("map.truth"))] : [])])];
 
 export function poseOf(record, i, names = "eta") {
   const pose = [`${names}.x`, `${names}.y`, `${names}.psi`].map((name) => record.value(name, i));
@@ -169,15 +148,10 @@ export function drawMap(map, route, record, estimate, truth, i, footprint, row, 
 /** The three large numbers. */
 export class Numbers {
   constructor() {
-    const one = (key) => { const value = el("b", {}), unit = el("span", {}); return { value, unit, node: el("div", { class: "number" }, el("span", { class: "of" }, t(key)), el("span", { class: "much" }, value, unit)) }; };
-    this.from = one("number.from-route");
-    this.within = one("number.within");
-    this.speed = one("number.speed");
-    this.node = el("div", { class: "numbers" }, this.from.node, this.within.node, this.speed.node);
+    const one = (name) => { const value = el("b"), unit = el("span"); return { value, unit, node: number(t(`number.${name}`), value, unit) }; };
+    [this.from, this.within, this.speed] = ["from-route", "within", "speed"].map(one);
+    this.node = el("div.numbers", this.from.node, this.within.node, this.speed.node);
   }
-
-  /** Return the width that the numbers take beside the map; below it they take none. */
-  get width() { return getComputedStyle(this.node).position === "absolute" ? this.node.offsetWidth : 0; }
 
   draw(record, i) {
     const put = ({ value, unit }, [text, of], sign = "") => { write(value, sign + text); write(unit, of); };
@@ -194,9 +168,9 @@ export class HonestyCard {
     this.record = record;
     this.honesty = new Honesty(record);
     this.canvas = follow(el("canvas", { "aria-hidden": "true" }));
-    this.verdict = el("strong", {});
-    this.words = el("p", {}, this.verdict, " ", el("span", {}));
-    this.node = el("section", { class: "honesty", "aria-label": t("honesty") }, el("h2", {}, t("honesty")), this.words, this.canvas);
+    this.verdict = el("strong");
+    this.words = el("p", this.verdict, " ", el("span"));
+    this.node = el("section.honesty", { "aria-label": t("honesty") }, el("h2", t("honesty")), this.words, this.canvas);
   }
 
   draw(i, from = null, to = null) {
@@ -217,17 +191,6 @@ export class HonestyCard {
     c.fillStyle = colours.band;
     const band = now ?? { low: 0.9, high: 1.1 };
     c.fillRect(0, Y(Math.min(band.high, 2)), w, Math.max(Y(Math.max(band.low, 0)) - Y(Math.min(band.high, 2)), 2));
-    c.strokeStyle = { above: colours.alarm, below: colours.sim }[kind] ?? colours.model;
-    c.lineWidth = 1.8;
-    c.lineJoin = "round";
-    c.beginPath();
-    let open = false;
-    for (const [x, one] of points) {
-      if (!one) { open = false; continue; }
-      const y = Y(Math.min(Math.max(one.mean, 0), 2));
-      if (open) c.lineTo(x, y); else c.moveTo(x, y);
-      open = true;
-    }
-    c.stroke();
+    line(c, points.map(([x, one]) => one && [x, Y(Math.min(Math.max(one.mean, 0), 2))]), { above: colours.alarm, below: colours.sim }[kind] ?? colours.model, 1.8);
   }
 }

@@ -1,13 +1,13 @@
 // Faults of a simulated vehicle: push it, tilt its floor, break its sensors; who noticed, when; and the same again without.
 
-import { begin, colours, follow } from "./canvas.js";
-import { choices, el, show, write } from "./dom.js";
-import { mapKey, poseOf } from "./drive.js";
+import { arrow, begin, colours, dot, follow, label, line } from "./canvas.js";
+import { choices, el, key, select, show, write } from "./dom.js";
+import { poseOf } from "./drive.js";
+import { action, pressed, stick } from "./hand.js";
 import { Map2D } from "./map.js";
 import { Record, Trail } from "./record.js";
-import { num, t } from "./strings.js";
+import { num, t, three } from "./strings.js";
 
-const key = (kind, name) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(name));
 const PACES = [0.125, 0.25, 1, 4];
 const PUSH = 0.003, MOST_PUSH = 0.6, KEY_PUSH = 0.2; // N s: of a pixel, at most, of a key
 const STEEPEST = 0.1, KEY_TILT = Math.PI / 360; // rad: at the edge of the pad, of a key
@@ -29,15 +29,14 @@ export class Faults {
     this.estimate = new Trail(record, "eta.x", "eta.y", step, true);
     this.truth = new Trail(record, "truth.x", "truth.y", step);
     this.#pushes();
-    this.node = el("div", { class: "faults" }, this.#mapCard(), this.#tiltCard(), this.#breakers(), this.#ledgerCard(), this.#bar());
+    this.ghostKey = key("ghosted", t("faults.before"));
+    const keys = { route: "map.route", estimate: "map.estimate", truth: "map.truth", pushed: "faults.push" };
+    this.tiltCard = this.#tiltCard();
+    this.map.beside = () => (this.tiltCard.offsetTop > this.map.canvas.offsetHeight ? 0 : this.tiltCard.offsetWidth);
+    this.hint = el("p.hint", t("faults.drag"));
+    this.node = el("div.faults", this.map.card([...Object.entries(keys).map(([kind, name]) => key(kind, t(name))), this.ghostKey], this.hint), this.tiltCard, this.#breakers(), this.#ledgerCard(), this.#bar());
     this.#before(null);
     this.ledger(page.ledger);
-  }
-
-  #mapCard() {
-    this.ghostKey = key("ghosted", "faults.before");
-    return el("section", { class: "card map-card" }, el("div", { class: "legend map-legend" }, key("route", "map.route"), key("estimate", "map.estimate"), key("truth", "map.truth"), key("pushed", "faults.push"), this.ghostKey),
-      this.map.canvas, this.map.buttons, this.hint = el("p", { class: "hint" }, t("faults.drag")));
   }
 
   /** Dragging with one finger or the mouse pushes; two fingers still move the map. */
@@ -60,28 +59,17 @@ export class Faults {
   }
 
   #tiltCard() {
-    this.knob = el("span", { class: "knob" });
-    this.steep = el("output", {});
-    this.pad = el("div", { class: "pad live", tabindex: "0", role: "application", "aria-label": t("faults.tilt-label") }, this.knob);
-    const { pad } = this;
-    let held = false;
-    const move = (e) => {
-      const box = pad.getBoundingClientRect(), r = box.width / 2, x = (e.clientX - box.left - r) / (0.72 * r), y = (box.top + r - e.clientY) / (0.72 * r), far = Math.max(1, Math.hypot(x, y));
-      this.#lean([(STEEPEST * x) / far, (STEEPEST * y) / far]);
-    };
-    const drop = () => { if (held) { held = false; this.#tilted(); } };
-    pad.addEventListener("pointerdown", (e) => { pad.setPointerCapture(e.pointerId); held = true; move(e); });
-    pad.addEventListener("pointermove", (e) => { if (held) move(e); });
-    pad.addEventListener("pointerup", drop);
-    pad.addEventListener("lostpointercapture", drop);
-    const level = el("button", { type: "button", class: "quiet-text", onclick: () => { this.#lean([0, 0]); this.#tilted(); } }, t("faults.level"));
+    this.steep = el("output");
+    this.pad = stick(t("faults.tilt-label"), 92, () => true, (x, y) => this.#lean([STEEPEST * x, STEEPEST * y]), () => this.#tilted());
+    this.pad.classList.add("live");
+    const level = el("button.quiet-text", { onclick: () => { this.#lean([0, 0]); this.#tilted(); } }, t("faults.level"));
     this.#lean(this.tilt);
-    return el("section", { class: "card tilt" }, el("h2", {}, t("faults.tilt")), pad, el("p", {}, this.steep, level));
+    return el("section.card.tilt", el("h2", t("faults.tilt")), this.pad, el("p", this.steep, level));
   }
 
   #lean(tilt) {
     this.tilt = tilt;
-    this.knob.style.transform = `translate(${((tilt[0] / STEEPEST) * 92).toFixed(0)}%, ${((-tilt[1] / STEEPEST) * 92).toFixed(0)}%)`;
+    this.pad.put(tilt[0] / STEEPEST, tilt[1] / STEEPEST);
     write(this.steep, `${num((Math.hypot(...tilt) * 180) / Math.PI, 1)}°`);
   }
 
@@ -98,16 +86,16 @@ export class Faults {
       sag: parts(0.84, 0.7), lose: parts(0.3, 0.6),
     };
     this.breakers = Object.entries(kinds).filter(([, options]) => options.length).map(([kind, options]) => this.#breaker(kind, options, t(imu && /drift|spikes/.test(kind) ? `faults.${kind}-imu` : `faults.${kind}`)));
-    return el("section", { class: "card breakers" }, el("header", {}, el("h2", {}, t("faults.break")), el("span", {}, t("faults.simulated"))), ...this.breakers.map((one) => one.node));
+    return el("section.card.breakers", el("header", el("h2", t("faults.break")), el("span", t("faults.simulated"))), ...this.breakers.map((one) => one.node));
   }
 
   #breaker(kind, options, name) {
-    const lasts = el("b", { class: "lasts" }), which = options.length > 1 ? el("select", { "aria-label": `${name}: ${t("faults.how")}` }, ...options.map(([text], value) => el("option", { value }, text))) : el("span", { class: "how" }, options[0][0]);
-    const button = el("button", { type: "button", role: "switch", "aria-label": name, onclick: () => {
+    const lasts = el("b.lasts"), which = options.length > 1 ? select(`${name}: ${t("faults.how")}`, options.map(([text], k) => [k, text])) : el("span.how", options[0][0]);
+    const button = el("button", { role: "switch", "aria-label": name, onclick: () => {
       const active = this.#active(kind);
       this.#send(active ? { over: active.number } : { kind, ...options[which.value ?? 0][1] });
     } }, el("i", { "aria-hidden": "true" }));
-    return { kind, lasts, button, node: el("div", { class: "breaker" }, button, el("span", { class: "of" }, name), which, lasts) };
+    return { kind, lasts, button, node: el("div.breaker", button, el("span.of", name), which, lasts) };
   }
 
   /** Return the fault of this kind that lasts. */
@@ -119,23 +107,23 @@ export class Faults {
   }
 
   #ledgerCard() {
-    this.list = el("ol", { class: "ledger", "aria-live": "polite", tabindex: "0", "aria-label": t("faults.ledger") });
-    return el("section", { class: "card ledger-card" }, el("h2", {}, t("faults.ledger")), this.list);
+    this.list = el("ol.ledger", { "aria-live": "polite", tabindex: "0", "aria-label": t("faults.ledger") });
+    return el("section.card.ledger-card", el("h2", t("faults.ledger")), this.list);
   }
 
   #bar() {
-    const { page } = this, button = (key, code, act) => { const made = el("button", { type: "button", class: "action", onclick: act }, el("span", {}, t(key)), el("kbd", {}, code.slice(3))); made.code = code; return made; };
-    this.start = button("faults.start", "KeyR", () => this.#begin());
-    this.pause = button("drive.pause", "KeyP", () => page.link.send({ is: page.state.paused ? "go" : "pause" }));
-    this.tick = button("faults.tick", "KeyN", () => page.link.send({ is: "go", ticks: 1 }));
-    this.again = button("faults.again", "KeyG", () => this.#again(this.rows.at(-1)));
+    const { page } = this, { link } = page;
+    this.start = action("faults.start", "KeyR", () => this.#begin());
+    this.pause = action("drive.pause", "KeyP", () => link.send({ is: page.state.paused ? "go" : "pause" }));
+    this.tick = action("faults.tick", "KeyN", () => link.send({ is: "go", ticks: 1 }));
+    this.again = action("faults.again", "KeyG", () => this.#again(this.rows.at(-1)));
     this.again.classList.add("again");
     this.start.classList.add("primary");
     this.actions = [this.start, this.pause, this.tick, this.again];
-    const paces = choices(t("drive.pace"), PACES.map((one) => `${{ 0.125: "⅛", 0.25: "¼" }[one] ?? one} ×`), PACES.indexOf(page.state.pace ?? 1), (k) => page.link.send({ is: "pace", factor: PACES[k] }));
+    const paces = choices(t("drive.pace"), PACES.map((one) => `${{ 0.125: "⅛", 0.25: "¼" }[one] ?? one} ×`), PACES.indexOf(page.state.pace ?? 1), (k) => link.send({ is: "pace", factor: PACES[k] }));
     this.strip = follow(el("canvas", { role: "img", "aria-label": t("faults.strip") }));
-    const legend = el("p", { class: "legend" }, key("truth", "faults.error"), key("estimate", "faults.believed"));
-    return el("section", { class: "card fault-bar", "aria-label": t("replay.controls") }, el("div", { class: "actions" }, this.start, this.pause, this.tick, paces), el("div", { class: "error-strip" }, this.strip, legend), this.again);
+    const legend = el("p.legend", key("truth", t("faults.error")), key("estimate", t("faults.believed")));
+    return el("section.card.fault-bar", { "aria-label": t("replay.controls") }, el("div.actions", this.start, this.pause, this.tick, paces), el("div.error-strip", this.strip, legend), this.again);
   }
 
   /** Drive something that drives itself, so that it can be driven again. */
@@ -162,7 +150,7 @@ export class Faults {
   ledger(rows) {
     this.rows = rows;
     const last = rows.at(-1);
-    this.list.replaceChildren(...(rows.length ? rows.toReversed().map((row) => this.#entry(row)) : [el("li", { class: "none" }, t("faults.none"))]));
+    this.list.replaceChildren(...(rows.length ? rows.toReversed().map((row) => this.#entry(row)) : [el("li.none", t("faults.none"))]));
     for (const made of this.breakers) made.button.setAttribute("aria-checked", String(Boolean(this.#active(made.kind))));
     const tilt = this.#active("tilt");
     if (!this.pad.matches(":active")) this.#lean(tilt ? [tilt.fault.x, tilt.fault.y] : [0, 0]);
@@ -171,16 +159,16 @@ export class Faults {
   }
 
   #entry(row) {
-    const lines = row.noticed.map((one) => el("p", { class: "noticed" }, el("b", {}, one.who), ` ${t("faults.after", { s: num(one.after_s, one.after_s < 0.95 ? 2 : 1) })}: `, el("span", {}, one.text)));
-    if (row.nobody) lines.push(el("p", { class: "nobody" }, el("b", {}, t("faults.nobody")), ` ${row.nobody}`));
-    else if (row.noticed.length) lines.push(el("p", { class: "silent" }, `${t("faults.silent")} ${row.silent.join(", ")}`));
-    else lines.push(el("p", { class: "silent" }, t("faults.wait")));
+    const lines = row.noticed.map((one) => el("p.noticed", el("b", one.who), ` ${t("faults.after", { s: num(one.after_s, one.after_s < 0.95 ? 2 : 1) })}: `, el("span", one.text)));
+    if (row.nobody) lines.push(el("p.nobody", el("b", t("faults.nobody")), ` ${row.nobody}`));
+    else if (row.noticed.length) lines.push(el("p.silent", `${t("faults.silent")} ${row.silent.join(", ")}`));
+    else lines.push(el("p.silent", t("faults.wait")));
     const long = row.over && row.fault.kind !== "push" ? t("faults.over", { s: num(row.until_s - row.t_s, 1) }) : "";
-    return el("li", {}, el("time", {}, num(row.t_s, 1)), el("div", {}, el("p", { class: "what" }, el("b", {}, row.what), " ", el("span", {}, long)), ...lines));
+    return el("li", el("time", num(row.t_s, 1)), el("div", el("p.what", el("b", row.what), " ", el("span", long)), ...lines));
   }
 
   state() {
-    const { page } = this, { state } = page, mine = page.hand.mine, moves = ["MISSION", "MANUAL"].includes(state.state);
+    const { state, moves, hand: { mine } } = this.page;
     show(this.start, !moves);
     show(this.pause, moves);
     this.start.disabled = !(mine && state.state === "READY");
@@ -196,9 +184,7 @@ export class Faults {
       return true;
     }
     if (way && event.shiftKey) { if (down && !event.repeat) this.#send({ kind: "push", frame: "map", x: KEY_PUSH * way[0], y: KEY_PUSH * way[1] }); return true; }
-    const button = this.actions.find((one) => one.code === event.code);
-    if (button && !event.ctrlKey && !event.metaKey && !event.altKey) { if (down && !event.repeat && !button.hidden) button.click(); return true; }
-    return mapKey(this.map, event, down);
+    return pressed(this.actions, event, down) || this.map.key(event, down);
   }
 
   /** Return the pushes of the ledger where they met the vehicle: [x, y, to x, to y, N s]. */
@@ -225,23 +211,17 @@ export class Faults {
       if (believed) this.#believed(c, believed, truth, footprint);
       for (const one of ghost?.pushes ?? []) this.#arrow(c, one, colours.ghost);
       for (const one of this.#arrows(record)) this.#arrow(c, one, colours.alarm);
-      if (this.drag) { const { x, y } = impulse(this.drag); pointer(c, this.drag, colours.alarm, `${num(Math.hypot(x, y), 2)} N s`); }
+      if (this.drag) { const { x, y } = impulse(this.drag); pushed(c, this.drag, colours.alarm, `${num(Math.hypot(x, y), 2)} N s`); }
     }
     show(this.hint, !this.rows.length && !this.drag);
-    for (const made of this.breakers) { const row = this.#active(made.kind); write(made.lasts, row ? `${num(Math.max(0, record.end - row.t_s), 1)} s` : ""); }
+    for (const made of this.breakers) { const row = this.#active(made.kind); write(made.lasts, row ? `${three(Math.max(0, record.end - row.t_s))} s` : ""); }
     this.#errors(record);
   }
 
   #believed(c, [x, y], truth, { width_m }) {
     const { map } = this, px = map.X(x), py = map.Y(y);
-    c.strokeStyle = c.fillStyle = colours.model;
-    c.lineWidth = 2.4;
-    c.beginPath();
-    c.arc(px, py, Math.max(0.55 * width_m * map.view.scale, 11), 0, 7);
-    c.stroke();
-    c.beginPath();
-    c.arc(px, py, 4, 0, 7);
-    c.fill();
+    dot(c, px, py, Math.max(0.55 * width_m * map.view.scale, 11), null, colours.model);
+    dot(c, px, py, 4, colours.model);
     if (!truth || Math.hypot(px - map.X(truth[0]), py - map.Y(truth[1])) < 2.2 * colours.rem) return;
     const up = py < map.Y(truth[1]) ? -1 : 1, far = Math.max(0.55 * width_m * map.view.scale, 14) + 0.8 * colours.rem;
     label(c, t("faults.believed-here"), px, py + up * far, colours.model);
@@ -250,7 +230,7 @@ export class Faults {
 
   #arrow(c, [x, y, dx, dy], colour) {
     const much = Math.hypot(dx, dy), px = this.map.X(x), py = this.map.Y(y), long = Math.min(Math.max(much / PUSH, 26), 90), ux = dx / much, uy = -dy / much, near = 12;
-    pointer(c, [px - ux * (long + near), py - uy * (long + near), px - ux * near, py - uy * near], colour, `${num(much, 2)} N s`);
+    pushed(c, [px - ux * (long + near), py - uy * (long + near), px - ux * near, py - uy * near], colour, `${num(much, 2)} N s`);
   }
 
   /** How far off the estimate is, and how far it believes to be, with a line for each fault. */
@@ -268,16 +248,7 @@ export class Faults {
       most = Math.max(most, off, within);
     }
     for (const { t_s, fault } of this.rows) if (t_s > from) { c.fillStyle = fault.kind === "tilt" ? colours.sim : colours.alarm; c.fillRect(X(t_s) - 0.75, 0, 1.5, h); }
-    for (const [k, colour, dash] of [[2, "model", []], [1, "ink", [5, 4]]]) {
-      c.beginPath();
-      for (const one of points) c.lineTo(one[0], h - 3 - (one[k] / most) * (h - 6));
-      c.strokeStyle = colours[colour];
-      c.lineWidth = k === 2 ? 2.2 : 1.6;
-      c.lineJoin = "round";
-      c.setLineDash(dash);
-      c.stroke();
-    }
-    c.setLineDash([]);
+    for (const [k, colour, width, dash] of [[2, "model", 2.2, []], [1, "ink", 1.6, [5, 4]]]) line(c, points.map((one) => [one[0], h - 3 - (one[k] / most) * (h - 6)]), colours[colour], width, dash);
     label(c, `${num(100 * most, most < 0.1 ? 1 : 0)} cm`, 0, 0.6 * colours.rem, colours.muted, "left");
   }
 }
@@ -288,32 +259,10 @@ function impulse([x0, y0, x1, y1]) {
   return { x: x * less, y: y * less };
 }
 
-function pointer(c, [x0, y0, x1, y1], colour, text) {
-  const long = Math.hypot(x1 - x0, y1 - y0);
+function pushed(c, [x0, y0, x1, y1], colour, text) {
+  const long = Math.hypot(x1 - x0, y1 - y0), ux = (x1 - x0) / long, uy = (y1 - y0) / long;
   if (long < 4) return;
-  const ux = (x1 - x0) / long, uy = (y1 - y0) / long;
-  c.strokeStyle = c.fillStyle = colour;
-  c.lineWidth = 3.5;
   c.lineCap = "butt";
-  c.beginPath();
-  c.moveTo(x0, y0);
-  c.lineTo(x1 - 9 * ux, y1 - 9 * uy);
-  c.stroke();
-  c.beginPath();
-  c.moveTo(x1, y1);
-  c.lineTo(x1 - 12 * ux - 6 * uy, y1 - 12 * uy + 6 * ux);
-  c.lineTo(x1 - 12 * ux + 6 * uy, y1 - 12 * uy - 6 * ux);
-  c.fill();
+  arrow(c, [[x0, y0], [x1, y1]], colour, 3.5, 12);
   label(c, text, x0 - ux * 8, y0 - uy * 8 - (Math.abs(uy) < 0.5 ? 0.9 * colours.rem : 0), colour);
-}
-
-function label(c, text, x, y, colour, align = "center") {
-  c.font = `600 ${0.82 * colours.rem}px ${colours.font}`;
-  c.textAlign = align;
-  c.textBaseline = "middle";
-  c.lineWidth = 4;
-  c.strokeStyle = colours.card;
-  c.strokeText(text, x, y);
-  c.fillStyle = colour;
-  c.fillText(text, x, y);
 }

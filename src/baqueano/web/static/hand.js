@@ -1,7 +1,7 @@
 // Driving by hand: touch pad, keys, game pad; and the beats that keep the vehicle ours.
 // A beat comes from the drawing loop alone and names the last frame drawn: a hidden tab or a frozen picture falls silent.
 
-import { el } from "./dom.js";
+import { alone, el } from "./dom.js";
 import { t } from "./strings.js";
 
 const EVERY_MS = 45; // 20 beats a second out of 60 pictures
@@ -18,7 +18,8 @@ export class Hand {
     this.stick = null; // [ahead, left] while the pad is held
     this.n = 0;
     this.sent_ms = 0;
-    this.#makePad();
+    this.pad = stick(t("pad.label"), 72, () => { if (!this.mine) page.say(t("pad.take")); return this.mine; },
+      (right, ahead) => { this.stick = [ahead, -right]; this.#knob(); }, () => { this.stick = null; this.#knob(); }, () => this.letGo());
     addEventListener("blur", () => { if (this.keys.size) this.letGo(); });
     addEventListener("pagehide", () => this.letGo());
     document.addEventListener("visibilitychange", () => { if (document.hidden) this.letGo(); });
@@ -52,7 +53,7 @@ export class Hand {
 
   /** Return whether the key was one of ours. */
   key(event, down) {
-    if (!(event.code in WAYS) || event.ctrlKey || event.metaKey || event.altKey) return false;
+    if (!(event.code in WAYS) || !alone(event)) return false;
     if (down !== this.keys.has(event.code)) this.sent_ms = 0; // the next picture has its beat
     if (down && this.mine) this.keys.add(event.code); else this.keys.delete(event.code);
     this.#knob();
@@ -69,18 +70,20 @@ export class Hand {
     return this.#gamePad() ?? [0, 0];
   }
 
+  get #pads() { return [...navigator.getGamepads?.() ?? []].filter((one) => one?.connected); }
+
   #gamePad() {
-    this.fromPad = false;
-    for (const one of navigator.getGamepads?.() ?? []) {
-      if (!one?.connected) continue;
-      const stop = one.buttons[PAD_STOP]?.pressed ?? false;
-      if (stop && !this.padStopped) this.page.stop();
-      this.padStopped = stop;
-      const beyond = (x = 0) => (Math.abs(x) < DEAD ? 0 : (x - Math.sign(x) * DEAD) / (1 - DEAD));
-      const way = [-beyond(one.axes[1]), -beyond(one.axes.length > 2 && Math.abs(one.axes[2]) > DEAD ? one.axes[2] : one.axes[0])];
-      if (way[0] || way[1]) { this.fromPad = true; return way; }
-    }
-    return null;
+    const beyond = (x = 0) => (Math.abs(x) < DEAD ? 0 : (x - Math.sign(x) * DEAD) / (1 - DEAD));
+    const ways = this.#pads.map(({ axes }) => [-beyond(axes[1]), -(beyond(axes[2]) || beyond(axes[0]))]), way = ways.find(([ahead, left]) => ahead || left) ?? null;
+    this.fromPad = Boolean(way);
+    return way;
+  }
+
+  /** Stop by a pad's button: as STOP on the page, whoever drives. */
+  #padStop() {
+    const pressed = this.#pads.some(({ buttons }) => buttons[PAD_STOP]?.pressed);
+    if (pressed && !this.padStopped) this.page.stop();
+    this.padStopped = pressed;
   }
 
   /** Return the command: the first that lives drives ahead, the last one turns to the left. */
@@ -95,6 +98,7 @@ export class Hand {
 
   /** Called once a picture, after it was drawn. */
   beat(now_ms, still = false) {
+    this.#padStop();
     if (!this.mine || (!still && now_ms - this.sent_ms < EVERY_MS)) return;
     this.sent_ms = now_ms;
     const u = this.command;
@@ -102,32 +106,46 @@ export class Hand {
     this.#knob();
   }
 
-  #makePad() {
-    this.knob = el("span", { class: "knob" });
-    this.pad = el("div", { class: "pad", tabindex: "0", role: "application", "aria-label": t("pad.label") }, this.knob);
-    const { pad } = this;
-    const move = (e) => {
-      const box = pad.getBoundingClientRect(), r = box.width / 2;
-      const x = (e.clientX - box.left - r) / (r * 0.72), y = (e.clientY - box.top - r) / (r * 0.72), far = Math.max(1, Math.hypot(x, y));
-      this.stick = [-y / far, -x / far];
-      this.#knob();
-    };
-    let held = false;
-    pad.addEventListener("pointerdown", (e) => {
-      if (!this.mine) { this.page.say(t("pad.take")); return; }
-      pad.setPointerCapture(e.pointerId);
-      held = true;
-      move(e);
-    });
-    pad.addEventListener("pointermove", (e) => { if (held) move(e); });
-    pad.addEventListener("pointerup", () => { held = false; this.stick = null; this.#knob(); });
-    pad.addEventListener("lostpointercapture", () => { if (held) { held = false; this.letGo(); } });
-  }
-
   #knob() {
     const [ahead, left] = this.wanted;
-    this.knob.style.transform = `translate(${(-left * 72).toFixed(0)}%, ${(-ahead * 72).toFixed(0)}%)`;
+    this.pad.put(-left, ahead);
   }
+}
+
+/** A round pad with a knob: `move` gets how far the finger is to the right and up, within a circle of 1. */
+export function stick(label, travel, may, move, drop, lost = drop) {
+  const knob = el("span.knob"), pad = el("div.pad", { tabindex: "0", role: "application", "aria-label": label }, knob);
+  let held = false;
+  const at = (e) => {
+    const box = pad.getBoundingClientRect(), r = box.width / 2, x = (e.clientX - box.left - r) / (0.72 * r), y = (box.top + r - e.clientY) / (0.72 * r), far = Math.max(1, Math.hypot(x, y));
+    move(x / far, y / far);
+  };
+  const over = (act) => () => { if (held) { held = false; act(); } };
+  pad.addEventListener("pointerdown", (e) => { if (may()) { pad.setPointerCapture(e.pointerId); held = true; at(e); } });
+  pad.addEventListener("pointermove", (e) => { if (held) at(e); });
+  pad.addEventListener("pointerup", over(drop));
+  pad.addEventListener("lostpointercapture", over(lost));
+  pad.put = (x, y) => { knob.style.transform = `translate(${(travel * x).toFixed(0)}%, ${(-travel * y).toFixed(0)}%)`; };
+  return pad;
+}
+
+/** A button with the key that does the same; with a page, one that moves its vehicle. */
+export function action(name, code, act, page = null) {
+  const made = el("button.action", el("span", t(name)), el("kbd", code.slice(3)));
+  made.code = code;
+  if (page) return moving(made, page, act);
+  made.press = () => { if (!made.disabled) act(); };
+  made.addEventListener("click", made.press);
+  return made;
+}
+
+/** Press the button that has this key, and return whether there is one. */
+export function pressed(actions, event, down) {
+  const button = actions.find((one) => one.code === event.code && !one.hidden);
+  if (!button || !alone(event)) return false;
+  if (!down) button.drop?.();
+  else if (!event.repeat) button.press();
+  return true;
 }
 
 /** A button that acts after a hold of 0.6 s where a real vehicle would move, at once elsewhere. */

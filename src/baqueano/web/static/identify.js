@@ -1,8 +1,8 @@
 // What the drive has taught about its vehicle: errors that shrink, the path by what it taught, what to drive next.
 
-import { begin, colours, follow, ramp } from "./canvas.js";
-import { el, icon, show, write } from "./dom.js";
-import { mapKey, poseOf } from "./drive.js";
+import { area, begin, colours, follow, label, line, ramp } from "./canvas.js";
+import { el, icon, key, number, show, write } from "./dom.js";
+import { poseOf } from "./drive.js";
 import { moving } from "./hand.js";
 import { Map2D } from "./map.js";
 import { Trail } from "./record.js";
@@ -20,31 +20,27 @@ export class Identify {
     this.page = page;
     this.rows = [];
     this.map = new Map2D();
-    this.bits = el("b", {}, "0");
-    this.learned = el("div", { class: "numbers" }, el("div", { class: "number" }, el("span", { class: "of" }, t("identify.learned")), el("span", { class: "much" }, this.bits, el("span", {}, t("identify.bits")))));
-    this.map.beside = { get width() { return 70; } };
-    this.list = el("ol", { class: "knowns", tabindex: "0", role: "region", "aria-label": t("identify.known") });
-    this.verdict = el("span", { class: "chip" });
-    this.about = el("p", { class: "about" });
-    this.now = el("b", {});
-    this.curve = follow(el("canvas", { class: "curve", "aria-hidden": "true" })); // the keys of Replay scrub it as well
-    this.play = el("button", { type: "button", class: "primary play", "aria-label": t("replay.play"), onclick: () => this.replay.toggle() });
+    this.bits = el("b", "0");
+    this.learned = el("div.numbers", number(t("identify.learned"), this.bits, el("span", t("identify.bits"))));
+    this.list = el("ol.knowns", { tabindex: "0", "aria-label": t("identify.known") });
+    this.verdict = el("span.chip");
+    this.about = el("p.about");
+    this.now = el("b");
+    this.curve = follow(el("canvas.curve", { "aria-hidden": "true" })); // the keys of Replay scrub it as well
+    this.play = el("button.primary.play", { "aria-label": t("replay.play"), onclick: () => this.replay.toggle() });
     if (this.recorded) for (const name of ["pointerdown", "pointermove"]) this.curve.addEventListener(name, (e) => { if (e.buttons) this.#seek(e); });
-    this.next = el("p", {}, el("strong", {}, t("identify.next")), " ", el("span", {}), " ", el("span", { class: "gain" }));
-    this.go = el("button", { type: "button", class: "action primary" }, t("identify.experiment", { s: EXPERIMENT_S }));
+    this.next = el("p", el("strong", t("identify.next")), " ", el("span"), " ", el("span.gain"));
+    this.go = el("button.action.primary", t("identify.experiment", { s: EXPERIMENT_S }));
     moving(this.go, page, () => page.link.send({ is: "mission", kind: "experiment", seconds: EXPERIMENT_S }));
-    const key = (kind) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(`identify.${kind}`));
-    const ends = [0.01, 0.1, 1, 10, 100].map((one) => el("span", {}, `${num(one, one < 0.1 ? 2 : one < 1 ? 1 : 0)} %`));
-    this.node = el("div", { class: "identify" },
-      el("section", { class: "card known-card" },
-        el("header", {}, el("h2", {}, t("identify.known")), this.verdict, this.about),
-        this.list, el("div", { class: "scale", "aria-hidden": "true" }, el("div", {}, ...ends)),
-        el("div", { class: "legend" }, key("expected"), key("filled"), key("own"), key("ago"))),
-      el("section", { class: "card map-card" },
-        el("div", { class: "legend map-legend" }, el("span", {}, t("identify.path")), el("span", { class: "key ramp" }, num(QUIET, 1), el("i", { "aria-hidden": "true" }), `${LOUD} ${t("identify.rate")}`)),
-        this.map.canvas, this.map.buttons, this.learned),
-      el("section", { class: "card curve-card" }, this.recorded ? this.play : null, el("figure", {}, el("figcaption", {}, el("b", {}, t("identify.curve")), " ", el("span", { class: "unit" }, t("identify.rate")), this.now), this.curve)),
-      el("section", { class: "card next-card" }, icon("M4 9a6 6 0 1 1 1.8 5.2M4 4v5h5"), this.next, this.go));
+    const ends = [0.01, 0.1, 1, 10, 100].map((one) => el("span", `${num(one, one < 0.1 ? 2 : one < 1 ? 1 : 0)} %`));
+    this.node = el("div.identify",
+      el("section.card.known-card",
+        el("header", el("h2", t("identify.known")), this.verdict, this.about),
+        this.list, el("div.scale", { "aria-hidden": "true" }, el("div", ...ends)),
+        el("div.legend", ...["expected", "filled", "own", "ago"].map((kind) => key(kind, t(`identify.${kind}`))))),
+      this.map.card([el("span", t("identify.path")), el("span.key.ramp", num(QUIET, 1), el("i", { "aria-hidden": "true" }), `${LOUD} ${t("identify.rate")}`)], this.learned),
+      el("section.card.curve-card", this.recorded ? this.play : null, el("figure", el("figcaption", el("b", t("identify.curve")), " ", el("span.unit", t("identify.rate")), this.now), this.curve)),
+      el("section.card.next-card", icon("M4 9a6 6 0 1 1 1.8 5.2M4 4v5h5"), this.next, this.go));
     this.#clear();
   }
 
@@ -90,9 +86,9 @@ export class Identify {
     this.first = parameters[0].path;
     this.order = null;
     this.rows = parameters.map((one) => {
-      const rail = ["past", "bar", "own"].map((kind) => el("i", { class: kind }));
-      const value = el("b", {}), error = el("span", {}), needs = el("p", { class: "needs" });
-      const node = el("li", {}, el("div", { class: "who" }, el("b", {}, one.label), el("span", {}, one.path.replace("drivetrain.", ""))), el("div", { class: "rail" }, ...rail), el("div", { class: "much" }, value, error, el("small", {}, one.unit)), needs);
+      const rail = ["past", "bar", "own"].map((kind) => el(`i.${kind}`));
+      const value = el("b"), error = el("span"), needs = el("p.needs");
+      const node = el("li", el("div.who", el("b", one.label), el("span", one.path.replace("drivetrain.", ""))), el("div.rail", ...rail), el("div.much", value, error, el("small", one.unit)), needs);
       return { node, rail, value, error, needs };
     });
     this.list.replaceChildren(...this.rows.map((one) => one.node));
@@ -139,7 +135,7 @@ export class Identify {
     this.#fill(word, now, at(Math.max(seconds - AGO_S, step_s)), fit, -now.reduce((sum, sd) => sum + Math.log2(sd), 0));
   }
 
-  key(event, down) { return mapKey(this.map, event, down) || (this.recorded && this.replay.key(event, down)); }
+  key(event, down) { return this.map.key(event, down) || (this.recorded && this.replay.key(event, down)); }
 
   #seek({ offsetX }) {
     const { start, end } = this.page.opened.record;
@@ -172,29 +168,18 @@ export class Identify {
     const { word } = this, begun = begin(this.curve);
     if (!begun) return;
     const [c, w, h] = begun, most = Math.log10(1 + 3 * LOUD), Y = (rate) => h - 2 - (Math.min(Math.log10(1 + rate) / most, 1)) * (h - 6);
-    c.font = `${0.75 * colours.rem}px ${colours.font}`;
-    c.textAlign = "right";
-    for (const rate of [1, 10, 100]) {
-      c.fillStyle = colours.grid;
-      c.fillRect(0, Math.round(Y(rate)), w, 1);
-      c.fillStyle = colours.muted;
-      c.fillText(rate, w, Y(rate) - 3);
-    }
-    if (!word?.rate.length) return;
+    const scale = [1, 10, 100];
+    line(c, scale.flatMap((rate) => [[0, Math.round(Y(rate)) + 0.5], [w, Math.round(Y(rate)) + 0.5], null]), colours.grid, 1);
+    const named = () => { for (const rate of scale) label(c, `${rate}`, w, Y(rate) - 0.6 * colours.rem, colours.muted, "right", 400); };
+    if (!word?.rate.length) { named(); return; }
     const from = word.start, end = this.recorded ? record.end : from + word.rate.length * word.dt, X = (s) => ((s - from) / (end - from)) * w;
-    c.beginPath();
-    word.rate.forEach((rate, k) => { c.lineTo(X(from + k * word.dt), Y(rate)); c.lineTo(X(from + (k + 1) * word.dt), Y(rate)); });
-    c.strokeStyle = colours.model;
-    c.lineWidth = 1.6;
-    c.lineJoin = "round";
-    c.stroke();
-    c.lineTo(X(from + word.rate.length * word.dt), h); c.lineTo(0, h); c.closePath();
-    c.fillStyle = colours.band;
-    c.fill();
+    const curve = word.rate.flatMap((rate, k) => [[X(from + k * word.dt), Y(rate)], [X(from + (k + 1) * word.dt), Y(rate)]]);
+    area(c, [[0, h], ...curve, [curve.at(-1)[0], h]], colours.band);
+    line(c, curve, colours.model, 1.6);
+    named();
     write(this.now, cursor === null ? num(word.rate.at(-1), 1) : `${clock(cursor)} s · ${num(this.#rate(cursor), 1)}`);
     if (cursor === null) return;
-    c.fillStyle = colours.ink;
-    c.fillRect(X(cursor) - 1, 0, 2, h);
+    line(c, [[X(cursor), 0], [X(cursor), h]], colours.ink, 2);
   }
 }
 

@@ -2,7 +2,7 @@
 
 import { leave, readColours } from "./canvas.js";
 import { Blocks } from "./blocks.js";
-import { $, el, show, write } from "./dom.js";
+import { $, alone, el, show, write } from "./dom.js";
 import { Drive } from "./drive.js";
 import { Faults } from "./faults.js";
 import { Hand } from "./hand.js";
@@ -23,6 +23,7 @@ const KEYS = ["Space", "L", "W A S D ↑ ↓ ← →", "T R B", "P M E", "1 2 3 
 const page = {
   hello: null, record: null, state: {}, route: null, runs: [], opened: null, ghost: null, screens: {}, screen: null, hand: null, link: null, driver: null,
   say, stop, open, openRun,
+  get moves() { return ["MISSION", "MANUAL"].includes(this.state.state); },
 };
 const pending = {};
 const NO_VEHICLE = { name: "", footprint: { kind: "round", length_m: 0.14, width_m: 0.14 }, command: [], rate_hz: 100, world: "recorded" }; // before a run is open
@@ -120,14 +121,16 @@ function frame() {
   write($("world"), t(`world.${hello.vehicle.world}`));
   $("world").className = `chip world-${hello.vehicle.world}`;
   fixedTexts();
+  write($("shared"), t("shared"));
+  show($("shared"), Boolean(hello.shared));
   const shown = SCREENS.filter((one) => !(replay && one === Drive) && (one !== Faults || (!replay && hello.vehicle.world === "simulated")));
   const before = page.screen?.constructor.key ?? location.hash.slice(1);
   page.screens = Object.fromEntries(shown.map((one) => [one.key, new one(page)]));
-  $("tabs").replaceChildren(...shown.map((one) => el("button", { type: "button", role: "tab", id: `tab-${one.key}`, "aria-controls": "screen", onclick: () => open(one.key) }, t(`tab.${one.key}`))));
+  $("tabs").replaceChildren(...shown.map((one) => el("button", { role: "tab", id: `tab-${one.key}`, "aria-controls": "screen", onclick: () => open(one.key) }, t(`tab.${one.key}`))));
   const canStop = !replay && hello.role !== "view";
   show($("stop"), canStop);
   document.body.classList.toggle("no-stop", !canStop);
-  $("meters").replaceChildren(...(replay ? [] : ["battery", "link", "loop"].map((key) => el("span", { class: `meter of-${key}` }, el("span", {}, t(`meter.${key}`)), el("b", { id: `meter-${key}` }, "–")))));
+  $("meters").replaceChildren(...(replay ? [] : ["battery", "link", "loop"].map((key) => el(`span.meter.of-${key}`, el("span", t(`meter.${key}`)), el("b", { id: `meter-${key}` }, "–")))));
   show($("lease"), !replay && hello.role === "drive");
   lease({ who: hello.driver, you: false, watching: hello.watching });
   open(page.screens[before] ? before : replay ? "replay" : shown[0].key, false);
@@ -139,12 +142,12 @@ function frame() {
 function fixedTexts() {
   write($("stop-word"), t("stop"));
   write($("stop-key"), t("stop.key"));
-  $("stop").setAttribute("aria-label", t("stop"));
+  $("sentence").setAttribute("aria-label", t("sentence"));
   write($("language"), otherLanguage().toUpperCase());
-  for (const id of ["language", "theme", "help"]) { $(id).title = t(`set.${id}`); $(id).setAttribute("aria-label", t(`set.${id}`)); }
+  for (const id of ["language", "theme", "help"]) { $(id).title = t(`set.${id}`); $(id).setAttribute("aria-label", `${$(id).textContent} ${t(`set.${id}`)}`.trim()); }
   write($("clear"), t("clear"));
   $("tabs").setAttribute("aria-label", t("tabs"));
-  $("keys").replaceChildren(el("h2", {}, t("keys")), el("dl", {}, ...KEYS.flatMap((key, k) => [el("dt", {}, ...(k ? key : t("stop.key")).split(" ").map((one) => el("kbd", {}, one))), el("dd", {}, t(`keys.${k}`))])), el("button", { type: "button", class: "primary", onclick: () => $("keys").close() }, t("keys.close")));
+  $("keys").replaceChildren(el("h2", t("keys")), el("dl", ...KEYS.flatMap((key, k) => [el("dt", ...(k ? key : t("stop.key")).split(" ").map((one) => el("kbd", one))), el("dd", t(`keys.${k}`))])), el("button.primary", { onclick: () => $("keys").close() }, t("keys.close")));
 }
 
 /** Show the screen of the drives that are played, until somebody chooses one. */
@@ -235,16 +238,16 @@ function key(event, down) {
     return;
   }
   if (typing || $("keys").open) return;
-  const plain = !(event.ctrlKey || event.metaKey || event.altKey), choosing = event.target.tagName === "SELECT" || event.target.type === "range";
+  const choosing = event.target.tagName === "SELECT" || event.target.type === "range";
   if (choosing && /^(Arrow|Home|End|Page)/.test(event.code)) return;
-  if (event.target.getAttribute?.("role") === "tab" && /^Arrow(Left|Right)$/.test(event.code)) {
+  if (event.target.getAttribute?.("role") === "tab" && !event.shiftKey && /^Arrow(Left|Right)$/.test(event.code)) {
     if (down) neighbour(event.code === "ArrowRight" ? 1 : -1);
     event.preventDefault();
     return;
   }
   if (page.screen instanceof Drive && page.hand.key(event, down)) { event.preventDefault(); return; }
   if (page.screen.key?.(event, down)) { event.preventDefault(); return; }
-  if (!down || !plain || event.repeat) return;
+  if (!down || !alone(event) || event.repeat) return;
   const number = /^Digit([1-9])$/.exec(event.code)?.[1];
   const names = Object.keys(page.screens);
   if (number && names[number - 1]) open(names[number - 1]);
@@ -277,7 +280,7 @@ function draw(now_ms) {
   page.screen.draw?.(now_ms);
   page.link.drawn();
   page.hand.beat(now_ms);
-  const live = page.hello.mode === "live", age = page.link.age_ms, moves = ["MISSION", "MANUAL"].includes(page.state.state) && !page.state.paused; // who stands sends no rows
+  const live = page.hello.mode === "live", age = page.link.age_ms, moves = page.moves && !page.state.paused; // who stands sends no rows
   const old = live && ((moves && age > OLD_MS) || !page.link.up) && page.state.state !== "OVER" && page.link.came_ms > 0;
   show($("age"), old);
   if (old) write($("age"), t("age", { s: num(age / 1000, 1) }));

@@ -1,20 +1,20 @@
 // The map: route, path with its 95 % corridor, ellipses, truth, and the vehicle to its footprint.
 
-import { begin, colours, follow, nice } from "./canvas.js";
-import { calm, el, icon } from "./dom.js";
+import { begin, colours, dot, follow, label, line, nice } from "./canvas.js";
+import { alone, calm, el, icon } from "./dom.js";
 import { num, t } from "./strings.js";
 
 const ELLIPSE = Math.sqrt(5.991); // 95 % of two dimensions
 const EVERY_S = 4; // between ellipses
-const SMALLEST = 16; // px, of a vehicle
+const SMALLEST = 24; // px, of a vehicle
 
 export class Map2D {
   constructor() {
-    this.canvas = follow(el("canvas", { class: "map", tabindex: "0", role: "img", "aria-label": t("map.label") }));
+    this.canvas = follow(el("canvas.map", { tabindex: "0", role: "img", "aria-label": t("map.label") }));
     this.mode = "fit";
     this.view = null; // {x, y, scale}
-    this.pad = { left: 24, right: 24, top: 44, bottom: 44 };
-    this.buttons = el("div", { class: "map-buttons", role: "group", "aria-label": t("map.label") },
+    this.pad = { left: 24, right: 24, top: 44, bottom: 40 };
+    this.buttons = el("div.map-buttons", { role: "group", "aria-label": t("map.label") },
       this.#button(icon("M10 4v12M4 10h12"), "map.in", () => this.zoom(1.4)), this.#button(icon("M4 10h12"), "map.out", () => this.zoom(1 / 1.4)),
       this.fitButton = this.#button(icon("M3 8V3h5M17 8V3h-5M3 12v5h5M17 12v5h-5"), "map.fit", () => this.to("fit")),
       this.followButton = this.#button(icon("M10 2v4M10 14v4M2 10h4M14 10h4M10 5.5a4.5 4.5 0 1 0 .01 0"), "map.follow", () => this.to("follow")));
@@ -22,12 +22,24 @@ export class Map2D {
     this.to("fit");
   }
 
-  #button(sign, key, onclick) { return el("button", { type: "button", title: t(key), "aria-label": t(key), onclick }, sign); }
+  #button(sign, key, onclick) { return el("button", { title: t(key), "aria-label": t(key), onclick }, sign); }
 
   to(mode) {
     this.mode = mode;
     this.fitButton.setAttribute("aria-pressed", String(mode === "fit"));
     this.followButton.setAttribute("aria-pressed", String(mode === "follow"));
+  }
+
+  /** The map in its card, under a legend. */
+  card(keys, ...more) { return el("section.card.map-card", el("div.legend.map-legend", ...keys), this.canvas, this.buttons, ...more); }
+
+  /** Return whether the key was one of the map's. */
+  key(event, down) {
+    const act = { KeyF: () => this.to("follow"), Digit0: () => this.to("fit"), Equal: () => this.zoom(1.25), NumpadAdd: () => this.zoom(1.25), Minus: () => this.zoom(0.8), NumpadSubtract: () => this.zoom(0.8) }[event.code]
+      ?? (event.key === "+" ? () => this.zoom(1.25) : event.key === "-" ? () => this.zoom(0.8) : null);
+    if (!act || !alone(event)) return false;
+    if (down) act();
+    return true;
   }
 
   /** Zoom about a point of the canvas, by default its middle. */
@@ -73,6 +85,15 @@ export class Map2D {
     canvas.addEventListener("dblclick", () => this.to("fit"));
   }
 
+  /** Keep the drawing clear of what stands upon the map: the legend above, numbers to the right, a card to the left. */
+  #clear() {
+    const card = this.canvas.parentElement, stands = (node) => node && getComputedStyle(node).position === "absolute";
+    const [legend, numbers] = [".map-legend", ".numbers"].map((one) => card?.querySelector(one));
+    if (legend) this.pad.top = legend.offsetTop + legend.offsetHeight + 12;
+    this.pad.right = 24 + (stands(numbers) ? numbers.offsetWidth : 0);
+    this.pad.left = 24 + (this.beside ? this.beside() : 0);
+  }
+
   /** Move the view towards what its mode asks for. */
   #look(w, h, boxes, at) {
     const { pad } = this;
@@ -88,17 +109,17 @@ export class Map2D {
     if (this.mode === "follow" && at) want = { x: at[0], y: at[1], scale: this.wish ?? fit.scale * 1.8 };
     if (this.mode === "fit") this.wish = null;
     const key = `${w}|${h}`;
-    if (!this.view || this.key !== key || (want && calm())) this.view = want ?? this.view ?? fit;
+    if (!this.view || this.fitted !== key || (want && calm())) this.view = want ?? this.view ?? fit;
     else if (want) {
       const part = 0.16, now = this.view;
       this.view = { x: now.x + part * (want.x - now.x), y: now.y + part * (want.y - now.y), scale: now.scale * (want.scale / now.scale) ** part };
     }
-    this.key = key;
+    this.fitted = key;
   }
 
   /** Draw `scene`: {route, trails: [{trail, style, row}], truth, vehicles: [{pose, style, footprint, …}], reference}. */
   draw(scene) {
-    if (!this.canvas.fitted && this.beside) this.pad.right = this.beside.width + 24;
+    if (!this.canvas.fitted) this.#clear();
     const begun = begin(this.canvas);
     if (!begun) return;
     const [c, w, h] = begun, { route, trails, vehicles } = scene;
@@ -123,32 +144,18 @@ export class Map2D {
   }
 
   #grid(c, w, h) {
-    const step = nice(110 / this.view.scale), [x0, y1] = this.place(0, 0), [x1, y0] = this.place(w, h);
-    c.strokeStyle = colours.grid;
-    c.lineWidth = 1;
-    c.beginPath();
-    for (let k = Math.ceil(x0 / step); k * step <= x1; k++) { const x = Math.round(this.X(k * step)) + 0.5; c.moveTo(x, 0); c.lineTo(x, h); }
-    for (let k = Math.ceil(y0 / step); k * step <= y1; k++) { const y = Math.round(this.Y(k * step)) + 0.5; c.moveTo(0, y); c.lineTo(w, y); }
-    c.stroke();
+    const step = nice(110 / this.view.scale), [x0, y1] = this.place(0, 0), [x1, y0] = this.place(w, h), ways = [];
+    for (let k = Math.ceil(x0 / step); k * step <= x1; k++) { const x = Math.round(this.X(k * step)) + 0.5; ways.push([x, 0], [x, h], null); }
+    for (let k = Math.ceil(y0 / step); k * step <= y1; k++) { const y = Math.round(this.Y(k * step)) + 0.5; ways.push([0, y], [w, y], null); }
+    line(c, ways, colours.grid, 1);
   }
 
-  #route(c, route) {
-    const n = route.x.length;
-    if (!n) return;
-    c.beginPath();
-    for (let k = 0; k < n; k++) c.lineTo(this.X(route.x[k]), this.Y(route.y[k]));
-    if (route.closed) c.closePath();
-    c.lineJoin = c.lineCap = "round";
-    c.lineWidth = Math.max(5, colours.rem * 0.42);
-    c.strokeStyle = colours.route;
-    c.stroke();
-    c.beginPath();
-    c.arc(this.X(route.x[0]), this.Y(route.y[0]), 4.5, 0, 7);
-    c.fillStyle = colours.card;
-    c.fill();
-    c.lineWidth = 2;
-    c.strokeStyle = colours.muted;
-    c.stroke();
+  #route(c, { x, y, closed }) {
+    if (!x.length) return;
+    const way = x.map((one, k) => [this.X(one), this.Y(y[k])]);
+    c.lineCap = "round";
+    line(c, closed ? [...way, way[0]] : way, colours.route, Math.max(5, colours.rem * 0.42));
+    dot(c, ...way[0], 4.5, colours.card, colours.muted);
   }
 
   #corridor(c, { trail, row }) {
@@ -176,31 +183,24 @@ export class Map2D {
 
   #trail(c, { trail, style, row, paint }) {
     const p = trail.points, end = row === undefined ? p.length : trail.until(row);
-    const line = (from, to) => {
-      c.beginPath();
-      for (let k = from; k < to; k++) {
-        const jump = k > from && Math.hypot(p[k][0] - p[k - 1][0], p[k][1] - p[k - 1][1]) > 20 * trail.step_m;
-        if (k === from || jump) c.moveTo(this.X(p[k][0]), this.Y(p[k][1]));
-        else c.lineTo(this.X(p[k][0]), this.Y(p[k][1]));
-      }
-      c.stroke();
-    };
-    c.lineJoin = c.lineCap = "round";
     const { colour, width, dash } = STYLES[style];
-    c.strokeStyle = colours[colour];
-    c.lineWidth = width;
-    c.setLineDash(dash);
-    if (end < p.length) { c.globalAlpha = 0.28; line(Math.max(end - 1, 0), p.length); c.globalAlpha = 1; }
+    const way = (from, to, paint = colours[colour], wide = width, dashes = dash) => {
+      const points = [];
+      for (let k = from; k < to; k++) {
+        if (k > from && Math.hypot(p[k][0] - p[k - 1][0], p[k][1] - p[k - 1][1]) > 20 * trail.step_m) points.push(null);
+        points.push([this.X(p[k][0]), this.Y(p[k][1])]);
+      }
+      line(c, points, paint, wide, dashes);
+    };
+    c.lineCap = "round";
+    if (end < p.length) { c.globalAlpha = 0.28; way(Math.max(end - 1, 0), p.length); c.globalAlpha = 1; }
     if (paint) {
-      c.lineWidth = Math.max(4, 0.36 * colours.rem);
       for (let k = 1, from = 0; k <= end; k++) {
         if (k < end && paint(p[k][2]) === paint(p[from][2])) continue;
-        c.strokeStyle = paint(p[from][2]);
-        line(from, Math.min(k + 1, end));
+        way(from, Math.min(k + 1, end), paint(p[from][2]), Math.max(4, 0.36 * colours.rem), []);
         from = k;
       }
-    } else if (end > 1) line(0, end);
-    c.setLineDash([]);
+    } else if (end > 1) way(0, end);
   }
 
   #ellipses(c, { trail, row }) {
@@ -224,18 +224,9 @@ export class Map2D {
   }
 
   #reference(c, [x, y], pose) {
-    const px = this.X(x), py = this.Y(y);
-    c.strokeStyle = colours.muted;
-    c.lineWidth = 1;
-    c.setLineDash([3, 3]);
-    c.beginPath();
-    if (pose) { c.moveTo(px, py); c.lineTo(this.X(pose[0]), this.Y(pose[1])); }
-    c.stroke();
-    c.setLineDash([]);
-    c.lineWidth = 2;
-    c.beginPath();
-    c.arc(px, py, 7, 0, 7);
-    c.stroke();
+    const at = [this.X(x), this.Y(y)];
+    if (pose) line(c, [at, [this.X(pose[0]), this.Y(pose[1])]], colours.muted, 1, [3, 3]);
+    dot(c, ...at, 7, null, colours.muted);
   }
 
   /** A vehicle: {pose: [x, y, psi], footprint, style: "now" | "ghost" | "true", sd_psi}. */
@@ -291,28 +282,16 @@ export class Map2D {
   }
 
   #scale(c, w, h) {
-    const step = nice((w * 0.3) / this.view.scale), long = step * this.view.scale, x = 16, y = h - 16;
-    c.strokeStyle = colours.muted;
-    c.lineWidth = 1.5;
-    c.beginPath();
-    c.moveTo(x, y - 5); c.lineTo(x, y); c.lineTo(x + long, y); c.lineTo(x + long, y - 5);
-    c.stroke();
-    c.font = `${0.8 * colours.rem}px ${colours.font}`;
-    c.textBaseline = "alphabetic";
-    c.textAlign = "left";
-    c.fillStyle = colours.muted;
-    const text = step >= 1 ? `${num(step, 0)} m` : step >= 0.1 ? `${num(step, 1)} m` : `${num(step * 100, 0)} cm`;
-    c.lineWidth = 4;
-    c.strokeStyle = colours.card;
-    c.strokeText(text, x + long + 8, y + 2);
-    c.fillText(text, x + long + 8, y + 2);
+    const step = nice((w * 0.3) / this.view.scale), end = 16 + step * this.view.scale, y = h - 16;
+    line(c, [[16, y - 5], [16, y], [end, y], [end, y - 5]], colours.muted, 1.5);
+    label(c, step >= 1 ? `${num(step, 0)} m` : step >= 0.1 ? `${num(step, 1)} m` : `${num(step * 100, 0)} cm`, end + 8, y - 3, colours.muted, "left", 400);
   }
 }
 
 const STYLES = {
   estimate: { colour: "model", width: 2.6, dash: [] },
   truth: { colour: "ink", width: 1.4, dash: [5, 4] },
-  ghost: { colour: "ghost", width: 2.4, dash: [] },
+  ghost: { colour: "ghost", width: 2.4, dash: [9, 7] },
 };
 
 const size = ({ length_m, width_m }) => Math.max(length_m, width_m);

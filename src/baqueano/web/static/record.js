@@ -99,8 +99,9 @@ export class Trail {
       if ((x - lastX) ** 2 + (y - lastY) ** 2 < step_m * step_m) continue;
       this.points.push(this.across ? [x, y, i, ...this.#side(i)] : [x, y, i]);
       [lastX, lastY] = [x, y];
-      box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y);
-      box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y);
+      const [, , , wide = 0, high = 0] = this.points.at(-1).map(Math.abs);
+      box[0] = Math.min(box[0], x - wide); box[1] = Math.min(box[1], y - high);
+      box[2] = Math.max(box[2], x + wide); box[3] = Math.max(box[3], y + high);
     }
     return this;
   }

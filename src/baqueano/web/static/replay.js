@@ -1,8 +1,8 @@
 // Any run, to be scrubbed, with the ghost of a second one beside it, paired by distance or by time.
 
-import { begin, colours, follow } from "./canvas.js";
-import { choices, el, show, write } from "./dom.js";
-import { HonestyCard, Numbers, drawMap, mapKey, mapLegend } from "./drive.js";
+import { area, begin, colours, dot, follow, line } from "./canvas.js";
+import { alone, choices, el, empty, fill, select, show, write } from "./dom.js";
+import { HonestyCard, Numbers, drawMap, mapKeys } from "./drive.js";
 import { Map2D } from "./map.js";
 import { Honesty, Trail } from "./record.js";
 import { Strip, groupsOf, stripList } from "./strips.js";
@@ -33,7 +33,7 @@ export class Replay {
     this.playing = false;
     this.rate = AHEAD;
     this.by = "distance";
-    this.node = el("div", { class: "replay" });
+    this.node = el("div.replay");
     this.build();
   }
 
@@ -46,19 +46,19 @@ export class Replay {
     this.pairs = null;
     this.table = null;
     if (!run) {
-      this.node.replaceChildren(el("section", { class: "card empty" }, el("h2", {}, t("replay.none")), el("p", {}, t("replay.none-how")),
-        el("button", { type: "button", class: "primary", onclick: () => page.open("runs") }, t("tab.runs"))));
+      this.node.replaceChildren(empty(t("replay.none"), el("p", t("replay.none-how")),
+        el("button.primary", { onclick: () => page.open("runs") }, t("tab.runs"))));
       return;
     }
     this.map = new Map2D();
-    this.numbers = this.map.beside = new Numbers();
+    this.numbers = new Numbers();
     this.honesty = new HonestyCard(run.record);
     const groups = ghost ? this.#pairedGroups() : groupsOf(run.record, run.about.vehicle);
     this.strips = groups.flatMap(([, strips]) => strips);
-    this.tableNode = el("table", { class: "compare" });
+    this.tableNode = el("table.compare");
     this.node.replaceChildren(
-      el("section", { class: "card map-card" }, mapLegend(run.record.has("truth.x"), ghost ? t("replay.ghost-of", { name: ghost.label }) : null), this.map.canvas, this.map.buttons, this.numbers.node),
-      el("section", { class: "card strips", "aria-label": t("strips") }, ghost ? this.tableNode : null, stripList(groups), ghost ? null : this.honesty.node),
+      this.map.card(mapKeys(run.record.has("truth.x"), ghost ? t("replay.ghost-of", { name: ghost.label }) : null), this.numbers.node),
+      el("section.card.strips", ghost ? this.tableNode : null, stripList(groups), ghost ? null : this.honesty.node),
       this.#transport());
     this.seek(Math.min(this.now_s, run.record.end));
   }
@@ -75,38 +75,37 @@ export class Replay {
 
   #transport() {
     const { page } = this;
-    this.play = el("button", { type: "button", class: "primary play", onclick: () => this.toggle() });
+    this.play = el("button.primary.play", { onclick: () => this.toggle() });
     this.rates = choices(t("replay.rate"), RATE_WORDS, this.rate, (k) => { this.rate = k; });
-    this.scrub = follow(el("canvas", { class: "scrub", tabindex: "0", role: "slider", "aria-label": t("replay.scrub"), "aria-valuemin": "0" }));
+    this.scrub = follow(el("canvas.scrub", { tabindex: "0", role: "slider", "aria-label": t("replay.scrub"), "aria-valuemin": "0" }));
     const at = (e) => this.seek(((e.offsetX - 2) / (this.scrub.clientWidth - 4)) * this.run.record.end);
     let held = false;
     this.scrub.addEventListener("pointerdown", (e) => { this.scrub.setPointerCapture(e.pointerId); held = true; this.scrub.focus(); at(e); });
     this.scrub.addEventListener("pointermove", (e) => { if (held) at(e); });
     for (const name of ["pointerup", "lostpointercapture"]) this.scrub.addEventListener(name, () => { held = false; });
-    this.when = el("b", {});
-    this.whole = el("span", {});
-    this.happened = el("p", { class: "happened" });
-    this.other = el("select", { "aria-label": t("replay.ghost") });
-    this.beside = el("label", { class: "pick" }, t("replay.ghost"), this.other);
-    this.filter = el("select", { "aria-label": t("replay.filter") }, el("option", { value: "" }, t("replay.no-filter")));
-    this.through = el("label", { class: "pick" }, t("replay.filter"), this.filter);
+    this.when = el("b");
+    this.whole = el("span");
+    this.happened = el("p.happened");
+    const again = (...what) => page.openRun(this.run.about.run.id, ...what);
+    this.other = select(t("replay.ghost"), [], "", (id) => again(id || null));
+    this.beside = el("label.pick", t("replay.ghost"), this.other);
+    this.filter = select(t("replay.filter"), [["", t("replay.no-filter")]], "", (kind) => again(null, kind || null));
+    this.through = el("label.pick", t("replay.filter"), this.filter);
     this.filters();
     this.runs();
-    this.other.addEventListener("change", () => page.openRun(this.run.about.run.id, this.other.value || null));
-    this.filter.addEventListener("change", () => page.openRun(this.run.about.run.id, null, this.filter.value || null));
     const ways = ["distance", "time", ...(this.ghost && this.#marks().every((one) => one.length) ? ["mark"] : [])];
     const pairing = choices(t("replay.pair"), ways.map((one) => t(`replay.by-${one}`)), ways.indexOf(this.by), (k) => { this.by = ways[k]; this.pairs = null; });
-    return el("section", { class: "card transport", "aria-label": t("replay.controls") },
-      el("div", { class: "line" }, this.play, this.scrub, el("span", { class: "when" }, this.when, this.whole)),
-      el("div", { class: "line" }, this.rates, this.happened, this.beside, this.through,
-        this.ghost ? el("div", { class: "pick" }, el("span", {}, t("replay.pair")), pairing) : null));
+    return el("section.card.transport", { "aria-label": t("replay.controls") },
+      el("div.line", this.play, this.scrub, el("span.when", this.when, this.whole)),
+      el("div.line", this.rates, this.happened, this.beside, this.through,
+        this.ghost ? el("div.pick", el("span", t("replay.pair")), pairing) : null));
   }
 
   /** List the filters through which the same data may go: those of its room, and the project's own. */
   filters() {
-    const id = this.run.about.run.id, fill = (kinds) => this.filter.append(...kinds.map((one) => el("option", { value: one, selected: one === this.ghost?.about.filter }, one)));
-    if (this.kinds?.of === id) fill(this.kinds.list);
-    else this.page.link.ask("block", { run: id, room: "estimator" }, ({ kinds }) => { this.kinds = { of: id, list: kinds ?? [] }; show(this.through, this.kinds.list.length > 0); fill(this.kinds.list); });
+    const id = this.run.about.run.id, list = (kinds) => fill(this.filter, [["", t("replay.no-filter")], ...kinds], this.ghost?.about.filter ?? "");
+    if (this.kinds?.of === id) list(this.kinds.list);
+    else this.page.link.ask("block", { run: id, room: "estimator" }, ({ kinds }) => { this.kinds = { of: id, list: kinds ?? [] }; show(this.through, this.kinds.list.length > 0); list(this.kinds.list); });
   }
 
   #marks() { return [this.run, this.ghost].map(({ about }) => about.events.filter((one) => one.source === "mark").map((one) => one.t)); }
@@ -115,7 +114,7 @@ export class Replay {
   runs() {
     if (!this.run) return;
     const others = this.page.runs.filter((one) => one.id !== this.run.about.run.id), ghost = this.ghost?.about.run.id;
-    this.other.replaceChildren(el("option", { value: "" }, t("replay.no-ghost")), ...others.map((one) => el("option", { value: one.id, selected: !this.ghost?.about.filter && one.id === ghost }, one.name)));
+    fill(this.other, [["", t("replay.no-ghost")], ...others.map((one) => [one.id, one.name])], this.ghost?.about.filter ? "" : ghost ?? "");
     show(this.beside, others.length > 0);
   }
 
@@ -141,7 +140,7 @@ export class Replay {
       Home: () => this.seek(0), End: () => this.seek(record.end),
       BracketLeft: () => this.#faster(-1), BracketRight: () => this.#faster(1), KeyN: () => this.#event(1), KeyV: () => this.#event(-1),
     }[event.code];
-    if (!act || event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return mapKey(this.map, event, down);
+    if (!act || !alone(event) || event.target.tagName === "SELECT") return this.map.key(event, down);
     if (down) act();
     return true;
   }
@@ -207,7 +206,7 @@ export class Replay {
     const { record } = this.run, { scrub } = this;
     const sign = this.playing ? "❚❚" : "▶";
     if (this.play.textContent !== sign) { this.play.textContent = sign; this.play.setAttribute("aria-label", t(this.playing ? "replay.pause" : "replay.play")); }
-    write(this.when, clock(this.now_s));
+    write(this.when, duration(this.now_s));
     write(this.whole, ` / ${duration(record.end)}`);
     scrub.setAttribute("aria-valuemax", record.end.toFixed(2));
     scrub.setAttribute("aria-valuenow", this.now_s.toFixed(2));
@@ -217,34 +216,18 @@ export class Replay {
     const begun = begin(scrub);
     if (!begun) return;
     const [c, w, h] = begun, X = (s) => 2 + ((w - 4) * (s - record.start)) / Math.max(record.end - record.start, 1e-3);
-    const { peaks, most } = this.#peaks(Math.floor(w - 4)), columns = peaks.length;
-    const shape = () => { for (let x = 0; x < columns; x++) c.lineTo(x + 2, h - 5 - (peaks[x] / most) * (h - 12)); };
-    c.beginPath(); c.moveTo(2, h - 4); shape(); c.lineTo(w - 2, h - 4); c.closePath();
-    c.fillStyle = colours.band;
-    c.fill();
-    c.beginPath(); shape();
-    c.lineWidth = 1.3;
-    c.strokeStyle = colours.muted;
-    c.stroke();
-    c.save();
-    c.beginPath(); c.rect(0, 0, X(this.now_s), h); c.clip();
-    c.beginPath(); shape();
-    c.lineWidth = 2;
-    c.strokeStyle = colours.model;
-    c.stroke();
-    c.restore();
+    const { peaks, most } = this.#peaks(Math.floor(w - 4)), shape = Array.from(peaks, (peak, x) => [x + 2, h - 5 - (peak / most) * (h - 12)]);
+    area(c, [[2, h - 4], ...shape, [w - 2, h - 4]], colours.band);
+    line(c, shape, colours.muted, 1.3);
+    line(c, shape.filter(([x]) => x <= X(this.now_s)), colours.model, 2.2);
     for (const one of this.run.about.events) {
-      const grave = ["warning", "error", "fatal"].includes(one.severity), x = X(one.t);
-      c.strokeStyle = c.fillStyle = grave ? colours.alarm : colours.sim;
-      c.lineWidth = grave ? 2.4 : 1.6;
-      c.beginPath(); c.moveTo(x, 3); c.lineTo(x, h - 4); c.stroke();
-      if (grave) { c.beginPath(); c.moveTo(x - 4, 0); c.lineTo(x + 4, 0); c.lineTo(x, 7); c.fill(); }
+      const grave = ["warning", "error", "fatal"].includes(one.severity), x = X(one.t), colour = grave ? colours.alarm : colours.sim;
+      line(c, [[x, 3], [x, h - 4]], colour, grave ? 2.4 : 1.6, grave ? [] : [4, 3]);
+      if (grave) area(c, [[x - 4, 0], [x + 4, 0], [x, 7]], colour);
     }
     const x = X(this.now_s);
-    c.strokeStyle = c.fillStyle = colours.ink;
-    c.lineWidth = 2;
-    c.beginPath(); c.moveTo(x, 0); c.lineTo(x, h); c.stroke();
-    c.beginPath(); c.arc(x, h - 5, 5, 0, 7); c.fill();
+    line(c, [[x, 0], [x, h]], colours.ink, 2);
+    dot(c, x, h - 5, 5, colours.ink);
   }
 
   /** Return the greatest error in each column of the scrub bar: off the route, or where there is none, off the truth. */
@@ -271,8 +254,8 @@ export class Replay {
     const rows = [["rms", centimetres, 1], ["most", centimetres, 1], ["honest", percent, -1], ["jerk", (x) => num(x, 3), 1]];
     const cell = (mine, other, shown, sign) => el("td", { class: sign * mine < sign * other ? "better" : null }, Number.isFinite(mine) ? shown(mine) : "–");
     this.tableNode.replaceChildren(
-      el("thead", {}, el("tr", {}, el("td", {}), el("th", { scope: "col" }, el("i", { class: "dot estimate" }), run.label), el("th", { scope: "col" }, el("i", { class: "dot ghosted" }), ghost.label))),
-      el("tbody", {}, ...rows.map(([name, shown, sign]) => el("tr", {}, el("th", { scope: "row" }, t(`compare.${name}`)), cell(a[name], b[name], shown, sign), cell(b[name], a[name], shown, sign)))));
+      el("thead", el("tr", el("td"), el("th", { scope: "col" }, el("i.dot.estimate"), run.label), el("th", { scope: "col" }, el("i.dot.ghosted"), ghost.label))),
+      el("tbody", ...rows.map(([name, shown, sign]) => el("tr", el("th", { scope: "row" }, t(`compare.${name}`)), cell(a[name], b[name], shown, sign), cell(b[name], a[name], shown, sign)))));
   }
 }
 

@@ -1,6 +1,6 @@
 // The list of runs: open one, put another beside it, read its report, take it home.
 
-import { el, show, write } from "./dom.js";
+import { el, region, show, write } from "./dom.js";
 import { duration, language, t } from "./strings.js";
 
 const PAGE = 25, MOST = 6; // runs of a page, and side by side
@@ -10,22 +10,22 @@ export class Runs {
 
   constructor(page) {
     this.page = page;
-    this.body = el("tbody", {});
-    this.empty = el("p", { class: "none" });
+    this.body = el("tbody");
+    this.empty = el("p.none");
     this.filter = el("input", { type: "search", placeholder: t("runs.filter"), "aria-label": t("runs.filter") });
     this.filter.addEventListener("input", () => { this.first = 0; this.fill(); });
     this.first = 0;
     this.chosen = new Set();
-    this.compare = el("button", { type: "button", class: "action primary", onclick: () => this.comparing() }, t("runs.compare"));
-    this.count = el("span", {});
-    const step = (sign, key, way) => el("button", { type: "button", class: "action", "aria-label": t(key), onclick: () => { this.first += way * PAGE; this.fill(); } }, sign);
-    this.pages = el("span", {});
+    this.compare = el("button.action.primary", { onclick: () => this.comparing() }, t("runs.compare"));
+    this.count = el("span");
+    const step = (sign, key, way) => el("button.action", { "aria-label": t(key), onclick: () => { this.first += way * PAGE; this.fill(); } }, sign);
+    this.pages = el("span");
     this.back = step("‹", "runs.before", -1);
     this.next = step("›", "runs.after", 1);
-    this.foot = el("footer", {}, this.count, this.compare, this.pages, this.back, this.next);
-    const head = ["name", "kind", "when", "long", "laps", "do"].map((key) => el("th", { scope: "col", class: `of-${key}` }, t(`runs.${key}`)));
-    this.node = el("section", { class: "card runs" }, el("header", {}, el("h2", {}, t("tab.runs")), this.filter),
-      el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": t("tab.runs") }, el("table", {}, el("thead", {}, el("tr", {}, ...head)), this.body), this.empty), this.foot);
+    this.foot = el("footer", this.count, this.compare, this.pages, this.back, this.next);
+    const head = ["name", "kind", "when", "long", "laps", "do"].map((key) => el(`th.of-${key}`, { scope: "col" }, t(`runs.${key}`)));
+    this.node = el("section.card.runs", el("header", el("h2", t("tab.runs")), this.filter),
+      region("div.scroll", t("tab.runs"), el("table", el("thead", el("tr", ...head)), this.body), this.empty), this.foot);
     this.list = [...this.node.children];
     this.fill();
   }
@@ -41,21 +41,21 @@ export class Runs {
   }
 
   #choose() {
-    write(this.count, this.chosen.size ? t("runs.chosen", { n: this.chosen.size }) : "");
+    write(this.count, this.chosen.size ? t("runs.chosen", { n: this.chosen.size }) : t("runs.how"));
     this.compare.disabled = this.chosen.size < 2;
   }
 
   /** Show the table of `compare` for the chosen runs; the smaller error is bold. */
   comparing() {
-    const back = el("button", { type: "button", class: "action", onclick: () => this.node.replaceChildren(...this.list) }, t("runs.back"));
-    const body = el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": t("runs.compare") }, el("p", { class: "none" }, t("runs.comparing")));
-    this.node.replaceChildren(el("header", {}, el("h2", {}, t("runs.compare")), back), body);
+    const back = el("button.action", { onclick: () => this.node.replaceChildren(...this.list) }, t("runs.back"));
+    const body = region("div.scroll", t("runs.compare"), el("p.none", t("runs.comparing")));
+    this.node.replaceChildren(el("header", el("h2", t("runs.compare")), back), body);
     back.focus();
     this.page.link.ask("compare", { runs: [...this.chosen] }, ({ names, sections, reasons, no }) => {
       if (no) { body.firstChild.textContent = no; return; }
-      const row = ({ label, unit, cells, best }) => el("tr", {}, el("th", { scope: "row" }, label, " ", el("small", {}, unit)), ...cells.map((cell, k) => el("td", { class: k === best ? "better" : null }, cell)));
-      body.replaceChildren(el("table", { class: "compared" }, el("thead", {}, el("tr", {}, el("td", {}), ...names.map((name) => el("th", { scope: "col" }, name)))),
-        ...sections.map(({ title, rows }) => el("tbody", {}, title ? el("tr", {}, el("th", { scope: "rowgroup", colspan: names.length + 1 }, title)) : null, ...rows.map(row)))), ...reasons.map((one) => el("p", { class: "none" }, one)));
+      const row = ({ label, unit, cells, best }) => el("tr", el("th", { scope: "row" }, label, " ", el("small", unit)), ...cells.map((cell, k) => el("td", { class: k === best ? "better" : null }, cell)));
+      body.replaceChildren(el("table.compared", el("thead", el("tr", el("td"), ...names.map((name) => el("th", { scope: "col" }, name)))),
+        ...sections.map(({ title, rows }) => el("tbody", title ? el("tr", el("th", { scope: "rowgroup", colspan: names.length + 1 }, title)) : null, ...rows.map(row)))), ...reasons.map((one) => el("p.none", one)));
     });
   }
 
@@ -77,11 +77,11 @@ export class Runs {
     this.body.replaceChildren(...listed.slice(this.first, last).map((one) => {
       const isOpen = one.id === openId, path = encodeURIComponent(one.id);
       return el("tr", { "aria-current": isOpen ? "true" : null },
-        el("th", { scope: "row", class: "of-name" }, el("label", {}, this.#box(one), one.name)), el("td", { class: "of-kind" }, one.kind ? el("span", { class: "chip plain" }, kindOf(one.kind)) : "–"), el("td", { class: "of-when" }, whenOf(one.when)),
-        el("td", { class: "of-long" }, Number.isFinite(one.seconds) && one.seconds !== null ? duration(one.seconds) : "–"), el("td", { class: "of-laps" }, one.laps ?? "–"),
-        el("td", { class: "of-do" }, el("div", { class: "do" },
-          el("button", { type: "button", class: "primary", onclick: () => page.openRun(one.id, null) }, t("runs.open")),
-          openId && !isOpen ? el("button", { type: "button", onclick: () => page.openRun(openId, one.id) }, t("runs.beside")) : null,
+        el("th.of-name", { scope: "row" }, el("label", this.#box(one), one.name)), el("td.of-kind", one.kind ? el("span.chip.plain", kindOf(one.kind)) : "–"), el("td.of-when", whenOf(one.when)),
+        el("td.of-long", Number.isFinite(one.seconds) && one.seconds !== null ? duration(one.seconds) : "–"), el("td.of-laps", one.laps ?? "–"),
+        el("td.of-do", el("div.do",
+          el("button.primary", { onclick: () => page.openRun(one.id, null) }, t("runs.open")),
+          openId && !isOpen ? el("button", { onclick: () => page.openRun(openId, one.id) }, t("runs.beside")) : null,
           one.report === false ? null : el("a", { href: `/report/${path}`, target: "_blank", rel: "noopener" }, t("runs.report")),
           el("a", { href: `/run/${path}`, download: true }, t("runs.download")))));
     }));

@@ -1,7 +1,7 @@
 // Strips: a signal against time, one line a pixel column from its least to its greatest value.
 
-import { begin, colours, follow } from "./canvas.js";
-import { el, write } from "./dom.js";
+import { begin, colours, follow, line } from "./canvas.js";
+import { el, key, region, write } from "./dom.js";
 import { t, three } from "./strings.js";
 
 const LINES = {
@@ -9,7 +9,7 @@ const LINES = {
   model: { colour: "model", width: 1.7, dash: [], alpha: 1 },
   applied: { colour: "ink", width: 1.4, dash: [], alpha: 1 },
   asked: { colour: "ghost", width: 1.4, dash: [4, 3], alpha: 1 },
-  ghost: { colour: "ghost", width: 1.2, dash: [], alpha: 0.85 },
+  ghost: { colour: "ghost", width: 1.4, dash: [6, 3], alpha: 1 },
 };
 
 export class Strip {
@@ -17,9 +17,9 @@ export class Strip {
   constructor({ title, unit, traces, band = null, scale = 1 }) {
     Object.assign(this, { title, traces, band, scale });
     this.canvas = follow(el("canvas", { "aria-hidden": "true" }));
-    this.values = traces.map(({ line }) => el("b", { class: `value ${line}` }));
-    this.node = el("figure", { class: "strip" },
-      el("figcaption", {}, el("b", {}, title), " ", el("span", { class: "unit" }, unit), el("span", { class: "values" }, ...this.values)),
+    this.values = traces.map(({ line }) => el(`b.value.${line}`));
+    this.node = el("figure.strip",
+      el("figcaption", el("b", title), " ", el("span.unit", unit), el("span.values", ...this.values)),
       this.canvas);
     this.low = this.high = NaN;
   }
@@ -54,12 +54,7 @@ export class Strip {
     if (sd) band(c, time, sd, first, last, from, X, Y, w, false);
     if (cursor !== null) {
       const x = (cursor - from) * X;
-      c.strokeStyle = colours.ink;
-      c.lineWidth = 1.4;
-      c.beginPath();
-      c.moveTo(x, 0);
-      c.lineTo(x, h);
-      c.stroke();
+      line(c, [[x, 0], [x, h]], colours.ink, 1.4);
     }
   }
 
@@ -86,19 +81,11 @@ export class Strip {
 
   #axes(c, w, h, Y, from, to, X) {
     const step = to - from > 150 ? 60 : to - from > 45 ? 10 : to - from > 15 ? 5 : 1;
-    c.strokeStyle = colours.grid;
-    c.lineWidth = 1;
-    c.beginPath();
-    for (let s = Math.ceil(from / step) * step; s < to; s += step) { const x = Math.round((s - from) * X) + 0.5; c.moveTo(x, 0); c.lineTo(x, h); }
-    c.stroke();
-    if (this.low < 0 && this.high > 0) {
-      const y = Math.round(Y(0)) + 0.5;
-      c.strokeStyle = colours.line;
-      c.beginPath();
-      c.moveTo(0, y);
-      c.lineTo(w, y);
-      c.stroke();
-    }
+    const ways = [];
+    for (let s = Math.ceil(from / step) * step; s < to; s += step) { const x = Math.round((s - from) * X) + 0.5; ways.push([x, 0], [x, h], null); }
+    line(c, ways, colours.grid, 1);
+    const zero = Math.round(Y(0)) + 0.5;
+    if (this.low < 0 && this.high > 0) line(c, [[0, zero], [w, zero]], colours.line, 1);
   }
 }
 
@@ -163,12 +150,12 @@ export function groupsOf(record, vehicle) {
     if (low === high || !known(`u.${k}`)) return;
     commands.push(new Strip({ title: record.field(`u.${k}`).label, unit, traces: [{ name: `u.${k}`, line: "applied" }, ...(known(`asked.${k}`) ? [{ name: `asked.${k}`, line: "asked" }] : [])] }));
   });
-  return [["measured", measured, ["measured", "model"]], ["innovations", innovations, ["measured", "band"]], ["commands", commands, ["applied", "asked"]]].filter(([, strips]) => strips.length);
+  return [["measured", measured, ["measured", "model"]], ["innovations", innovations, ["band"]], ["commands", commands, ["applied", "asked"]]].filter(([, strips]) => strips.length);
 }
 
 /** The list of strips, each group under its own line that says what the lines mean. */
 export function stripList(groups) {
-  const key = (kind) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(kind === "measured" ? "strip.measured" : `strip.${kind}`));
-  return el("div", { class: "strip-list", tabindex: "0", role: "region", "aria-label": t("strips") }, ...groups.flatMap(([name, strips, kinds]) => [
-    el("div", { class: "group" }, el("h2", {}, t(`strips.${name}`)), ...kinds.filter((kind) => !(name === "innovations" && kind === "measured")).map(key)), ...strips.map((one) => one.node)]));
+  const keys = (kinds) => kinds.map((kind) => key(kind, t(`strip.${kind}`)));
+  return region("div.strip-list", t("strips"), ...groups.flatMap(([name, strips, kinds]) => [
+    el("div.group", el("h2", t(`strips.${name}`)), ...keys(kinds)), ...strips.map((one) => one.node)]));
 }

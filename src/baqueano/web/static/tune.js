@@ -1,8 +1,7 @@
 // Gains of the controller: what a lap costs over two of them, sliders that simulate a lap at each move, the way downhill.
 
-import { begin, colours, follow } from "./canvas.js";
-import { calm, el, show, write } from "./dom.js";
-import { mapKey } from "./drive.js";
+import { begin, colours, dot, follow, line } from "./canvas.js";
+import { calm, el, empty, key, number, select, show, write } from "./dom.js";
 import { Map2D } from "./map.js";
 import { length, num, t, three } from "./strings.js";
 
@@ -22,7 +21,7 @@ export class Tune {
 
   constructor(page) {
     this.page = page;
-    this.node = el("div", { class: "tune" });
+    this.node = el("div.tune");
     this.live = page.hello.mode === "live";
   }
 
@@ -36,14 +35,14 @@ export class Tune {
 
   /** Ask for the gains, on a route of this name or the first of the list. */
   prepare(route) {
-    const empty = (title, text = "") => this.node.replaceChildren(el("section", { class: "card empty" }, el("h2", {}, t(title)), el("p", {}, text)));
-    if (!this.live && !this.page.opened) { empty("replay.none"); return; }
-    empty("tune.preparing", t("tune.preparing-how"));
+    const instead = (title, text = "") => this.node.replaceChildren(empty(t(title), el("p", text)));
+    if (!this.live && !this.page.opened) { instead("replay.none"); return; }
+    instead("tune.preparing", t("tune.preparing-how"));
     this.swapped = this.page.hello.swapped?.controller;
     this.page.link.ask("tune", { ...this.run, route }, (word) => {
       if (!word.no) this.build(word);
       else if (route) this.prepare();
-      else empty("tune.none", word.no);
+      else instead("tune.none", word.no);
     });
   }
 
@@ -52,33 +51,26 @@ export class Tune {
     Object.assign(this, { about, gains, land: null, way: null, lap: null, ofFile: null, undos: [], price: about.price, axes: [Math.max(last - 1, 0), last] });
     this.file = gains.every((one) => one.file !== null) ? gains.map((one) => one.file) : null;
     this.values = gains.map((one, k) => this.force?.[k] ?? one.value);
-    const select = (label, options, onpick) => {
-      const node = el("select", { "aria-label": label }, ...options.map(([text, selected]) => el("option", { value: text.value ?? text, selected }, text.text ?? text)));
-      node.addEventListener("change", () => onpick(node));
-      return node;
-    };
-    const axis = (key, k) => select(t(key), gains.map(({ name }, n) => [name, n === this.axes[k]]), ({ selectedIndex }) => { this.axes[k] = selectedIndex; this.survey(); });
-    const named = (name) => { const key = `shape.${name}`, text = t(key); return { value: name, text: text === key ? name : text }; };
-    const route = select(t("tune.route"), about.routes.map((one) => [named(one), one === about.route]), ({ value }) => this.prepare(value));
-    const key = (kind, text) => el("span", { class: `key ${kind}` }, el("i", { "aria-hidden": "true" }), t(text));
-    const button = (name, act, more = "") => (this.do[name] = el("button", { type: "button", class: `action ${more}`, onclick: act }, t(`tune.${name}`)));
-    this.canvas = follow(el("canvas", { class: "land", role: "img", "aria-label": t("tune.landscape") }));
+    const axis = (name, k) => select(t(name), gains.map((one) => one.name), gains[this.axes[k]].name, (picked) => { this.axes[k] = gains.findIndex((one) => one.name === picked); this.survey(); });
+    const named = (name) => { const shape = `shape.${name}`, text = t(shape); return [name, text === shape ? name : text]; };
+    const route = select(t("tune.route"), about.routes.map(named), about.route, (value) => this.prepare(value));
+    const button = (name, act, more = "") => (this.do[name] = el(`button.action.${more}`, { onclick: act }, t(`tune.${name}`)));
+    this.canvas = follow(el("canvas.land", { role: "img", "aria-label": t("tune.landscape") }));
     this.#pointing();
     this.map = new Map2D();
-    this.numbers = Object.fromEntries(["here", "file", "full"].map((name) => [name, [el("b", {}), el("span", {})]]));
-    const big = el("div", { class: "numbers" }, ...Object.entries(this.numbers).map(([name, much]) => el("div", { class: `number of-${name}` }, el("span", { class: "of" }, t(`tune.${name}`)), el("span", { class: "much" }, ...much))));
-    this.map.beside = { get width() { return getComputedStyle(big).position === "absolute" ? big.offsetWidth : 0; } };
+    this.numbers = Object.fromEntries(["here", "file", "full"].map((name) => [name, [el("b"), el("span")]]));
+    const big = el("div.numbers", ...Object.entries(this.numbers).map(([name, much]) => { const one = number(t(`tune.${name}`), ...much); one.classList.add(`of-${name}`); return one; }));
     this.sliders = gains.map((one, k) => slider(one, one.file, (x) => { this.values[k] = x; this.moved(this.axes.includes(k)); }));
     this.sliders.push(slider({ ...PRICE, name: t("tune.price"), meaning: t("tune.price-meaning") }, about.price, (x) => { this.price = x; this.way = null; this.put(); this.#paint(); }));
     this.do = {};
-    [this.surveyed, this.state, this.said] = [el("span", {}), el("span", { class: "chip" }), el("p", { role: "status" })];
+    [this.surveyed, this.state, this.said] = [el("span"), el("span.chip"), el("p", { role: "status" })];
     show(this.state, this.live);
     this.node.replaceChildren(
-      el("section", { class: "card landscape" }, el("header", {}, el("h2", {}, t("tune.cost")), this.surveyed, el("div", { class: "pick" }, axis("tune.across", 0), axis("tune.up", 1))), this.canvas),
-      el("section", { class: "card map-card" }, el("div", { class: "legend map-legend" }, key("route", "map.route"), key("estimate", "tune.these"), key("ghosted", "tune.of-file")), this.map.canvas, this.map.buttons, big),
-      el("section", { class: "card gains", "aria-label": t("tune.gains") }, el("header", {}, el("h2", {}, about.controller), this.said, this.state, el("label", { class: "pick" }, t("tune.route"), route)),
-        el("div", { class: "sliders" }, ...this.sliders.map((one) => one.node)),
-        el("div", { class: "actions" }, button("downhill", () => this.downhill()), button("back", () => this.jump(this.file)),
+      el("section.card.landscape", el("header", el("h2", t("tune.cost")), this.surveyed, el("div.pick", axis("tune.across", 0), axis("tune.up", 1))), this.canvas),
+      this.map.card([key("route", t("map.route")), key("estimate", t("tune.these")), key("ghosted", t("tune.of-file"))], big),
+      el("section.card.gains", { "aria-label": t("tune.gains") }, el("header", el("h2", about.controller), this.said, this.state, el("label.pick", t("tune.route"), route)),
+        el("div.sliders", ...this.sliders.map((one) => one.node)),
+        el("div.actions", button("downhill", () => this.downhill()), button("back", () => this.jump(this.file)),
           ...(this.live ? [button("write", () => this.page.link.send({ is: "write", gains: this.values, route: about.route })), button("undo", () => this.undo()), button("apply", () => this.apply(), "primary")] : []))));
     if (this.file) this.page.link.ask("lap", { ...this.asked, gains: this.file }, (word) => { this.ofFile = word.x ? word : null; });
     this.moved(false);
@@ -160,7 +152,7 @@ export class Tune {
   buttons() {
     if (!this.about || !this.live) return;
     const { force, page } = this, same = force?.every((x, k) => Math.abs(x - this.values[k]) <= 1e-6 * Math.abs(x)), may = page.hello.role === "drive";
-    const drives = page.hand?.mine && ["MISSION", "MANUAL"].includes(page.state.state) && page.state.t_s !== 0 && force; // at 0 it is still prepared
+    const drives = page.hand?.mine && page.moves && page.state.t_s !== 0 && force; // at 0 it is still prepared
     this.do.apply.disabled = !drives || same;
     this.do.undo.disabled = !drives || !this.undos.length;
     this.do.write.disabled = !may || !this.about.file;
@@ -170,7 +162,7 @@ export class Tune {
     this.state.classList.toggle("gold", !same);
   }
 
-  key(event, down) { return Boolean(this.map) && mapKey(this.map, event, down); }
+  key(event, down) { return Boolean(this.map?.key(event, down)); }
 
   #pointing() {
     const { canvas } = this, at = ({ offsetX, offsetY }) => {
@@ -224,20 +216,10 @@ export class Tune {
     c.rotate(-Math.PI / 2);
     text(up, 0, 0, "center", ink);
     c.restore();
-    c.strokeStyle = ink;
-    c.lineWidth = 2;
-    c.setLineDash([5, 4]);
-    c.beginPath();
-    for (const x of this.way?.places ?? []) c.lineTo(X(x[this.axes[0]]), Y(x[this.axes[1]]));
-    c.stroke();
-    c.setLineDash([]);
+    line(c, (this.way?.places ?? []).map((x) => [X(x[this.axes[0]]), Y(x[this.axes[1]])]), ink, 2, [5, 4]);
     const point = (values, words, colour) => {
       const [x, y] = at(values), wide = c.measureText(words).width + 0.9 * rem, left = X(x) + (x > 0.7 ? -0.8 * rem - wide : 0.8 * rem);
-      c.beginPath();
-      c.arc(X(x), Y(y), 0.5 * rem, 0, 7);
-      c.fillStyle = colour;
-      c.fill();
-      c.stroke();
+      dot(c, X(x), Y(y), 0.5 * rem, colour, ink);
       c.beginPath();
       c.roundRect(left, Y(y) - 0.75 * rem, wide, 1.5 * rem, 5);
       c.fillStyle = colours.card;
@@ -274,7 +256,7 @@ export class Tune {
 
 /** A slider for a gain: small ones have as much room as large ones; a mark where the file's stands. */
 function slider(one, file, onmove) {
-  const { name, meaning, unit } = one, input = el("input", { type: "range", min: 0, max: 1000, "aria-label": `${name}, ${meaning}` }), value = el("b", {}), track = el("div", { class: "track" }, input);
+  const { name, meaning, unit } = one, input = el("input", { type: "range", min: 0, max: 1000, "aria-label": `${name}, ${meaning}` }), value = el("b"), track = el("div.track", input);
   input.addEventListener("input", () => onmove(gainOf(one, input.value / 1000)));
   if (file !== null) track.append(el("i", { "aria-hidden": "true" }));
   track.style.setProperty("--at", placeOf(one, file ?? 0));
@@ -285,7 +267,7 @@ function slider(one, file, onmove) {
     input.setAttribute("aria-valuetext", `${three(g)} ${unit}`);
     write(value, three(g));
   };
-  return { put, node: el("div", { class: "gain" }, el("p", {}, el("b", {}, name), el("span", { class: "meaning" }, meaning), el("span", { class: "much" }, value, el("span", {}, unit))), track) };
+  return { put, node: el("div.gain", el("p", el("b", name), el("span.meaning", meaning), el("span.much", value, el("span", unit))), track) };
 }
 
 /** A lap as the map draws a trail. */

@@ -74,13 +74,13 @@ class Shaking:
             raise UsageError(fault("shake.no-inertia", kind=one.kind))
         if one.kind == "push" and not self._mass_kg:
             raise UsageError(fault("shake.no-mass", found=f"{hypot(one.x, one.y):g} N s"))
-        known: list[str] = []
+        places: list[str] = []
         if one.kind in OF_SENSOR:
-            known = list(self.names)
+            places = list(self.names)
         if one.kind in OF_CHANNEL:
-            known = [f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)]
-        if (one.kind in OF_SENSOR or one.kind in OF_CHANNEL) and one.of not in known:
-            raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known=known))
+            places = [f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)]
+        if (one.kind in OF_SENSOR or one.kind in OF_CHANNEL) and one.of not in places:
+            raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known=places))
         if one.kind == "slip" and self._motors < 2 and one.of != "all":
             raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known="all"))
         return one

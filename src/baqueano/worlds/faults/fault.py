@@ -90,8 +90,8 @@ class Fault:
             value = getattr(self, name)
             right = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
             if not (right and low <= value <= high):
-                known = {"kind": self.kind, "name": name, "low": low, "high": high}
-                raise UsageError(fault("shake.number", found=repr(value)[:40], **known))
+                limits = {"kind": self.kind, "name": name, "low": low, "high": high}
+                raise UsageError(fault("shake.number", found=repr(value)[:40], **limits))
         if self.kind in OF_WHEEL and self.of not in WHEELS:
             raise UsageError(fault("shake.of", kind=self.kind, found=repr(self.of)[:40], known=WHEELS))
         if self.frame not in ("body", "map"):
@@ -108,7 +108,7 @@ class Fault:
         """Return its fields."""
         return asdict(self)
 
-    def shown(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
+    def message(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
         """Return its message, which holds all of its numbers; `psi_rad` is the heading of the vehicle."""
         much, toward = hypot(self.x, self.y), atan2(self.y, self.x)
         if self.kind == "push" and self.frame == "map":
@@ -126,9 +126,9 @@ class Fault:
         return note(f"shake.{self.kind}", subject=SOURCE, number=number, **self.to_json(), **more)
 
     @classmethod
-    def of_diagnostic(cls, said: Diagnostic) -> Self:
+    def of_diagnostic(cls, message: Diagnostic) -> Self:
         """Return the fault that a message shows."""
-        return cls(**{one.name: said.figures[one.name] for one in fields(cls)})
+        return cls(**{one.name: message.figures[one.name] for one in fields(cls)})
 
     @classmethod
     def of_words(cls, words: Wanted) -> Self:
@@ -139,9 +139,9 @@ class Fault:
             return words
         if isinstance(words, str):
             return cls(**fields_of(words))
-        known = [one.name for one in fields(cls)]
-        if not isinstance(words, Mapping) or "kind" not in words or not set(words) <= set(known):
-            raise UsageError(fault("shake.fields", found=repr(words)[:120], known=known))
+        names = [one.name for one in fields(cls)]
+        if not isinstance(words, Mapping) or "kind" not in words or not set(words) <= set(names):
+            raise UsageError(fault("shake.fields", found=repr(words)[:120], known=names))
         named: JsonObject = dict(words)
         for name, value in words.items():
             if isinstance(value, int) and not isinstance(value, bool):
@@ -154,15 +154,15 @@ class Fault:
 def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fault]:
     """Return the faults that the events of a run show, (time [ns], source, message) each, in their order: what was
     ended by a person lasts until then."""
-    found: dict[int, Fault] = {}
-    for _, source, said in events:
-        if source != SOURCE or said is None:
+    by_number: dict[int, Fault] = {}
+    for _, source, message in events:
+        if source != SOURCE or message is None:
             continue
-        number = int(said.figures["number"])
-        if said.code == "shake.over":
-            at_s = found[number].at_s
-            found[number] = replace(found[number], for_s=float(said.figures["for_s"]))
-            assert found[number].at_s == at_s
+        number = int(message.figures["number"])
+        if message.code == "shake.over":
+            at_s = by_number[number].at_s
+            by_number[number] = replace(by_number[number], for_s=float(message.figures["for_s"]))
+            assert by_number[number].at_s == at_s
         else:
-            found[number] = Fault.of_diagnostic(said)
-    return list(found.values())
+            by_number[number] = Fault.of_diagnostic(message)
+    return list(by_number.values())

@@ -166,16 +166,16 @@ class Ledger:
         self._refused.clear()
         self._sum, self._count = 0.0, 0
 
-    def _noticed(self, who: str, t_s: float, said: Diagnostic) -> None:
+    def _noticed(self, who: str, t_s: float, message: Diagnostic) -> None:
         watched = [row for row in self.rows if row.watched(t_s)]
         if not watched:
             return
-        name = said.subject.partition("[")[0]
+        name = message.subject.partition("[")[0]
         own = [row for row in watched if row.fault.kind in (*OF_CHANNEL, *OF_SENSOR)
                and row.fault.of.partition("[")[0] == name]  # fmt: skip
         row = (own if who == "monitor" and own else watched)[-1]
         if who not in [one.who for one in row.noticed]:
-            row.noticed.append(LedgerNotice(who, t_s - row.fault.at_s, said))
+            row.noticed.append(LedgerNotice(who, t_s - row.fault.at_s, message))
 
     def _gate(self, t_s: float, weight: np.ndarray) -> None:
         refused = int(np.sum(weight < 0.5))

@@ -35,35 +35,35 @@ FORMS = {
 
 
 def fields_of(words: str) -> JsonObject:
-    """Return the fields of the fault. UsageError where the words are none."""
+    """Return the fields of the fault. UsageError for other words."""
     when = WHEN.fullmatch(words)
     form, example = FORMS.get(when[3] if when else "", (None, ""))
     if when is None or form is None:
-        known = ", ".join(f'"{kind} {one}"' for kind, (_, one) in FORMS.items())
-        raise UsageError(fault("shake.words", found=repr(words)[:80], known=known))
-    said = form.fullmatch(when[4])
-    if said is None:
+        forms = ", ".join(f'"{kind} {one}"' for kind, (_, one) in FORMS.items())
+        raise UsageError(fault("shake.words", found=repr(words)[:80], known=forms))
+    match = form.fullmatch(when[4])
+    if match is None:
         raise UsageError(fault("shake.form", found=repr(words)[:80], kind=when[3], example=example))
     begin, end = float(when[1]), None if when[2] is None else float(when[2])
-    more = _of_kind(when[3], said.groups())
+    more = _of_kind(when[3], match.groups())
     for_s = None if end is None or when[3] == "push" else end - begin
     return {"kind": when[3], "at_s": begin, "for_s": for_s, **more}
 
 
-def _of_kind(kind: str, said: tuple[str, ...]) -> JsonObject:
+def _of_kind(kind: str, groups: tuple[str, ...]) -> JsonObject:
     match kind:
         case "push":
-            x, y = WAYS[said[1]]
-            return {"x": x * float(said[0]), "y": y * float(said[0])}
+            x, y = WAYS[groups[1]]
+            return {"x": x * float(groups[0]), "y": y * float(groups[0])}
         case "tilt":
-            rise, toward = radians(float(said[0])), radians(float(said[1] or 0.0))
+            rise, toward = radians(float(groups[0])), radians(float(groups[1] or 0.0))
             return {"x": rise * cos(toward), "y": rise * sin(toward)}
         case "cut":
-            return {"of": said[0]}
+            return {"of": groups[0]}
         case "drift":
-            return {"of": said[0], "size": float(said[1])}
+            return {"of": groups[0], "size": float(groups[1])}
         case "spikes":
-            return {"of": said[0], "size": float(said[1]), "part": float(said[2]) / 100.0}
+            return {"of": groups[0], "size": float(groups[1]), "part": float(groups[2]) / 100.0}
         case "slip":
-            return {"of": said[0], "part": float(said[1]) / 100.0}
-    return {"part": float(said[0]) / 100.0}
+            return {"of": groups[0], "part": float(groups[1]) / 100.0}
+    return {"part": float(groups[0]) / 100.0}

@@ -18,29 +18,28 @@ TEMPLATES: dict[str, str] = {
     "when.large-command": "at a command of 1e9",
     "when.clock": "with a clock that begins at {begin_ns:.2g} ns",
     "check.no-commands": (
-        "{place}: {subject} lacks commands: write commands: ClassVar[int] = 3, the length of its command."
+        "{place}: {subject} does not have commands: write commands: ClassVar[int] = 3, the "
+        "length of its command."
     ),
     "check.no-drivetrain": (
-        "{place}: {subject} lacks a drivetrain: estimators ask it what the body feels. Give it "
-        "Drivetrain(commands=n)."
+        "{place}: {subject} does not have a drivetrain, and estimators need one for the forces "
+        "on the body. Give it Drivetrain(commands=n)."
     ),
-    "check.no-attribute": "{place}: {subject} lacks {name}.",
-    "check.no-method": "{place}: {subject} lacks {name}().",
+    "check.no-attribute": "{place}: {subject} does not have {name}.",
+    "check.no-method": "{place}: {subject} does not have {name}().",
     "check.not-frozen": (
-        "{place}: {subject} can be changed after it is built. Write @dataclass(frozen=True, slots=True, eq=False) "
-        "above it, so that a replay meets the same block."
+        "{place}: {subject} can be changed after it is made. Write @dataclass(frozen=True, "
+        "slots=True, eq=False) above it, so that a replay uses the same block."
     ),
     "check.changes-arguments": (
         "{place}: {subject} changes its arguments ({when}): make new arrays and NamedTuples, x._replace(…), never "
         "x[…] = …"
     ),
     "check.two-answers": (
-        "{place}: {subject} gives two answers to the same question ({when}): it may depend on its arguments and the "
-        "block's parameters alone."
+        "{place}: {subject} is not deterministic ({when}): its output may depend only on its "
+        "arguments and the block's parameters."
     ),
-    "check.changes-itself": (
-        "{place}: {subject} changes the block itself ({when}): what is remembered goes into the state."
-    ),
+    "check.changes-itself": "{place}: {subject} changes the block itself ({when}). Put memory into the state.",
     "check.returns": "{place}: {subject} returns {found}: expected {expected}.",
     "check.values": "{place}: {subject} returns {count} values ({when}): expected two, (state, output).",
     "check.one-value": "{place}: {subject} returns {found} alone ({when}): expected two, (state, output).",
@@ -58,60 +57,59 @@ TEMPLATES: dict[str, str] = {
     ),
     "check.raises": "{place}: {subject} raises {error} ({when}).",
     "check.raises-on-line": "{place}: {subject} raises {error} on line {line} ({when}).",
-    "check.moves-by-itself": (
-        "{place}: {subject} moves {moved} within 2 s without a command, on a level floor."
-    ),
-    "check.gains-speed": (
-        "{place}: {subject} gains speed without a command: ν goes from {before} to {after}."
-    ),
+    "check.moves-by-itself": "{place}: {subject} moves {moved} within 2 s without a command, on a level floor.",
+    "check.gains-speed": "{place}: {subject} gains speed without a command: ν goes from {before} to {after}.",
     "check.no-noise": (
-        "{place}: {subject} has a cov with 0 on its diagonal: an estimator would divide by it. Give it some noise."
+        "{place}: {subject} has a cov with 0 on its diagonal, so an estimator would divide by 0. "
+        "Give it some noise."
     ),
-    "check.has": "{place}: {subject} says has = {found}: expected 1.0 where a measurement arrived, else 0.0.",
+    "check.has": "{place}: {subject} gives has = {found}: expected 1.0 where a measurement arrived, else 0.0.",
     "check.has-not": "{place}: {subject} gives a measurement with has = 0: its z must be zeros then.",
     "check.rate": (
-        "{place}: {subject} answers {answers} times in {lasted_s:g} s: rate_hz = {rate_hz:g} promises {wanted:.0f}."
+        "{place}: {subject} gives {answers} measurements in {lasted_s:g} s: rate_hz = "
+        "{rate_hz:g} requires {wanted:.0f}."
     ),
     "check.sure-without-sensors": (
-        "{place}: {subject} is as sure of its position after 2 s without any sensor as before: predict at every tick, "
-        "and let the covariance grow."
+        "{place}: {subject} gives the same covariance of the position after 2 s without sensors. "
+        "Predict at every tick, so that the covariance grows."
     ),
     "check.full-turn": (
-        "{place}: {subject} gives another command when ψ of the reference is a full turn further: wrap the difference."
+        "{place}: {subject} gives another command when a full turn is added to ψ of the "
+        "reference: wrap the difference."
     ),
     "check.world-moved": (
-        "{place}: {subject} gives another command when the whole world is moved and turned: work with "
-        "geometry.pose_error, the reference seen from the vehicle."
+        "{place}: {subject} gives another command when the whole map is moved and turned. Work "
+        "with geometry.pose_error, the error in the frame of the vehicle."
     ),
-    "check.done": "{place}: {subject} says done = {found}: expected 1.0 when nothing more is asked for, else 0.0.",
+    "check.done": "{place}: {subject} gives done = {found}: expected 1.0 at the end of the route, else 0.0.",
     "check.lets-through": "{place}: {subject} lets {u} through after a NaN in {what}: expected zeros.",
     "check.drives-again": (
-        "{place}: {subject} lets the vehicle drive again by itself after a NaN in {what}: a stop is for good."
+        "{place}: {subject} lets the vehicle drive again by itself after a NaN in {what}: a stop is final."
     ),
     "check.beyond-limit": "{place}: {subject} lets {u} through, beyond its limit {limit}.",
     "check.clock": (
-        "{place}: {subject} gives another {name} when the clock begins at {begin_ns:.2g} ns, a time since 1970, than "
-        "when it begins at 0 (tick {tick}: {found}, not {expected}): count time from the first tick. Keep t_ns in the "
-        "state, -1 before there was a tick."
+        "{place}: {subject} gives another {name} when the clock begins at {begin_ns:.2g} ns (a "
+        "time since 1970) than at 0 (tick {tick}: {found}, not {expected}). Count time from the "
+        "first tick: keep t_ns in the state, -1 before the first tick."
     ),
-    "check.slow": "{place}: {subject} works, but cannot be compiled, so simulations with it are slow: {cause}",
+    "check.slow": "{place}: {subject} works, but it cannot be compiled, so simulations with it are slow: {cause}",
     "check.not-compiled": "{place}: {subject} works, but cannot be compiled: {error}",
     "check.compiled-otherwise": (
-        "{place}: {subject} gives other numbers when it is compiled: does it depend on anything but its arguments and "
-        "fields?"
+        "{place}: {subject} gives other numbers when it is compiled. It may depend only on its "
+        "arguments and fields."
     ),
     "outside.imports": "{place} imports {name}: {instead}.",
     "outside.draws": "{place} uses numpy's random numbers: {instead}.",
     "outside.calls": "{place} calls {name}(): {instead}.",
     "outside.global": "{place} writes the global {name}: {instead}.",
     "outside.time": "time comes with the signal: seconds(tick.t_ns, belief.t_ns)",
-    "outside.random": "noise comes from outside, drawn from the seed of the run",
-    "outside.machine": "a block knows no files and no machine; parameters come from the vehicle file",
-    "outside.files": "a block knows no files; parameters come from the vehicle file",
-    "outside.talks": "a block exchanges data with the loop alone: its inputs come with the tick",
-    "outside.threads": "a block runs only when the loop calls step(), once a tick",
-    "outside.starts": "a block starts nothing",
-    "outside.prints": "a block prints nothing; what it says goes into its output",
-    "outside.asks": "a block asks nobody",
-    "outside.state": "what is remembered goes into the state",
+    "outside.random": "random numbers come in as inputs, drawn from the seed of the run",
+    "outside.machine": "a block cannot use files or the system; its parameters come from the vehicle file",
+    "outside.files": "a block cannot read files; its parameters come from the vehicle file",
+    "outside.talks": "a block has inputs from the loop only: they come with the tick",
+    "outside.threads": "a block runs only when the loop calls step(), once per tick",
+    "outside.starts": "a block cannot start other programs",
+    "outside.prints": "a block cannot print; put the value into its output",
+    "outside.asks": "a block cannot ask the user",
+    "outside.state": "put memory into the state",
 }

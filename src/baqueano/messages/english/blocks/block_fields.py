@@ -21,8 +21,10 @@ TEMPLATES: dict[str, str] = {
         "greater than 0. To take every measurement, set gate_sigma = inf."
     ),
     "ekf.initial-std": "initial_std = {found}: expected 9 numbers greater than 0, for (η, ν, ν̇).",
-    "field.use": 'use = "{found}": the vehicle lacks this sensor; it has {known}.',
-    "unscented.no-acceleration": "{vehicle} lacks nu_dot, its acceleration, which is a state: take ekf.",
+    "field.use": 'use = "{found}": the vehicle does not have this sensor; it has {known}.',
+    "unscented.no-acceleration": (
+        "{vehicle} does not have nu_dot, its acceleration, which this filter estimates: use ekf."
+    ),
     "route.shapes": (
         "the route has t_s {t_s}, eta {eta}, nu {nu}: expected (m,), (m, 3), (m, 3) with the same m "
         "of at least 2."
@@ -63,8 +65,8 @@ TEMPLATES: dict[str, str] = {
         "delay_slots = delay_s · rate_hz rounded up, {slots} at 100 Hz."
     ),
     "drivetrain.lag-tiny": (
-        "Drivetrain.lag_s = {lag_s:.3g} s is too small to compute with: give 0 for motors that follow at once, or "
-        "their time constant, usually 0.01 to 0.2 s."
+        "Drivetrain.lag_s = {lag_s:.3g} s is too small for the computation: give 0 for motors "
+        "without lag, or their time constant, usually 0.01 to 0.2 s."
     ),
     "drivetrain.mixing": "Drivetrain.mixing = {found}: expected one of {known}.",
     "drivetrain.battery": "Drivetrain.battery = {found}: expected one of {known}.",
@@ -75,8 +77,8 @@ TEMPLATES: dict[str, str] = {
         "with {commands} commands, or (1,) for all."
     ),
     "friction.track": (
-        "Friction.track_m = 0 with dry friction of a wheel: expected the distance from the left wheel to the "
-        "right one [m], which says how the wheels turn the vehicle."
+        "Friction.track_m = 0 with dry friction of a wheel: expected the distance from the left "
+        "to the right wheel [m], by which the wheels turn the vehicle."
     ),
     "vehicle.commands-of-kinematic": (
         "Kinematic has {commands} commands (u_x, u_y, u_psi), its drivetrain {of_drivetrain}: give "
@@ -86,14 +88,15 @@ TEMPLATES: dict[str, str] = {
         "Planar has {commands} commands (u_x, u_y, u_psi), its drivetrain {of_drivetrain}: give "
         "Drivetrain(commands=3)."
     ),
-    "replay.empty": "{run}: no tick to replay, the run is empty.",
+    "replay.empty": "{run} is empty: it does not have a tick to replay.",
     "robot.mixing": (
         '[model.drivetrain] mixing = "{mixing}": the firmware drives a left and a right wheel. Write: mixing = '
         '"two_wheels"'
     ),
     "room.too-small": (
-        "the vehicle cannot be kept in a room of {width_m:g} × {height_m:g} m: its corridor passes the wall by "
-        "{beyond_m:.2f} m even where no command is given. Give a larger room, or start further from the wall."
+        "the vehicle cannot stay in a room of {width_m:g} × {height_m:g} m: its corridor passes "
+        "the wall by {beyond_m:.2f} m even without a command. Give a larger room, or start "
+        "further from the wall."
     ),
     "field.role": "role = {found}: expected one of {known}.",
 }

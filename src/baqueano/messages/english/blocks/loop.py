@@ -7,7 +7,7 @@ TEMPLATES: dict[str, str] = {
     S.ESTIMATE_NOT_FINITE: "the estimate is not a finite number",
     S.SPEED: "the vehicle is faster than max_speed_m_s",
     S.YAW_RATE: "the vehicle turns faster than max_yaw_rate_rad_s",
-    S.POSITION_UNCERTAIN: "the position is less certain than max_position_std_m",
+    S.POSITION_UNCERTAIN: "the standard deviation of the position exceeds max_position_std_m",
     S.SENSOR_SILENT: "the IMU has been silent for imu_timeout_s",
     S.OWN_REASON: "{words}",
     S.BLOCK_RAISED: "{block} raised {error}",
@@ -20,14 +20,25 @@ TEMPLATES: dict[str, str] = {
     S.TERMINAL_SILENT: "the terminal has not answered for {silent_ms:.0f} ms",
     S.PROGRAM_ENDED: "another process ended the program",
     S.RECORDED: "{words}",
+    S.STUCK: "the vehicle has not moved for {waited_s:.0f} s, and its reference is {away_m:.2f} m away",
+    S.ROOM: (
+        "the vehicle may leave the room. The wall across {axis} is {wall_m:.2f} m from its body; its place is known to "
+        "{region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop"
+    ),
+    S.ESTIMATE_DOUBTFUL: "the estimate is not to be trusted, so the vehicle slowed down and stopped. {cause}",
+    "caution.slow": "the vehicle slows down. {cause}",
+    "caution.over": "the vehicle goes on at full pace; this is over: {cause}",
+    "caution.uncertain": "the position is known to {std_m:.2f} m; at {most_m:.2f} m the supervisor stops",
     "drive.on-mark": "on the mark",
-    "drive.disk-full": "the disk is full and does not store more of this run ({error}); the drive goes on",
+    "drive.disk-full": (
+        "the disk is full, so the rest of this run is not stored ({error}); the drive goes on"
+    ),
     "drive.not-compiled": "{room} {block} runs as it is written, not compiled: {error}",
-    "drive.not-watched": "the sensors are not watched: {error}",
+    "drive.not-watched": "the monitor cannot watch the sensors: {error}",
     "drive.other-vehicle": (
         "{file} has {found} commands and the world's vehicle takes {expected}: they are not the same kind of vehicle."
     ),
     "drive.own-origin": (
-        "estimator {block} starts at its own origin, the vehicle at {start}: write init(self, eta=None)"
+        "estimator {block} starts at its own origin, but the vehicle at {start}. Write init(self, eta=None)"
     ),
 }

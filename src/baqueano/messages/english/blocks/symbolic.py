@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "trace.not-convertible": "{place}\n    values known only at run time cannot become {dtype}",
-    "trace.unknown-ufunc": "{place}\n    np.{function} is not known to the tracer: it knows {known}",
+    "trace.unknown-ufunc": "{place}\n    the tracer does not support np.{function}; it supports {known}",
     "trace.unsupported": (
         "{place}\n    np.{function} does not work on values known only at run time ({error}): write it with "
         "operators, np.where and sums"
@@ -12,7 +12,7 @@ TEMPLATES: dict[str, str] = {
     "trace.interp-points": "{place}\n    np.interp in {points} points known only at run time: at most 100",
     "trace.product-shapes": "{place}\n    shapes {left} and {right} do not fit in a product",
     "trace.solve-shapes": "{place}\n    np.linalg.solve with shapes {left} and {right}",
-    "trace.norm": "{place}\n    np.linalg.norm knows only square roots of sums of squares here",
+    "trace.norm": "{place}\n    np.linalg.norm supports only the Euclidean norm here",
     "trace.singular": "{place}\n    a singular matrix: column {column} lacks a pivot",
     "trace.decides": (
         "{place}\n    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that is known "
@@ -29,7 +29,7 @@ TEMPLATES: dict[str, str] = {
         "choose between values with np.where"
     ),
     "trace.needs-int": (
-        "{place}\n    a whole number is wanted of a value known only at run time: write np.floor"
+        "{place}\n    a whole number is needed, but the value is known only at run time: write np.floor"
     ),
     "engine.backend": 'backend = "{found}": expected one of {known}',
     "compiler.trouble": "{command}: {error}",
@@ -37,8 +37,8 @@ TEMPLATES: dict[str, str] = {
     "engine.arguments": "{found} arguments, expected {expected}: {names}",
     "engine.not-compiled": "nothing is compiled yet",
     "trace.another-trace": (
-        "{place}\n    a value of another trace is used: the function has kept one, in a cache, a global or a "
-        "field. A step may depend on its arguments only"
+        "{place}\n    this value belongs to another trace: the function stored it in a cache, a "
+        "global or a field. A step may depend on its arguments only"
     ),
     "trace.pair": "{function} must return (carry, output); it returned {kind}",
     "trace.value": "{whose} returned {found} for {path}, expected shape {shape}",
@@ -47,26 +47,24 @@ TEMPLATES: dict[str, str] = {
     "tree.branch": "{path} is {found}, expected {expected} as in the example",
     "tree.numbers": "{path} has shape {found} of {dtype}, expected numbers, {expected}",
     "engine.lanes": (
-        "theta, carry and inputs name {lanes} lanes, inputs {ticks} ticks: one of each is expected"
+        "theta, carry and inputs have batches of {lanes}, and inputs {ticks} ticks: expected one size of each"
     ),
     "tree.another": "another tree than in the example at {path}",
     "path.not-a-path": '"{path}" is not a path: write names with dots and indices in brackets, "a.b[0,2]"',
     "path.index": '"{path}": an index is one or more whole numbers, not [{found}]',
     "path.shape": '"{path}" has shape {expected}, not {found}',
-    "engine.no-ticks": "no ticks: without one the back end numpy does not know the outputs",
-    "engine.cost": "a cost is one number a tick; this step puts out {numbers}",
+    "engine.no-ticks": "the inputs have 0 ticks: the back end numpy needs at least one",
+    "engine.cost": "a cost is one number per tick; this step returns {numbers}",
     "engine.theta-vector": "theta has shape {found}, expected (p,)",
-    "engine.no-theta": "this scan lacks theta: give scan(..., theta=) an example of it",
+    "engine.no-theta": "This scan was made without theta: pass an example as scan(..., theta=…).",
     "engine.theta-missing": "theta is missing: expected {parameters} parameters, {expected}",
     "engine.theta-shape": "theta has shape {found}, expected {expected} with p = {parameters}",
-    "engine.no-parameters": "no derivatives without parameters: give scan(..., theta=) an example of them",
+    "engine.no-parameters": "Derivatives need parameters: pass an example as scan(..., theta=…).",
     "engine.ticks": "{path} has shape {found}, expected (N, …) with {expected} after N",
-    "engine.no-number": (
-        "the inputs hold no number, so nothing tells how many ticks there are: add one, as t_ns"
-    ),
+    "engine.no-number": "the inputs do not contain a number, so the number of ticks is unknown: add one, such as t_ns",
     "trace.argument-changed": (
-        "{place}\n    an argument of the function is changed in place: make a new array, x = x + …, or a copy to work "
-        "on, np.array(x)"
+        "{place}\n    the function changes an argument in place. Make a new array, x = x + …, or "
+        "work on a copy, np.array(x)"
     ),
     "trace.index": (
         "{place}\n    {kind}: {error}: an index must be known before run time; write np.where(condition, a, b) to "
@@ -75,7 +73,7 @@ TEMPLATES: dict[str, str] = {
     "trace.numpy": "{place}\n    {kind}: {error}",
     "trace.another-carry": "{whose} returned another carry than it is given: {cause}",
     "tree.dtype": "{path} is an array of {dtype}: expected numbers",
-    "path.no-such-name": '"{path}": {kind} lacks {found}. {near}',
+    "path.no-such-name": '"{path}": {kind} does not have {found}. {near}',
     "compiler.absent": "no C compiler: install gcc or clang, or type: {fix}",
     "compiler.no-command": "BAQUEANO_CC = '{found}': this command does not exist",
     "compiler.given-up": "Python is used instead of C, which is slower: {cause}",

@@ -5,54 +5,54 @@ TEMPLATES: dict[str, str] = {
     "pad.several": "--pad: there are {count} game pads: {several}. Name one: --pad {first}",
     "pad.may-not-read": "--pad {path}: may not be read by this user. Type: {fix}",
     "pad.not-evdev": (
-        "--pad {path}: no device of evdev ({error}), expected one like /dev/input/event5. --pad alone looks for "
-        "the pad."
+        "--pad {path} is not a device of evdev ({error}): expected one such as "
+        "/dev/input/event5. Without a path, --pad searches for the pad."
     ),
     "keys.no-terminal-control": (
-        "this terminal cannot be asked for single keys: give the drive as a list of commands."
+        "this terminal cannot read single keys: give the drive as a list of commands."
     ),
     "keys.no-terminal": (
         "driving by keys needs a terminal; here the input is a file or a pipe. Over ssh, type: ssh -t"
     ),
-    "marks.too-few": "{name} has {marks} marks: press m on the mark before a lap and after it, standing.",
-    "marks.no-gyro": "{name} lacks a gyro, so its marks give no scale of one.",
+    "marks.too-few": "{name} has {marks} marks: at rest on the mark, press m before and after a lap.",
+    "marks.no-gyro": "{name} does not have a gyro, so its marks cannot calibrate one.",
     "marks.no-turn": (
-        "{name}: no turn is left between the marks, as those of an eight cancel, and that tells no scale. Drive "
-        "a circle, or a rectangle, one way round."
+        "{name}: the turns between the marks cancel, as in an eight, so they give no scale. "
+        "Drive a circle or a rectangle, in one direction."
     ),
     "marks.no-whole-turn": (
-        "{subject}: between two marks the gyro counts {turned_deg:.0f}°, which is not a whole number of "
-        "turns within {within_percent:.0f} %, or more than {most}. Press m only when the vehicle stands "
-        "on the same mark with the same heading."
+        "{subject}: between two marks the gyro measured {turned_deg:.0f}°. Expected a whole "
+        "number of turns, within {within_percent:.0f} %, and at most {most}. Press m only when "
+        "the vehicle stands on the same mark with the same heading."
     ),
     "marks.stood-too-short": (
-        "{name}: the vehicle stood for {stood_s:.1f} s, too short to know the zero of its gyro. Let it stand 2 s "
-        "on the mark, then drive."
+        "{name}: the vehicle was at rest for {stood_s:.1f} s, too short to measure the bias of "
+        "its gyro. Leave it at rest on the mark for 2 s, then drive."
     ),
     "first-drive.no-imu": (
-        "{name} lacks a sensor imu: a first drive stops on the gyro, so it needs one. Add [sensors.imu] "
-        "to the vehicle file. Or type --known, and stand by the switch."
+        "{name} does not have a sensor imu, and a first drive needs a gyro to stop. Add "
+        "[sensors.imu] to the vehicle file. Or type --known, and stand by the switch."
     ),
     "first-drive.limit": (
         "{vehicle}: [command] limit = {limit}: expected the largest size of each command, finite, one of them "
         "above 0."
     ),
-    "first-drive.no-estimates": "{name} holds no estimates of a first drive.",
+    "first-drive.no-estimates": "{name} does not contain estimates of a first drive.",
     "mission.kind": 'a mission of kind "{kind}": expected one of {known}.',
     "mission.version": "this mission is of another version: update baqueano on both sides.",
     "mission.damaged": "this is not a mission ({kind}: {error}).",
     "mission.two-files": "two files of blocks are called {name}: give one of them another name.",
-    "mission.no-driver": "a lesson needs a route, or somebody who drives.",
+    "mission.no-driver": "a lesson needs a route, or a person who drives.",
     "mission.file-name": "a block in the file {name}: expected a plain name that ends in .py.",
     "smooth.not-kalman": (
-        "{who} cannot be smoothed: that takes a Kalman filter, with a belief of mean (η, ν, …) and cov, "
-        "estimates with innovations, and Kalman's gains. Leave --smooth out, or replay through ekf: --estimator "
-        "ekf"
+        "{who} cannot be smoothed: smoothing needs a Kalman filter, with a belief of mean (η, ν, "
+        "…) and cov, innovations, and Kalman gains. Leave --smooth out, or replay with ekf: "
+        "--estimator ekf"
     ),
     "smooth.not-compiled": "{who} cannot be compiled, so it cannot be smoothed: {cause}",
     "drive.usual-noise": (
-        "the vehicle file says nothing of the noise of {sensors}, so the estimator takes what such a sensor usually "
-        "has. To measure it, type: baqueano identify RUN --update"
+        "the vehicle file does not give the noise of {sensors}, so the estimator uses a usual "
+        "value. To measure it, type: baqueano identify RUN --update"
     ),
     "drive.signal-shape": (
         "the signal has shape {found}: expected finite numbers (N, {commands}), one column for each of {names}."
@@ -65,31 +65,40 @@ TEMPLATES: dict[str, str] = {
     "drive.step-numbers": (
         "step {number} of the drive is {found}: expected a time above 0 s and {commands} finite numbers."
     ),
-    "drive.no-steps": "the drive lacks a step: give at least one (seconds, command).",
+    "drive.no-steps": "the list of steps is empty: give at least one (seconds, command).",
+    "drive.says-failed": "says() of the {room} failed: {error}. It is not asked again in this drive.",
     "mpc.no-solver": "osqp is not installed, and the controller mpc needs its solver. Type: {fix}",
-    "mpc.unsolved": (
-        "the solver of mpc found no command in {ticks} ticks in a row. Is the vehicle beyond a wall of wall_low and "
-        "wall_high, or its estimate not finite? Take another controller: --controller lqr"
+    "mpc.old-plan": (
+        "The solver of mpc found no command in time. The plan of the tick before goes on, for at most {most} ticks "
+        "in a row."
     ),
-    "route.no-estimates": "{name} lacks an estimated path, so it gives no route.",
+    "mpc.unsolved": (
+        "the solver of mpc did not find a command in {ticks} ticks in a row. Is the vehicle "
+        "beyond a wall (wall_low, wall_high), or is its estimate not finite? Use another "
+        "controller: --controller lqr"
+    ),
+    "route.no-estimates": "{name} does not have an estimated path, so it cannot become a route.",
     "route.no-motion": "{name}: the vehicle did not move, so the run gives no route.",
     "route.open": (
         "{name} ends {gap_m:.2f} m and {gap_deg:.0f}° from where it began; a closed route comes back within "
         "{close_m} m and {close_deg:.0f}°. Drive back to the mark, or teach it as an open route."
     ),
-    "drive.never-began": "{cause}. That was before the first tick: nothing moved, no run was made.",
-    "pad.lacks": '--pad {path}: "{name}" has {lack}. --pad alone looks for the pad.',
+    "drive.never-began": (
+        "{cause}. This was before the first tick: the vehicle did not move, and the run was not written."
+    ),
+    "pad.lacks": '--pad {path}: "{name}" has {lack}. Without a path, --pad searches for the pad.',
     "pad.no-stick": "no stick",
     "pad.no-front-buttons": "no front buttons",
     "pad.none": (
         "--pad: no game pad is plugged in: {folder}/event* does not exist. Plug one in, or drive by keys."
     ),
     "pad.not-among": (
-        "--pad: no game pad is plugged in: of {folder}/event* looked at {looked}. Plug one in, or drive by keys."
+        "--pad: no game pad is plugged in; of {folder}/event*, {looked} were checked. Plug one "
+        "in, or drive with the keys."
     ),
     "pad.closed": (
-        "--pad: no game pad is plugged in: of {folder}/event* looked at {looked}; {closed} may not be read by this "
-        "user. If one is the pad, type: {fix}"
+        "--pad: no game pad is plugged in. Of {folder}/event*, {looked} were checked, and this "
+        "user may not read {closed}. If one of these is the pad, type: {fix}"
     ),
     "wiring.turns-wrong-left": "the left wheel turns the vehicle the wrong way: look at its wires",
     "wiring.turns-wrong-right": "the right wheel turns the vehicle the wrong way: look at its wires",
@@ -99,8 +108,9 @@ TEMPLATES: dict[str, str] = {
     "wiring.backwards-right": "the right motor runs backwards: change its two wires",
     "first-drive.nothing-moved": "nothing moved with {command:word}: is the motor connected, the battery charged?",
     "first-drive.ended-early": (
-        "nothing moved with up to {tried_percent:.0f} % of {command:word}, and then the drive ended: the "
-        "vehicle had left its spot, or it took too long. Put it back and start again"
+        "nothing moved with up to {tried_percent:.0f} % of {command:word}, and then the drive "
+        "ended: the vehicle left its spot, or the drive took too long. Put it back and start "
+        "again"
     ),
-    "mission.lacks": 'a mission of kind "{kind}" without {name}: it needs one.',
+    "mission.lacks": 'a mission of kind "{kind}" needs {name}.',
 }

@@ -2,8 +2,8 @@
 
 TEMPLATES: dict[str, str] = {
     "route.no-way": (
-        "the route is {length_m:.3f} m long: expected at least four places that are a millimetre apart. Teach it with "
-        "a drive that moves."
+        "the route is {length_m:.3f} m long: expected at least four points, a millimetre apart. "
+        "Teach it with a drive that moves."
     ),
     "route.both-ways": (
         "the route changes between forward and backward {count} times, first at {at_m:.2f} m. Cut it there, and work "
@@ -35,18 +35,28 @@ TEMPLATES: dict[str, str] = {
         "the route smoother or larger: {fix}"
     ),
     "route.jump": (
-        "the route jumps by {gap_m:.2f} m at {at_m:.2f} m ({at_s:.1f} s), {count} times in all: the path between is "
-        "not known. Cut it there, or teach it again: {fix}"
+        "the route jumps by {gap_m:.2f} m at {at_m:.2f} m ({at_s:.1f} s), {count} times in all: "
+        "the path in the gap is unknown. Cut it there, or teach it again: {fix}"
+    ),
+    "route.gap": (
+        "samples are missing at {at_m:.2f} m ({at_s:.1f} s): the next pose is {gap_m:.2f} m and {gap_s:.1f} s further, "
+        "and the path between is not known. There are {count} such places. Cut it there, or teach it again: {fix}"
+    ),
+    "route.no-number": (
+        "{count} rows of the route hold something that is not a number, first row {row}. Correct the file, or teach "
+        "the route again: {fix}"
     ),
     "route.speed-too-high": (
-        "the route needs {needs_m_s:.2f} m/s at {at_m:.1f} m, the vehicle has {has_m_s:.2f}. Make it slower: {fix}"
+        "at {at_m:.1f} m the route needs {needs_m_s:.2f} m/s, but the vehicle reaches "
+        "{has_m_s:.2f}. Make it slower: {fix}"
     ),
     "route.turns-too-fast": (
-        "the route needs {needs_rad_s:.1f} rad/s at {at_m:.1f} m and {speed_m_s:.2f} m/s, the vehicle has "
-        "{has_rad_s:.1f}. Make it slower: {fix}"
+        "at {at_m:.1f} m and {speed_m_s:.2f} m/s the route needs {needs_rad_s:.1f} rad/s, but "
+        "the vehicle reaches {has_rad_s:.1f}. Make it slower: {fix}"
     ),
     "route.accelerates-too-fast": (
-        "the route needs {share:.0%} of the command at {at_m:.1f} m, to speed up or to turn in. Make it slower: {fix}"
+        "at {at_m:.1f} m the route needs {share:.0%} of the command, to speed up or to enter a "
+        "curve. Make it slower: {fix}"
     ),
     "route.through-wall": (
         "the route leaves the room: at {at_m:.1f} m the body is {beyond_m:.2f} m beyond the wall. Make it smaller, or "

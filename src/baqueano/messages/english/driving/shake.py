@@ -20,7 +20,7 @@ TEMPLATES: dict[str, str] = {
     "shake.kind": "The fault {found} does not exist: expected one of {known}.",
     "shake.number": "{kind}: {name} = {found}: expected a number from {low:g} to {high:g}.",
     "shake.of": "{kind} of {found}: expected one of {known}.",
-    "shake.fields": "{found} lacks a kind, or holds a field that faults do not have: expected some of {known}.",
+    "shake.fields": "{found} lacks kind, or has an unknown field: expected some of {known}.",
     "shake.words": (
         '{found} does not describe a fault: expected a time and a kind, such as "12 s: push 0.3 N s left" or '
         '"3-6 s: cut imu". The kinds, each with an example: {known}.'
@@ -28,7 +28,8 @@ TEMPLATES: dict[str, str] = {
     "shake.form": '{found} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
     "shake.no-inertia": "This vehicle is kinematic, its velocity is its command: a {kind} cannot move it.",
     "shake.no-mass": (
-        "The vehicle file lacks mass_kg, so the effect of a push of {found} is not known. Tilt the floor instead."
+        "The vehicle file does not have mass_kg, so the effect of a push of {found} is unknown. "
+        "Tilt the floor instead."
     ),
     "shake.too-many": "A drive has at most {most} faults. Begin another drive.",
     "shake.no-number": "Fault number {found} does not exist: this drive had {most} so far.",
@@ -36,11 +37,13 @@ TEMPLATES: dict[str, str] = {
         "Faults happen in a simulation only, and this drive is given a world, {world}. Leave out `world` or `shake`."
     ),
     "shake.robot": "Faults happen in a simulation only. Leave out --shake, or --robot {host}.",
-    "shake.no-drive": "Nothing drives. Begin a mission first, or give it its faults: shake.",
+    "shake.no-drive": (
+        "The vehicle does not drive now. Start a mission first, or give the mission its faults with shake."
+    ),
     "shake.no-mission": "No mission was driven yet, so none can be driven again.",
     "shake.by-hand": (
-        "A drive by hand cannot be driven again without a fault: the hand would not do the same again. Repeat a "
-        "route, or drive an experiment."
+        "A drive by hand cannot be repeated without a fault, because a person never drives twice "
+        "alike. Repeat a route, or drive an experiment."
     ),
     "ledger.who-monitor": "monitor",
     "ledger.who-model": "model check",
@@ -49,22 +52,24 @@ TEMPLATES: dict[str, str] = {
     "ledger.who-nis": "NIS",
     "ledger.fault": "{at_s:.1f} s: {what}",
     "ledger.noticed": "    {who} noticed it after {after_s:.2f} s: {said}",
-    "ledger.by-nobody": "    nobody noticed it {said}",
+    "ledger.by-nobody": "    nothing noticed it {said}",
     "ledger.gate": "refused {refused} innovations within {within_s:g} s",
     "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {most:.2f}",
     "ledger.nobody": "for {after_s:.1f} s: NIS at most {nis:.2f}. {why}.",
     "ledger.nobody-and-off": "for {after_s:.1f} s: NIS at most {nis:.2f}. {off}. {why}.",
-    "ledger.off": "The estimate is {off_cm:.1f} cm off and believes ± {believed_cm:.1f} cm.",
-    "ledger.why-push": "The push was within what the filter expects of the floor.",
-    "ledger.why-tilt": "An accelerometer shows a tilt as it shows a bias, and nothing else measures it.",
-    "ledger.why-tilt-pose": "The pose that is measured corrects what the tilt moves, so little is left to notice.",
+    "ledger.off": "The estimate has an error of {off_cm:.1f} cm, and claims ± {believed_cm:.1f} cm.",
+    "ledger.why-push": "The push is within the disturbance that the filter expects from the floor.",
+    "ledger.why-tilt": (
+        "For an accelerometer a tilt looks like a bias, and other sensors do not measure it."
+    ),
+    "ledger.why-tilt-pose": "The measured pose corrects the effect of the tilt, so it is small.",
     "ledger.why-unused": "The estimator does not use {subject}.",
-    "ledger.why-cut": "The filter goes on by its model, and nobody waits for this sensor.",
+    "ledger.why-cut": "The filter continues with its model, and this sensor is not monitored.",
     "ledger.why-drift": "No other sensor shows this motion, so nothing contradicts {subject}.",
-    "ledger.why-drift-others": "The drift is small against the noise of what else shows this motion.",
-    "ledger.why-spikes": "Too few spikes, or too small ones, to stand out of the noise.",
-    "ledger.why-slip": "An IMU shows what the vehicle does, not what its wheels do.",
-    "ledger.why-slip-wheels": "The wheels slip by less than the filter expects of them.",
+    "ledger.why-drift-others": "The drift is small compared with the noise of the other sensors.",
+    "ledger.why-spikes": "The spikes are too few or too small compared with the noise.",
+    "ledger.why-slip": "An IMU measures the motion of the vehicle, not that of its wheels.",
+    "ledger.why-slip-wheels": "The slip is smaller than the filter expects.",
     "ledger.why-sag": "The battery is not measured here, and a weaker motor looks like a heavier vehicle.",
-    "ledger.why-lose": "A filter goes on by its model through gaps this short.",
+    "ledger.why-lose": "A filter continues with its model through gaps this short.",
 }

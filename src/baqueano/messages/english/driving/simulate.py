@@ -1,18 +1,22 @@
 """English sentences of simulations."""
 
 TEMPLATES: dict[str, str] = {
-    "simulate.never-done": "this guide never says that it is done: say how long, with duration_s.",
+    "simulate.as-written": (
+        "the {room} {block} asks a solver, a person or a clock, so its step cannot be compiled. Nothing tunes it, "
+        "or simulates it in one kernel. Drive it tick by tick: {fix}"
+    ),
+    "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",
     "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
     "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, another value for {expected}.',
     "simulate.vary-not-finite": 'vary["{path}"] holds a number that is not finite.',
     "simulate.no-vehicles": (
-        "no vehicles: give vary = {{path: values}}, a row per vehicle, or vehicles = how many."
+        "The number of vehicles is 0: give vary = {{path: values}} with a row per vehicle, or vehicles."
     ),
     "simulate.no-covariance": (
         "{name}: no parameter has a covariance yet, so nothing can be drawn. Fit it: baqueano identify RUNS "
         "--update, or say what varies: vary = {{path: values}}."
     ),
-    "simulate.vehicles": "vehicles = {vehicles}: say how many to draw, 1 or more.",
+    "simulate.vehicles": "vehicles = {vehicles}: expected 1 or more.",
     "simulate.signal-shape": (
         "the command signal has shape {found}: expected (N, {commands}), one row a tick with {names}."
     ),
@@ -23,7 +27,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "simulate.pose": "{name} = {found}: expected three finite numbers.",
     "simulate.no-number": (
-        'this vehicle lacks a number at "{path}": {cause}. Name it as in the vehicle file, for example '
-        '"model.friction.linear".'
+        '"{path}" is not a number of this vehicle: {cause}. Name it as in the vehicle file, for '
+        'example "model.friction.linear".'
     ),
 }

@@ -5,5 +5,13 @@ TEMPLATES: dict[str, str] = {
         "recordings are missing: {folders} lack {missing}. They do not come with baqueano; set "
         "BAQUEANO_DATA to the folder that holds {first}"
     ),
+    "study.not-a-third": (
+        "{subject} is the best with a known pose: {ratio:.2f} of the error of {reference}, at most {high:.2f}. "
+        "Expected a third or less."
+    ),
+    "study.no-interval": "{robots} robots are too few for an interval, so no controller is judged. Give more --seeds.",
+    "study.gain-at-bound": "{subject}: the search ended on a bound of {gains}",
+    "study.stopped": "{subject}: {stopped} drives were stopped",
+    "study.fits-refused": "the fits of these robots were refused: {robots}",
     "demo.refused": "the fit of the demo was refused: {cause}",
 }

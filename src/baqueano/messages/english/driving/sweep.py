@@ -3,15 +3,17 @@
 TEMPLATES: dict[str, str] = {
     "sweep.head": "medians of {drives} drives",
     "sweep.head-ratio": (
-        "medians of {drives} drives; ratio: {figure} in parts of that of {reference}, with its interval of 95 %"
+        "medians of {drives} drives; ratio: {figure} divided by that of {reference}, with its "
+        "interval of 95 %"
     ),
     "sweep.stopped": "{subject}: {stopped} of {drives} drives were stopped",
-    "sweep.part": "{done} of {asked} drives are done; the same command goes on",
+    "sweep.part": "{done} of {asked} drives are done; the same command continues",
     "sweep.spread": "Each dot is a drive, each bar the median of a cell.",
     "sweep.ratios": "The error of each cell over that of {reference} on the same drives, and its interval of 95 %.",
     "sweep.interval": (
-        "A ratio below 1 is less than the reference's. Its interval of 95 % comes from drawing whole blocks with "
-        "replacement. A block is a drive, or of fewer than 5 drives a piece of 10 s."
+        "A ratio below 1 is better than the reference. Its interval of 95 % is Student's, by leaving out one block "
+        "after the other. A block is a drive. With fewer than 5 drives it is a segment of 10 s, or of 4 correlation "
+        "times if that is longer. Fewer than 5 blocks cannot tell."
     ),
     "sweep.reference": "No cell is called {found}. {near}.",
     "sweep.setting": "sweep() does not take {found}. {near}.",

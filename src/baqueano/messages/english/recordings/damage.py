@@ -3,37 +3,46 @@
 TEMPLATES: dict[str, str] = {
     "damage.message-bytes": "messages of {bytes} bytes were expected",
     "damage.message-numbers": "{count} numbers were expected in '{field}'",
-    "damage.text-beyond": "a text that reaches beyond its message",
-    "damage.log-message": "no log message ({error})",
-    "damage.times": "its times are beyond 64 bits",
-    "damage.channel-size": "its channel does not say how many numbers a message has",
-    "damage.memory": "it makes more than {size} of memory",
+    "damage.text-beyond": "a text that is longer than its message",
+    "damage.log-message": "a message that is not a log message ({error})",
+    "damage.times": "times that do not fit into 64 bits",
+    "damage.channel-size": "a channel without the number of values per message",
+    "damage.memory": "a content that needs more than {size} of memory",
     "damage.field": "a field of {size} bytes in a record with {left} left",
     "damage.not-utf8": "a text that is not UTF-8",
     "damage.map-entries": "a map of more than {most} entries",
-    "damage.end": "a damaged end of the data",
+    "damage.end": "a wrong mark of the end of the data",
     "damage.no-checksum": "a message without a checksum",
     "damage.chunk-ends": "a chunk that ends inside a record",
-    "damage.record-beyond": "a record that reaches beyond its chunk",
+    "damage.record-beyond": "a record that is longer than its chunk",
     "damage.no-times": "a message without times",
     "damage.second-end": "a second end of the file",
-    "damage.summary-checksum": "the checksum of the summary does not hold",
-    "damage.attachment-checksum": "the checksum of the attachment '{name}' does not hold",
+    "damage.summary-checksum": "a wrong checksum of the summary",
+    "damage.attachment-checksum": "a wrong checksum of the attachment '{name}'",
     "damage.too-large": "unpacks from {size} to {need} of memory or more; at most {most} are taken for it",
     "damage.chunk-longer": "a chunk longer than its contents",
-    "damage.chunk-unpacks": "a chunk that would unpack to {unpacked_mib:.0f} MiB; at most 64 MiB are taken",
-    "damage.chunk-size": "a chunk of {bytes} bytes that says it has {said_bytes}",
-    "damage.chunk-checksum": "the checksum of a chunk does not hold",
-    "damage.chunk-not-unpacked": "a chunk that does not unpack ({error})",
-    "damage.chunk-other-size": "a chunk whose compressed data say another size",
-    "damage.chunk-packed": "a chunk packed with '{packing}'",
+    "damage.chunk-unpacks": "a chunk of {unpacked_mib:.0f} MiB after decompression (64 MiB at most)",
+    "damage.chunk-size": "a chunk of {bytes} bytes, and {said_bytes} by its own header",
+    "damage.chunk-checksum": "a wrong checksum of a chunk",
+    "damage.chunk-not-unpacked": "a chunk that cannot be decompressed ({error})",
+    "damage.chunk-other-size": "the stored size of a compressed chunk does not match its data",
+    "damage.chunk-packed": "a chunk with the unknown compression '{packing}'",
+    "damage.names": "the names of {topics} topics are lost",
+    "damage.unexpected": "an unexpected record of kind {kind}",
+    "damage.record-size": "a record with an impossible size, {size} bytes",
+    "damage.zeros": "zero bytes",
+    "damage.unknown-kind": "a record of unknown kind {kind}",
+    "damage.short-record": "a record of kind {kind} with only {size} bytes",
+    "damage.data-checksum": "the checksum of all data is wrong",
+    "run.disk-slow": "the disk was too slow: {lost} estimates, references or poses are not in this run",
+    "run.not-packed": "the shape of {what} is wrong, so it is not in this run: {error}",
     "damage.at": "bytes {first} to {last}: {cause}",
     "run.and": "{first}; {then}",
     "run.repeated-ticks": "{count} repeated ticks were left out",
     "run.other-size": "{topic} has {found} numbers, /command/applied {expected}: it was left out",
     "run.unread-events": "events that could not be read: {count} ({cause})",
-    "run.vehicle-file-lost": "the vehicle file in force was lost",
-    "run.metadata-lost": "the metadata (seed, versions) were lost: their checksum does not hold",
+    "run.vehicle-file-lost": "the vehicle file of the run is lost",
+    "run.metadata-lost": "the metadata (seed, versions) are lost: their checksum is wrong",
     "run.not-closed": (
         "{file} was not closed: {ticks} ticks, {duration_s:.2f} s, were saved; the data that the program had not yet "
         "written, at most its last second, are lost"
@@ -46,11 +55,11 @@ TEMPLATES: dict[str, str] = {
         "{ticks} ticks are whole"
     ),
     "replay.holes": "{count} silent ticks were put where the recording has holes",
-    "replay.without-sensor": "the run holds nothing of the sensor {sensor}: it is silent",
+    "replay.without-sensor": "the run does not contain sensor {sensor}, so it stays silent in the replay",
     "run.time-range": "{time_ns} ns is not a time between 1970 and 2038",
     "import.does-not-fit": (
-        "{map} does not fit its recording: {doubts}. If it is right as it is, write at the top of the map: accept "
-        "= [{accept}]"
+        "{map} does not agree with its recording: {doubts}. If the map is right, write at its "
+        "top: accept = [{accept}]"
     ),
     "expect.format": "format = 1",
     "expect.in-force": (
@@ -62,29 +71,29 @@ TEMPLATES: dict[str, str] = {
         "r)/2, u_y = 0, u_psi = (r - l)/2"
     ),
     "expect.delimiter": 'one character, as delimiter = ";" or "\\t"',
-    "expect.rate": "the rows of a second, above 0",
+    "expect.rate": "the number of rows per second, above 0",
     "expect.time-unit": 'time_unit = "s", one of {known}, iso8601',
     "expect.time-rest": 'beside time: time_rest = {{ column = "nanosec", unit = "ns" }}',
     "expect.sensor-name": "a name of letters, digits and _, as in [sensors.imu]",
     "expect.sample": 'sample = "measured", "hold" or "linear"',
     "expect.entry": 'an entry like {{ column = "NAME", unit = "m/s" }}',
     "expect.one-source": 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …',
-    "expect.no-unit": "none: the heading of a quaternion is in rad",
+    "expect.no-unit": "no unit: the heading of a quaternion is in rad",
     "expect.wraps": "the counts of a turn, above 0, beside derivative = true: of a counter of 16 bits 65536",
-    "expect.scale": 'scale = …: unit = "raw" needs what one count is in SI units',
-    "expect.radius": "it with a wheel's angle or angular rate",
+    "expect.scale": 'scale = …, the value of one count in SI units, because unit = "raw"',
+    "expect.radius": "radius_m only with the angle or angular rate of a wheel",
     "expect.counts": (
-        "counts_per_turn = …, how far an encoder counts in one turn of the wheel; counts of anything else are "
-        'unit = "raw" with a scale'
+        "counts_per_turn = …, the counts of an encoder in one turn of the wheel. For other "
+        'counts, unit = "raw" with a scale'
     ),
-    "expect.no-counts": 'it beside unit = "counts"',
+    "expect.no-counts": 'counts_per_turn only with unit = "counts"',
     "expect.file": 'file = "{first}", one of {known}',
     "expect.type": "{kind}, as in the maps that come with baqueano",
     "expect.finite": "a number that is finite",
     "expect.lever-arm": "lever_arm_m = [ahead, left], in m",
     "expect.no-mount": (
-        "neither lever_arm_m nor heading_rad where the heading is not known; a fit can ask for the place of the "
-        "mark: --use truth --free +sensors.truth.lever_arm_m"
+        "neither lever_arm_m nor heading_rad, because the heading is unknown. A fit can estimate "
+        "the position of the mark: --use truth --free +sensors.truth.lever_arm_m"
     ),
     "run.times": "{name} of a run is a list of integer nanoseconds, got {dtype} of shape {found}.",
     "run.order": (
@@ -97,13 +106,13 @@ TEMPLATES: dict[str, str] = {
     "expect.names": "{count} names, one per entry of u",
     "expect.one-of": "{key} = one of {allowed}",
     "expect.time-of-bag": 'time = "bag" (when it was recorded) or time = "header.stamp"',
-    "expect.time": 'time = "COLUMN", or rate_hz = … of a file without a column of time',
+    "expect.time": 'time = "COLUMN", or rate_hz = … for a file without a column of time',
     "expect.entries": "{count} entries ({measures})",
     "expect.some-entries": "some entries",
     "expect.unit-of": 'unit = "…" ({known})',
     "expect.unit": 'unit = "…", with "1" for no unit',
-    "expect.known-unit": "a unit that is known, perhaps {near}",
-    "expect.known-unit-of": "a unit that is known, perhaps {near}; of {measures} {known}",
+    "expect.known-unit": "a known unit, perhaps {near}",
+    "expect.known-unit-of": "a known unit, perhaps {near}; for {measures} {known}",
     "expect.files": "a table [files.NAME] per file",
     "expect.table": "a table [{key}]",
     "expect.ticks": 'a table [ticks] with file = "NAME": its times are the ticks of the run',

@@ -30,8 +30,8 @@ TEMPLATES: dict[str, str] = {
     "time.seconds-as-milliseconds": "were seconds read as milliseconds",
     "time.which-unit": "which unit has the time",
     "time.bursts": (
-        "the stamps of {subject} come in bursts. They were spread evenly, by up to {moved_ms:.0f} ms, so the data are "
-        f"late or early by as much. {CURE}"
+        "the stamps of {subject} come in bursts. They were spread evenly, with shifts of up to {moved_ms:.0f} ms, so "
+        f"the data may be late or early by that time. {CURE}"
     ),
     "time.stamps-far": (
         "{subject}: the stamps of {lost} samples lie over {late_s:g} s from their arrival and were left out. Did its "
@@ -47,7 +47,7 @@ TEMPLATES: dict[str, str] = {
         "run was not cut. Check its time column"
     ),
     "command.beyond-zero": (
-        "{subject} reaches {most:.3g}, and its limit in the vehicle file is 0. Are columns swapped?"
+        "{subject} reaches {most:.3g}, but its limit in the vehicle file is 0. Are columns swapped?"
     ),
     "command.unit": (
         "{subject} reaches {most:.4g}, and the vehicle file allows {limit:g} ({of_file}). Is it in {guess}? Convert it "
@@ -69,16 +69,16 @@ TEMPLATES: dict[str, str] = {
     ),
     "accelerometer.unit": "{subject} reaches {most_m_s2:.0f} m/s². Are these counts of a converter?",
     "gravity.at-rest": (
-        "{subject} is {off_m_s2:+.2f} m/s² off at rest. This is gravity, as on an IMU that does not lie flat: swap its "
-        "axes, or write tilt_rad"
+        "{subject} has an offset of {off_m_s2:+.2f} m/s² at rest. This is gravity, because the "
+        "IMU does not lie flat: swap its axes, or write tilt_rad"
     ),
     "gravity.all-the-time": (
-        "{subject} is {off_m_s2:+.2f} m/s² off all the time. This is gravity, as on an IMU that does not lie flat: "
-        "swap its axes, or write tilt_rad"
+        "{subject} has an offset of {off_m_s2:+.2f} m/s² all the time. This is gravity, because "
+        "the IMU does not lie flat: swap its axes, or write tilt_rad"
     ),
     "axes.inverted": (
-        "{subject} goes against what the model predicts (correlation {correlation:.2f}). Is its sign, or that of a "
-        "command, inverted?"
+        "{subject} has the opposite sign of the model's prediction (correlation "
+        "{correlation:.2f}). Is its sign, or that of a command, inverted?"
     ),
     "axes.swapped": (
         "{subject} and {other} follow each other's predictions, not their own (correlations {first:.2f}, "
@@ -120,11 +120,11 @@ TEMPLATES: dict[str, str] = {
     "axis.forward": "forward",
     "axis.sideways": "sideways",
     "axis.turning": "turning",
-    "guess.degrees": " (as if °/s for rad/s)",
-    "guess.g": " (as if g for m/s²)",
-    "guess.pwm": " (as if PWM counts for a part of full)",
-    "guess.percent": " (as if per cent)",
-    "guess.milli": " (as if milli-units)",
+    "guess.degrees": " (perhaps °/s, not rad/s)",
+    "guess.g": " (perhaps g, not m/s²)",
+    "guess.pwm": " (perhaps PWM counts, not a share of the full command)",
+    "guess.percent": " (perhaps per cent)",
+    "guess.milli": " (perhaps thousandths of the unit)",
     "residual.missing": (
         "the residuals look like {what} ({term}, {z:.0f} standard errors), which biases {subject} by {errors:.0f} "
         "standard errors. Add it to the model, or drive without it"
@@ -134,8 +134,8 @@ TEMPLATES: dict[str, str] = {
         "standard errors. Add it to the model. Type: {fix}"
     ),
     "residual.parts-differ": (
-        "{subject} is {off:+.3g} off {part}, against {over_all:.3g} over all ({z:.0f} standard errors). Was it the "
-        "same vehicle, floor and battery? Fit the parts by themselves"
+        "{subject} differs by {off:+.3g} {part}, compared with {over_all:.3g} overall ({z:.0f} "
+        "standard errors). Was it the same vehicle, floor and battery? Fit the parts separately"
     ),
     "part.first": "in the first {percent:.0f} % of the time",
     "part.run": "in run {number}",
@@ -145,7 +145,7 @@ TEMPLATES: dict[str, str] = {
     "part.in-turns": "in more than usual turns",
     "part.gaining-speed": "while it gains speed",
     "part.turning-faster": "while it turns ever faster",
-    "residual.coloured": (
+    "residual.autocorrelated": (
         "the residuals of {subject} are autocorrelated: {percent:.2g} % of the motion that the model explains there, "
         "and {times:.1f} times its noise. The model is incomplete"
     ),
@@ -158,12 +158,13 @@ TEMPLATES: dict[str, str] = {
     ),
     "residual.loud": "the residuals of {subject}, {sigma:.3g}, are {times:.0f} times the noise in the file",
     "residual.one-far": (
-        "{subject}: measured {measured:.4g}{unit}, predicted {model:.4g}{unit}, {apart:.0f} standard deviations apart"
+        "{subject}: measured {measured:.4g}{unit}, predicted {model:.4g}{unit}: a difference of "
+        "{apart:.0f} standard deviations"
     ),
     "residual.not-white": "the residuals of {subject} are autocorrelated, so its error bars were widened",
     "residual.alternates": (
-        "the residuals of {subject} alternate in sign, as of a filtered or differentiated signal. The error bars are "
-        "not affected"
+        "the residuals of {subject} alternate in sign, which is typical of a filtered or "
+        "differentiated signal. The error bars are not affected"
     ),
     "outliers.both-sides": (
         "{percent:.1f} % of {subject} are beyond {beyond:.0f} standard deviations. A Huber cost tolerates them while "
@@ -185,7 +186,7 @@ TEMPLATES: dict[str, str] = {
     "term.one-sided-drag": "friction that is not equal forward and backward",
     "term.caster": "a caster that flips when the motion turns round",
     "term.cornering": "drag of cornering, or tyres that slip",
-    "term.turning": "a centre of mass or an IMU off the axle",
+    "term.turning": "a centre of mass or an IMU away from the axle",
     "term.slip": "drag of cornering, or tyres that slip",
     "term.sideways-slip": "tyres that slip sideways",
     "term.sideways-push": "a sideways push of turning",

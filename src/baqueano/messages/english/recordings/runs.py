@@ -3,9 +3,9 @@
 TEMPLATES: dict[str, str] = {
     "runs.file-there": "{path} exists already, and it is never overwritten. Type: {fix}",
     "runs.no-message": "{path} is an MCAP file without messages, so it cannot be read.",
-    "runs.empty": "{path} is empty (0 bytes): nothing of it was saved. A copy elsewhere may be complete.",
+    "runs.empty": "{path} is empty (0 bytes): the run is lost. A copy elsewhere may be complete.",
     "runs.foreign-topic": (
-        "{path}: topic {topic} was not written by baqueano ({error}). Bring such a file in with a map: {fix}"
+        "{path}: topic {topic} was not written by baqueano ({error}). Import such a file with a map: {fix}"
     ),
     "runs.unpacks-too-much": (
         "{path} {error}. It is damaged, or was made to fill the memory. If you trust it, give it unpacked: {fix}"
@@ -14,14 +14,14 @@ TEMPLATES: dict[str, str] = {
     "runs.folder": "{path} is a folder. Give one run in it: {fix}",
     "runs.absent": "{missing} does not exist. To list the runs: {fix}",
     "runs.not-read": "{path} cannot be read: {error}. Check its permissions.",
-    "runs.topics": "{path} has {count} topics; a run has at most {most}. Bring it in with: {fix}",
+    "runs.topics": "{path} has {count} topics; a run has at most {most}. Import it with: {fix}",
     "runs.nothing-saved": (
         "{path}: nothing could be saved. In its {size} bytes /command/applied does not have a complete tick ({error}). "
         "A copy elsewhere may be complete."
     ),
     "runs.not-ours": (
-        "{path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing. It has {held}. Bring it "
-        "in with: {fix}"
+        "{path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing. "
+        "It has {held}. Import it with: {fix}"
     ),
     "runs.run-there": "{path} exists already, and a run never replaces a file. Give another name.",
     "runs.no-place": "{path}: a run cannot be written there ({error}). Choose another folder.",
@@ -59,8 +59,8 @@ TEMPLATES: dict[str, str] = {
         "{ticks_span}, of the second {commands_span}. Shift one of them: shift_s = …"
     ),
     "import.clocks-differ": (
-        "[{key}] in {table} is at {span}, the ticks at {ticks_span}: they do not share a clock. Write in "
-        "[files.{file}]: shift_s = …"
+        "[{key}] in {table} is at {span}, and the ticks are at {ticks_span}: their clocks "
+        "differ. Write in [files.{file}]: shift_s = …"
     ),
     "import.file-absent": (
         "{map} [files.{file}] path = {missing!r} does not exist in {folders}. If the recordings are elsewhere, set "
@@ -117,6 +117,10 @@ TEMPLATES: dict[str, str] = {
     "route.not-number": "{path} line {line}: a route needs a number in every column.",
     "route.too-short": "{path} has {count} rows; a route needs at least two.",
     "route.times": "{path} line {line}: expected t_s to start at 0 and increase, got {found:g}.",
+    "route.way": (
+        "{path} line {line}: {ds_m:g} m from the row before at {v_m_s:g} m/s. Expected s_m that does not decrease, "
+        "v_m_s other than 0 where it increases, and wait_s of 0 or more."
+    ),
     "bag.no-rosbags": "{file}: ROS bags need the laptop extra: {fix}",
     "bag.not-read": (
         "{file} cannot be read as a bag: {error}. If a ROS 1 bag was cut, type: rosbag reindex FILE"
@@ -167,10 +171,10 @@ TEMPLATES: dict[str, str] = {
         '[files.…] table: decimal = ","'
     ),
     "table.column-twice": "{file} has several columns named {column!r}; give each its own name.",
-    "runs.cut-at-once": "{path} was cut after {size} bytes: nothing of it was saved.",
+    "runs.cut-at-once": "{path} was cut after {size} bytes, so it does not contain a run.",
     "runs.ends-early": "the file ends before the first second was written",
-    "runs.is-ros-1": "{path} is a ROS 1 bag. Bring it in with: {fix}",
-    "runs.is-sqlite": "{path} is a SQLite file, perhaps a ROS 2 bag. Bring it in with: {fix}",
+    "runs.is-ros-1": "{path} is a ROS 1 bag. Import it with: {fix}",
+    "runs.is-sqlite": "{path} is a SQLite file, perhaps a ROS 2 bag. Import it with: {fix}",
     "runs.is-hdf5": "{path} is an HDF5 or MATLAB 7.3 file. Export it there as CSV, then: {fix}",
     "runs.is-matlab": "{path} is a MATLAB file. Export it there as CSV, then: {fix}",
     "runs.is-zip": "{path} is a zip file (or a spreadsheet). Unpack it, or save it as CSV.",
@@ -211,7 +215,8 @@ TEMPLATES: dict[str, str] = {
     "import.time-unit": 'time_unit = "{in_unit}"',
     "import.time": "the right time and time_unit",
     "map.absent": (
-        'Map "{found}" does not exist. {near}. These come with baqueano; else give the path of a .toml file.'
+        'Map "{found}" does not exist. {near}. These maps come with baqueano; for one of your '
+        "own give a .toml file."
     ),
     "map.recording": (
         "{path} is a recording, not a map: a map is a TOML file that assigns the columns. To have a draft of one: {fix}"

@@ -10,46 +10,49 @@ TEMPLATES: dict[str, str] = {
     S.STOPPED_FROM_LAPTOP: "stopped from the laptop",
     S.STOPPED_BY_COMMAND: "stopped with baqueano robot stop",
     "door.own-mission": "Your last mission is still running. Wait for its end, or stop it.",
-    "door.mission": "This vehicle is on a mission now. You may stop it: {fix}",
+    "door.mission": "This vehicle is on a mission. You may stop it: {fix}",
     "door.somebody": "Another person drives this vehicle now. You may stop it: {fix}",
     "door.somebody-waits": (
-        "Another person has this vehicle between two drives. It is at rest, and their program may drive it at any "
-        "moment. Wait until that program has ended."
+        "Another person holds this vehicle between two drives. It is at rest, but their program "
+        "may drive it at any moment. Wait until that program has ended."
     ),
     "door.not-understood": "The vehicle did not understand this request ({error})",
     "door.version": (
-        "This computer and the vehicle have different versions of baqueano: this one uses version {theirs} of the "
-        "door, the vehicle version {ours}. Install the newer one on both; onto the vehicle with: {fix}"
+        "This computer and the vehicle have different versions of baqueano: the protocol here is "
+        "version {theirs}, on the vehicle {ours}. Install the newer one on both. On the vehicle: "
+        "{fix}"
     ),
     "door.version-of-robot": (
-        "{host} and this computer have different versions of baqueano: the vehicle uses version {theirs} of the door, "
-        "this computer version {ours}. Install the newer one on both; onto the vehicle with: {fix}"
+        "{host} and this computer have different versions of baqueano: the protocol of the "
+        "vehicle is version {theirs}, here {ours}. Install the newer one on both. On the "
+        "vehicle: {fix}"
     ),
     "remote.gone": "{host}: the connection is gone ({error}). The vehicle stops.",
     "remote.silent": (
-        "{host} said nothing for {within_s:g} s. Is its service up? Type there: systemctl status baqueano"
+        "{host} did not answer within {within_s:g} s. Does its service run? Type there: "
+        "systemctl status baqueano"
     ),
     "remote.closed": "{host}: the connection was closed. The vehicle stops by itself. To see why, type: {fix}",
     "remote.run-name": '{host} names a run "{run}", expected a plain name as lap.mcap. Nothing was written.',
     "remote.run-too-long": (
-        "{run} at {host} has {size_mb:.0f} MB, and {free_mb:.0f} MB are free here; no run is longer than "
-        "{longest_gb} GB. Make room, and type it again"
+        "{run} at {host} has {size_mb:.0f} MB, and this disk has {free_mb:.0f} MB free (a run "
+        "has at most {longest_gb} GB). Make room, and type the same line again"
     ),
-    "remote.run-otherwise": "{host} sent {run} otherwise than it said. Type it again.",
+    "remote.run-otherwise": "{host} announced {run}, but sent other data. Type the same line again.",
     "remote.no-ssh": "{host} cannot be reached: ssh is missing on this machine. Install OpenSSH.",
     "remote.no-sockets": (
         "{path}: this system does not support sockets in files. Name the vehicle by its host name."
     ),
     "remote.stop-not-heard": (
-        "{host} did not say that it heard the stop. Type it again, or use the switch of the vehicle."
+        "{host} did not confirm the stop. Type it again, or use the switch of the vehicle."
     ),
     "remote.stop-not-seen": (
-        "{host} heard the stop, and was not seen STOPPED within {within_s:g} s: its last state was {state}. A "
-        "drive that it prepares ends before anything moves. Look at the vehicle, then type: baqueano robot "
-        "status {host}"
+        "{host} confirmed the stop, but did not reach the state STOPPED within {within_s:g} s: "
+        "its last state was {state}. A drive in preparation ends before the vehicle moves. Look "
+        "at the vehicle, then type: baqueano robot status {host}"
     ),
     "remote.unreachable": "{host} cannot be reached: {cause}. To see why: {command}",
-    "door.unknown-word": "{found} is not one of {known}",
+    "door.unknown-word": "{found} is not valid: expected one of {known}",
     "door.no-run": "run {run} does not exist",
     "door.full": "All {most} places at this vehicle are occupied. Close a page or a program that watches it.",
     "door.too-long": (
@@ -60,32 +63,34 @@ TEMPLATES: dict[str, str] = {
     "door.not-holder": "Only the person who drives can set a gain, and only while the vehicle drives.",
     "door.not-settable": "{path} cannot be set while the vehicle drives; what can be set is {known}",
     "door.swapped": "{kind} drives as {room}, in place of the block of the vehicle file",
-    "door.set": "{path} is now {now}, before it was {before}",
+    "door.set": "{path} is now {now}; it was {before}",
     "door.pace": "pace {found:g}: expected a factor from {slowest:g} to {fastest:g}",
+    "door.guide-pace": "guide.pace = {found}: expected a number from 0, where the vehicle waits, to 1",
     "door.route-name": "{found} cannot be the name of a route. Use letters, digits and hyphens, as in lab-1.",
     "door.no-route": "route {found} does not exist; stored are {known}. Teach it first.",
     "door.not-a-number": "{name} = {found}: expected a number",
     "door.runs-already": "{path}: a service runs already on this vehicle. Type: {fix}",
     "ssh.host": (
-        'HOST "{host}": expected the name of a vehicle that ssh reaches, which begins with a letter or a'
-        " digit and is one word. Type it as pilot@rover.local"
+        'HOST "{host}": expected the ssh name of a vehicle, one word that begins with a letter '
+        "or a digit, such as pilot@rover.local"
     ),
     "ssh.no-hardware": (
-        "{host} is not hardware: expected a vehicle that ssh reaches, pilot@rover.local, or nothing, for"
-        " what is plugged in here. It can only drive: baqueano experiment --robot {host}"
+        "{host} does not have hardware: expected a vehicle by ssh, pilot@rover.local, or "
+        "nothing, for hardware at this computer. It can only drive: baqueano experiment --robot "
+        "{host}"
     ),
     "ssh.not-a-host": (
-        "{host}: expected a vehicle that ssh reaches, pilot@rover.local. The port of an Uno that is plugged in "
-        "here stands in the vehicle file; or type: --set robot.port={host}"
+        "{host} is not a vehicle by ssh, such as pilot@rover.local. For an Uno at this computer, "
+        "its port belongs into the vehicle file; or type: --set robot.port={host}"
     ),
-    "ssh.too-much": "the vehicle answered more than {most_mb} MB, and was not heard to its end.",
+    "ssh.too-much": "the answer of the vehicle is longer than {most_mb} MB, so the rest was not read.",
     "door.nobody": (
         "{path}: no service answers there ({error}). On the vehicle type: {fix}; from a laptop name the vehicle, as "
         "pilot@rover.local"
     ),
     "door.state": "the vehicle is {state}. {advice}.",
     "door.state-because": "the vehicle is {state}: {cause}. {advice}.",
-    "door.mend": "Mend that; it is checked again by itself",
+    "door.mend": "Correct that; the vehicle checks again by itself",
     "door.clear": "Look at the vehicle, then type: {fix}",
     "door.wait": "Wait until it is done, or stop it: {fix}",
 }

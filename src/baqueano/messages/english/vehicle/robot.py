@@ -2,7 +2,9 @@
 
 from baqueano.diagnostics import StopReason as S
 
-ENCODER = "does that wheel turn? If it does, look at its encoder: 5 V, ground, wire A. If nothing is wired there: {fix}"
+ENCODER = (
+    "Does that wheel turn? If it does, check its encoder: 5 V, ground, wire A. Without an encoder: {fix}"
+)
 MISSION = "the service ended in the middle of a mission: {kind} into {run}, with {blocks}."
 ENDED = "One of its blocks ended, crashed or blocked the program, or somebody killed the service"
 OTHERWISE = (
@@ -29,16 +31,18 @@ TEMPLATES: dict[str, str] = {
     ),
     S.STANDSTILL: "the computer stopped for {still_s:g} s; the motors were off from {dead_man_s:g} s on",
     S.TEMPERATURE: "the computer is at {temperature_c:.0f} °C: max_temperature_c is {max_temperature_c:g}",
-    S.DISK_FULL: "the disk has room for {free_mb:.0f} MB, less than least_disk_mb = {least_disk_mb:g}. Delete old runs",
+    S.DISK_FULL: (
+        "the disk has {free_mb:.0f} MB free, less than least_disk_mb = {least_disk_mb:g}. Delete old runs"
+    ),
     S.TILT: "the vehicle is tilted by {tilt_deg:.0f}°: max_tilt_rad is {max_tilt_rad:g}",
     S.BATTERY: (
         "the battery has had less than least_battery_v = {least_battery_v:g} V for {low_s:g} s: {battery_v:.2f} V. "
         "Charge it"
     ),
     S.IMU_ABSENT: "no IMU: {cause}",
-    S.IMU_SILENT: "the IMU is silent: look at its four wires",
+    S.IMU_SILENT: "the IMU does not answer: check its four wires",
     S.IMU_BUS_HELD: (
-        "the IMU is silent: its I2C bus is stuck low, and is clocked free while the vehicle is at rest"
+        "the IMU is silent: its I2C bus is stuck low. Clocks will free it while the vehicle is at rest"
     ),
     S.IMU_BUS_STILL_HELD: f"the IMU is silent: {{cause}}. {OTHERWISE}",
     S.SERVICE_ENDED: "another process ended the service",
@@ -58,57 +62,59 @@ TEMPLATES: dict[str, str] = {
     "hardware.note": "{words}",
     "imu.found": "the IMU answers now",
     "imu.held": (
-        "The I2C bus is stuck low. When the vehicle is at rest SCL is clocked nine times as GPIO, which frees it from "
-        "a chip in the middle of a byte. If that does not help, disconnect the IMU's supply for a second."
+        "The I2C bus is stuck low. While the vehicle is at rest, SCL gets nine clocks as GPIO, "
+        "which free the bus from a chip in the middle of a byte. If that does not help, "
+        "disconnect the IMU's supply for a second."
     ),
     "imu.back": "The IMU is back after {silent_s:.2f} s.",
     "imu.data-missing": "No data from the IMU for {silent_s:g} s{because}.",
-    "imu.frozen": "The IMU has repeated the same words {times} times.",
+    "imu.frozen": "The IMU repeated the same data {times} times.",
     "imu.saturated": "The IMU's {axis:word} (the chip's axis) is at the end of {range}.",
     "imu.overflow": "The FIFO was {how:word} with {count} bytes, and was emptied.",
     "imu.started": "The IMU runs again.",
-    "imu.restart": "The IMU is started again.",
+    "imu.restart": "The IMU is restarted.",
     "imu.lost-supply": (
-        "The IMU lost its supply for a moment (PWR_MGMT_1 0x{power:02X}, settings {found}, expected {expected}). It is "
-        "started again."
+        "The IMU lost its supply for a moment (PWR_MGMT_1 0x{power:02X}, settings {found}, "
+        "expected {expected}). It is restarted."
     ),
     "imu.lost-settings": (
-        "The IMU has lost its settings (PWR_MGMT_1 0x{power:02X}, settings {found}, expected {expected}). "
-        "It is started again."
+        "The IMU lost its settings (PWR_MGMT_1 0x{power:02X}, settings {found}, expected "
+        "{expected}). It is restarted."
     ),
     "imu.bus-cannot-be-asked": f"{{path}} is stuck low, so no device can answer. {{cause}}. {OTHERWISE}",
-    "bus.scl-held": "SCL (GPIO 3) is low, so the bus cannot be clocked.",
-    "bus.scl-held-later": "SCL (GPIO 3) is low after {clocks} clocks, so the bus cannot be clocked further.",
+    "bus.scl-held": "SCL (GPIO 3) is stuck low, so clocks cannot free the bus.",
+    "bus.scl-held-later": "SCL (GPIO 3) is stuck low after {clocks} clocks, so no more can be sent.",
     "bus.sda-held": "SDA (GPIO 2) is still low after {clocks} clocks.",
     "bus.given-back": "GPIO 2 and 3 were not in I2C mode, as after a killed program. They are again.",
     "bus.no-pinctrl": (
-        "The program pinctrl, which would clock the bus free, is missing. On a Raspberry Pi type: {fix}"
+        "The program pinctrl, which can free the bus, is missing. On a Raspberry Pi type: {fix}"
     ),
-    "bus.free": "SDA and SCL are high just now: nothing was clocked.",
+    "bus.free": "SDA and SCL are high, so the bus is free: no clocks were sent.",
     "bus.freed-at-once": "A chip blocked the I2C bus in the middle of a byte: freed after 1 clock.",
     "bus.freed": "A chip blocked the I2C bus in the middle of a byte: freed after {clocks} clocks.",
-    "encoders.both-silent": f"neither encoder counts though both motors are driven hard: {ENCODER}",
-    "encoders.left-silent": f"the left encoder counts nothing though its motor is driven hard: {ENCODER}",
-    "encoders.right-silent": f"the right encoder counts nothing though its motor is driven hard: {ENCODER}",
+    "encoders.both-silent": f"both encoders count nothing, although both motors have a high command. {ENCODER}",
+    "encoders.left-silent": f"the left encoder counts nothing, although its motor has a high command. {ENCODER}",
+    "encoders.right-silent": f"the right encoder counts nothing, although its motor has a high command. {ENCODER}",
     "drive.ticks": (
-        "{ticks} ticks: the latest started {worst_ms:.1f} ms late, {over_half} by more than half a period, {missed} "
-        "were left out"
+        "{ticks} ticks: the latest started {worst_ms:.1f} ms late, {over_half} were more than "
+        "half a period late, {missed} were left out"
     ),
     "drive.line": (
-        "the line of the Uno: {sent} commands sent, {unsent} not; {heard} frames heard, {lost} lost, {late} twice or "
-        "too late, {damaged} pieces damaged; {resets} times reset"
+        "the line to the Uno: {sent} commands sent, {unsent} not sent; {heard} frames received, "
+        "{lost} lost, {late} repeated or too late, {damaged} damaged; {resets} resets"
     ),
     "drive.line-in-trouble": (
-        "the line of the Uno: {sent} commands sent, {unsent} not; {heard} frames heard, {lost} lost, {late} twice or "
-        "too late, {damaged} pieces damaged; {resets} times reset: {cause}"
+        "the line to the Uno: {sent} commands sent, {unsent} not sent; {heard} frames received, "
+        "{lost} lost, {late} repeated or too late, {damaged} damaged; {resets} resets: {cause}"
     ),
     "drive.uno": (
-        "of {written} frames sent to the Uno {spoilt} were damaged ({spoilt_percent:.1f} %) and {ignored} not obeyed; "
-        "{overrun} bytes were lost in its receiver"
+        "the Uno received {written} frames: {spoilt} were damaged ({spoilt_percent:.1f} %) and "
+        "{ignored} ignored; its receiver lost {overrun} bytes"
     ),
     "drive.imu": (
-        "the IMU gave {samples} samples, {saturated} of them with an axis at the end of its range. {withheld} more "
-        "repeated the last one and were left out; {retries} transfers were tried again, {failures} calls failed, its "
-        "FIFO was emptied {overflows} times, and it was restarted {restarts} times"
+        "the IMU gave {samples} samples, {saturated} of them at the end of its range; {withheld} "
+        "more only repeated the last one and were left out. {retries} transfers were repeated, "
+        "{failures} failed, the FIFO was emptied {overflows} times, and the IMU restarted "
+        "{restarts} times"
     ),
 }

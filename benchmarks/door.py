@@ -1,0 +1,278 @@
+"""How the door holds: how soon a STOP is a zero command, how soon something is told, and the memory of its service.
+
+The service of a simulated vehicle drives at 100 Hz in a process of its own. Those who flood it live in a second one:
+they say `runs` without end, and read what is answered. All times are of the clock that the processes of a machine
+share; quiet and flooded are measured in turn, so that a busy machine slows both. Before a stop is a zero command it
+waits for the next tick, up to 10 ms.
+"""
+
+import json
+import os
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.harness import Bench, LeftOut, Row
+from benchmarks.processes import before_others, forget_most, quantile, resident_mb, spread
+
+FLOODING, MANY = 5, 12  # guests
+MOST_STOP_MS, MOST_TOLD_MS, MOST_MB = 50.0, 5.0, 20.0
+RUNS = 300  # in the folder: the answer to `runs` is long
+STARTS_S = 120.0
+EVERY = 2  # ticks: then the loop tells the time
+
+
+def benches(smallest: bool) -> list[Bench | LeftOut]:
+    """A stop and what is told, quiet and flooded, and what guests cost in memory."""
+    if not hasattr(socket, "AF_UNIX"):
+        return [LeftOut("the door", "it is a socket of Unix")]
+    with before_others() as share, served(2 if smallest else RUNS) as (service, guest, door):
+        found = _stops(guest, door, 1 if smallest else 20, share)
+        return [*found, _memory(service, guest, door, 0.5 if smallest else 10.0)]
+
+
+@contextmanager
+def served(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
+    """The process of a service with so many runs, somebody at its door, and the door."""
+    with ExitStack() as open_things:
+        folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
+        for k in range(runs):
+            (folder / f"{k:04d}-experiment.mcap").touch()
+        service, door = open_things.enter_context(_child("serve", folder))
+        yield service, open_things.enter_context(Teacher(door)), door
+
+
+class Times(NamedTuple):
+    """Times of the same service in turn [ms]: until a STOP is a zero command, and until what the loop tells is there.
+    Those of what is told come in rounds of half a second."""
+
+    quiet: list[float]
+    flooded: list[float]
+    told: list[list[float]]
+    told_flooded: list[list[float]]
+
+
+def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
+    """Begin and stop drives, while nobody else is there and while FLOODING guests flood the door."""
+    times = Times([], [], [], [])
+    for _ in range(rounds):
+        guest.begin()
+        times.told.append(guest.told_ms(0.5))
+        times.quiet.append(guest.stop())
+        guest.begin()
+        with flooded(door, FLOODING):
+            times.told_flooded.append(guest.told_ms(0.5))
+            times.flooded.append(guest.stop())
+    return times
+
+
+def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench | LeftOut]:
+    times = in_turn(guest, door, rounds)
+    told, besides = [[x for one in rows for x in one] for rows in (times.told, times.told_flooded)]
+    most, late = quantile(times.flooded, 0.95), quantile(told, 0.95)
+    first = f"{'with' if guest.first else 'without'} SCHED_FIFO, {share}"
+    stops = (
+        Row("nobody else is there", 1e-3 * median(times.quiet), 1.0,
+            note=f"p95 {quantile(times.quiet, 0.95):.1f} ms, {first}"),
+        Row(
+            f"{FLOODING} guests flood", 1e-3 * median(times.flooded), median(times.flooded) / median(times.quiet),
+            missed=most > MOST_STOP_MS,
+            note=f"p95 {most:.1f} ms (at most {MOST_STOP_MS:g}) of {rounds}; {spread(times.flooded)}",
+        ),
+    )  # fmt: skip
+    tellings = (
+        Row("nobody else is there", 1e-3 * median(told), 1.0, missed=late > MOST_TOLD_MS,
+            note=f"p95 {late:.2f} ms (at most {MOST_TOLD_MS:g}) of {len(told)}"),
+        Row(f"{FLOODING} guests flood", 1e-3 * median(besides), median(besides) / median(told),
+            note=f"p95 {quantile(besides, 0.95):.2f} ms of {len(besides)}"),
+    )  # fmt: skip
+    names = "from a STOP to the zero command", "from the loop's word to who listens"
+    return [Bench(name, rows) for name, rows in zip(names, (stops, tellings), strict=True)]
+
+
+def _memory(service: int, guest: "Teacher", door: Path, seconds: float) -> Bench:
+    before, grown = grown_mb(service, guest, door, seconds)
+    note = f"{grown:+.1f} MB to {before:.0f} MB (at most {MOST_MB:g})"
+    return Bench(
+        f"memory of the service while {MANY} guests ask for `runs`, half of whom read nothing",
+        (Row(f"{seconds:g} s of it", seconds, 1.0, missed=grown > MOST_MB, note=note),),
+    )
+
+
+def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tuple[float, float]:
+    """Return the memory of the service before MANY guests ask for the runs, and by how much it was larger at most."""
+    guest.begin()
+    before = resident_mb(service)
+    forget_most(service)
+    with flooded(door, MANY):
+        guest.told_ms(seconds)
+    guest.stop()
+    return before, resident_mb(service, most=True) - before
+
+
+class Teacher:
+    """Somebody who begins a drive, hears what is told, and stops it."""
+
+    def __init__(self, door: Path) -> None:
+        from baqueano.drive.mission import Mission, packed
+        from baqueano.vehicle_file import load
+
+        self._door = door
+        self._mission = packed(
+            Mission("experiment", u=np.tile([0.5, 0.0, 0.1], (2000, 1))), load("small")
+        ).json()
+        self._line = socket.socket(socket.AF_UNIX)
+        self.first = False  # the loop of the service runs before all else
+
+    def __enter__(self) -> "Teacher":
+        self._line.connect(str(self._door))
+        self._line.settimeout(STARTS_S)
+        self._file = self._line.makefile("rb")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+        self._line.close()
+
+    def begin(self) -> None:
+        """Begin a drive."""
+        from baqueano.door import VERSION
+
+        self._say(do="clear")
+        self._hear("state", lambda word: word["state"] == "READY")
+        self._say(do="mission", door=VERSION, mission=self._mission, attended=False)
+        self._hear("tick")
+
+    def told_ms(self, seconds: float) -> list[float]:
+        """Return how late each word of the loop came in the next seconds."""
+        begun_ns, found = time.monotonic_ns(), []
+        while time.monotonic_ns() < begun_ns + 1e9 * seconds:
+            word = self._hear("tick")
+            self.first = word["first"]
+            if word["t_ns"] > begun_ns:  # those of before have waited here
+                found.append(1e-6 * (time.monotonic_ns() - word["t_ns"]))
+        return found
+
+    def stop(self) -> float:
+        """Return the time from a STOP to the first command that is zero [ms]."""
+        begun_ns = time.monotonic_ns()
+        self._say(do="stop", why="it nears the stairs")
+        zero = self._hear("zero")
+        self._hear("done")
+        return 1e-6 * (zero["t_ns"] - begun_ns)
+
+    def _say(self, **words: object) -> None:
+        self._line.sendall(json.dumps(words).encode() + b"\n")
+
+    def _hear(self, kind: str, true: Any = lambda word: True) -> dict[str, Any]:
+        for line in self._file:
+            word = json.loads(line)
+            if word["is"] == "no":
+                raise RuntimeError(word["why"])
+            if word["is"] == kind and true(word):
+                return word
+        raise EOFError
+
+
+def serve(folder: str) -> None:
+    """Run a service whose loop tells the time of its ticks, and of the first zero command after others."""
+    from baqueano.door.simulated.missions import StoredRoutes
+    from baqueano.door.simulated.service import SimulatedService
+    from baqueano.door.sockets import Door
+    from baqueano.robot.service.realtime import claimed
+    from baqueano.vehicle_file import load
+    from baqueano.worlds import ShakenWorld
+
+    place, file = Path(folder), load("small")
+    service = SimulatedService(file, file, place, StoredRoutes(place))
+    door = Door(place / "door", service.operator, place, service.words())
+    service.tell, service.frames = door.tell, door.frames
+    claimed()
+    first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), ShakenWorld.write, False, 0
+
+    def stamped(self: Any, command: Any) -> None:
+        nonlocal moves, ticks
+        write(self, command)
+        zero, ticks = not np.any(command.u), ticks + 1
+        if (zero and moves) or ticks % EVERY == 0:
+            door.tell(
+                {"is": "zero" if zero and moves else "tick", "t_ns": time.monotonic_ns(), "first": first}
+            )
+        moves = not zero
+
+    ShakenWorld.write = stamped
+    signal.signal(signal.SIGTERM, lambda number, frame: service.end())
+    service.run()
+    door.close()
+
+
+def flooding(door: str, number: str) -> None:
+    """Say `runs` without end; of more than FLOODING guests every second one reads nothing."""
+    words, look = b'{"do": "runs"}\n' * 1000, selectors.DefaultSelector()
+    for k in range(int(number)):
+        _come(look, door, reads=int(number) <= FLOODING or k % 2 == 0)
+    print("they are here", flush=True)
+    while True:
+        for key, events in look.select():
+            line, reads = key.fileobj, key.data
+            try:
+                if events & selectors.EVENT_READ and reads:
+                    line.recv(1 << 20)  # pyright: ignore[reportAttributeAccessIssue]
+                if events & selectors.EVENT_WRITE:
+                    line.send(words)  # pyright: ignore[reportAttributeAccessIssue]
+            except BlockingIOError:
+                continue
+            except OSError:  # it read nothing, and was let go
+                look.unregister(line)
+                line.close()  # pyright: ignore[reportAttributeAccessIssue]
+                _come(look, door, reads)
+
+
+def _come(look: selectors.BaseSelector, door: str, reads: bool) -> None:
+    line = socket.socket(socket.AF_UNIX)
+    line.connect(door)
+    line.setblocking(False)
+    look.register(line, selectors.EVENT_WRITE | (selectors.EVENT_READ if reads else 0), reads)
+
+
+@contextmanager
+def flooded(door: Path, number: int) -> Iterator[None]:
+    """Let so many guests flood a door, from a process of their own."""
+    with _program("flooding", str(door), str(number)) as program:
+        assert program.stdout is not None
+        program.stdout.readline()
+        yield
+
+
+@contextmanager
+def _child(what: str, folder: Path) -> Iterator[tuple[int, Path]]:
+    door, end = folder / "door", time.monotonic() + STARTS_S
+    with _program(what, str(folder)) as program:
+        while not door.exists():
+            assert program.poll() is None, "the service did not start"
+            assert time.monotonic() < end, "the service did not start"
+            time.sleep(0.05)
+        yield program.pid, door
+
+
+@contextmanager
+def _program(what: str, *words: str) -> Iterator["subprocess.Popen[bytes]"]:
+    code = f"import sys; from benchmarks.door import {what}; {what}(*sys.argv[1:])"
+    with subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE) as program:
+        try:
+            yield program
+        finally:
+            program.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                program.wait(STARTS_S)

@@ -1,0 +1,80 @@
+"""Gains for many vehicles: the paper's PD tuned on the file's own vehicle, and over draws of the fit.
+
+    python -m benchmarks.robust --jerk 0   (--smallest: that it runs)
+
+The small vehicle with the errors of a fit of a minute: actuator matrix and gains of the motors 2 %, dry friction 5 %,
+lag 10 % (1 sd), delay ± 10 ms. Both gains are judged on 200 vehicles that neither search has met: the median, the 95 %
+quantile and the worst of their distances beside the path. All begin on the
+route: this PD corrects nothing beside it. The nominal search has begun from so many points that it has
+needed as many drives as the other.
+"""
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+
+from baqueano.guides.shapes import sinuous_circle
+from baqueano.tune import tune
+from baqueano.tune.rehearsal import drawn_vehicles, rehearse, rms
+from baqueano.vehicle_file import ParameterCov, load, parse
+
+ROUTE = sinuous_circle(0.6, 0.06, 5, 0.2)
+ERRORS = {
+    "model.actuator_matrix[0,0]": 0.02, "model.actuator_matrix[2,2]": 0.02, "model.drivetrain.gain[0]": 0.02,
+    "model.drivetrain.gain[1]": 0.02, "model.friction.coulomb[0]": 0.05, "model.friction.coulomb[2]": 0.05,
+    "model.drivetrain.lag_s": 0.1,
+}  # fmt: skip
+DRAWS, STARTS, JUDGES, OTHER = 16, 3, 200, 5000
+DURATION_S = 10.0  # of a drive
+
+
+def vehicle():
+    """The small vehicle with the paper's PD and the errors of a fit."""
+    text = load("small").text.replace(
+        'kind = "pd_feedforward"', 'kind = "pd"\nalpha = 4.0\nbeta = 1.0\ngamma = 0.1'
+    )
+    file = parse(text, "small.toml")
+    sd = np.array([part * float(file.value(name)) for name, part in ERRORS.items()])
+    return file.with_values({}, parameter_cov=ParameterCov(tuple(ERRORS), np.diag(sd**2)))
+
+
+def judged(file, gains, count, **options):
+    """Cost and distance beside the path, rms [mm], of each of `count` other vehicles."""
+    drives = rehearse(file, ROUTE, draws=1, **options)
+    others = drawn_vehicles(file, drives.legs[0].system, count, OTHER)[1][1:]
+    drives = replace(drives, vehicles=others)
+    leg = drives.legs[0]
+    far = [leg.shown.run(leg.inputs[0], np.concatenate([gains, v]), carry=leg.start)[1][0] for v in others]
+    return drives.of_vehicles(gains[None])[0], np.array([1e3 * rms(d) for d in far])
+
+
+def main():
+    """A row for each way to tune."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--smallest", action="store_true")
+    parser.add_argument("--jerk", type=float, default=0.1, help="price of jerks; 0: the paper's cost")
+    asked = parser.parse_args()
+    smallest = asked.smallest
+    options = {"duration_s": 1.0 if smallest else DURATION_S, "aside_m": 0.0, "jerk_m2": asked.jerk}
+    draws, judges = (2, 3) if smallest else (DRAWS, JUDGES)
+    file = vehicle()
+    robust = tune(file, ROUTE, draws=draws, starts=STARTS, polish=False, **options)
+    drives = sum(len(d.costs) for d in robust.descents) * (draws + 1)
+    nominal = tune(file, ROUTE, starts=STARTS, polish=False, **options)
+    more = 1 if smallest else min(24, max(1, STARTS * drives // len(nominal.history)))
+    nominal = tune(file, ROUTE, starts=more, polish=False, **options)
+    print(
+        f"vehicles of the search, drives needed; {judges} other vehicles: cost [m²], distance [mm rms]; gains"
+    )
+    for name, tuned, of in (("nominal", nominal, 1), ("over draws", robust, draws + 1)):
+        gains = np.array(list(tuned.values.values()))
+        cost, far = judged(file, gains, judges, **options)
+        each = ", ".join(f"{x:.3g}" for x in (*np.quantile(cost, [0.5, 0.95]), cost.max()))
+        distances = ", ".join(f"{x:.1f}" for x in (*np.quantile(far, [0.5, 0.95]), far.max()))
+        needed = sum(len(d.costs) for d in tuned.descents) * of
+        print(f"  {name:10} {of:3} {needed:6}   {each}   {distances}   {tuned.values}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""Laps of a drive: how far beside its route, how long, and how well each closes.
+
+    lap   from one passage of the reference through the end of its route to the next                      (1)
+    gap   |p(end) − p(begin)|,  ψ(end) − ψ(begin)      of the vehicle                                      (2)
+
+The reference passes where it is as near as its steps allow, with the heading of the end. So the crossing of an eight
+does not count. A lap that begins with a way onto the route counts from the begin of the drive.
+"""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.compare import errors
+from baqueano.geometry import wrap
+from baqueano.runs.interpolated import poses_at
+from baqueano.signals import seconds
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.runs.run import Run
+
+NEAR_M, NEAR_RAD = 0.02, 0.3
+LEAST_M = 0.3  # of a lap
+
+
+class Lap(NamedTuple):
+    """A lap of a vehicle, by the truth where it is known, else as estimated.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    begin_s, duration_s : float
+        Times.
+    rms_m, max_m : float
+        Distance from the reference's path.
+    gap_m, gap_rad : float
+        From the pose at the begin of the lap to that at its end.
+    """
+
+    number: int
+    begin_s: float
+    duration_s: float
+    rms_m: float
+    max_m: float
+    gap_m: float
+    gap_rad: float
+
+    def row(self) -> "JsonObject":
+        """Flat, for a machine; SI."""
+        names = {"number": "lap", "rms_m": "across_rms_m", "max_m": "across_max_m"}
+        return {names.get(name, name): value for name, value in self._asdict().items()}
+
+
+def laps_of(run: "Run") -> tuple[Lap, ...]:
+    """Return the laps of a run; none of one whose reference does not come back.
+
+    Examples
+    --------
+    >>> run = bq.repeat(bq.load("small"), bq.guides.shapes.circle(0.3, 0.2), laps=2)
+    >>> [f"{lap.duration_s:.1f} s" for lap in laps_of(run)]
+    ['9.4 s', '9.4 s']
+    """
+    ref, log = run.asked, run.truth if run.truth is not None else run.estimate
+    if ref is None or log is None or len(ref.t_ns) < 3 or len(log.t_ns) < 2:
+        return ()
+    at = _passages(ref.eta, bool(ref.done[-1] > 0.0))
+    if len(at) < 2:  # it does not come back
+        return ()
+    at = at if at[0] == 0 else [0, *at]
+    across = errors.cross_track(log.t_ns, log.eta[:, :2], ref.t_ns, ref.eta[:, :2])
+    ends = poses_at(ref.t_ns[at], log.t_ns, log.eta)
+    laps = []
+    for k, (a, b) in enumerate(zip(ref.t_ns[at][:-1], ref.t_ns[at][1:], strict=True)):
+        d = np.abs(across[(log.t_ns >= a) & (log.t_ns <= b)])
+        d = d[np.isfinite(d)]
+        gap = ends[k + 1] - ends[k]
+        most = float(np.max(d)) if d.size else float("nan")
+        times = float(seconds(a, run.t_ns[0])), float(seconds(b, a))
+        closure = float(np.hypot(gap[0], gap[1])), float(wrap(gap[2]))
+        laps.append(Lap(k + 1, *times, errors.rms(d), most, *closure))
+    return tuple(laps)
+
+
+def _passages(eta: np.ndarray, done: bool) -> list[int]:
+    """Return the numbers of the references (N, 3) that pass the end of the route.  (1)"""
+    end = eta[-1] if done else eta[0]
+    away = np.hypot(eta[:, 0] - end[0], eta[:, 1] - end[1])
+    step = np.hypot(*np.diff(eta[:, :2], axis=0).T)
+    near = (away < max(NEAR_M, 2.0 * float(np.max(step)))) & (np.abs(wrap(eta[:, 2] - end[2])) < NEAR_RAD)
+    s = np.append(0.0, np.cumsum(step))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
+    passed: list[int] = []
+    for a, b in edges.reshape(-1, 2):
+        k = int(a + np.argmin(away[a:b]))
+        if not passed or s[k] - s[passed[-1]] > LEAST_M:
+            passed.append(k)
+    return passed

@@ -1,0 +1,146 @@
+"""The model over the horizon, and the quadratic program that it gives: equations (1), (2) and (4) of mpc.py.
+
+    J = ∂e/∂E / e_max,   P = JᵀJ + DᵀD,   q = Jᵀ (e / e_max − J E°) − Dᵀ d,   D E − d = Δε / change_max   (1)
+
+What depends on the plan alone (D) is made once. e and its slopes are one call of the engine's kernel, in steps of the
+model of LONGEST_S; before and after it are a call each for the state at the start and for the command.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Tree, Value
+from baqueano.controllers.mpc.plan import Plan
+from baqueano.geometry import compose, map_from_body, pose_error
+from baqueano.signals import Estimate, Reference
+from baqueano.symbolic import Scan, function, scan
+from baqueano.vehicles.drivetrain import DrivetrainState
+from baqueano.vehicles.state import VehicleState
+
+if TYPE_CHECKING:
+    from baqueano.controllers.mpc.mpc import Mpc
+
+STEPS = 12  # of the horizon
+FAR = 1e6
+LONGEST_S = 0.02  # of a step of the model, whose tyres are stiff
+NUDGE = 1e-6  # a motor that stands exactly still has no slope
+SMALL = 1e-6  # of the curvature of (1), so that a command without effect stays where it is
+EVEN = {"dead_zone_forward": 0.0, "dead_zone_backward": 0.0, "gain": 1.0, "limit": FAR, "coast": 0.0}
+STEADY = {"duty_step": 0.0, "sag": 0.0, "battery_effect": 0.0}
+
+
+class Quadratic(NamedTuple):
+    """A program: min ½ zᵀ P z + qᵀ z,  low ≤ A z ≤ high."""
+
+    P: np.ndarray  # (m, m)
+    q: np.ndarray  # (m,)
+    A: np.ndarray  # (w, m)
+    low: np.ndarray  # (w,)
+    high: np.ndarray
+
+
+class Horizon:
+    """The model of a controller over its horizon, compiled when it is first asked."""
+
+    def __init__(self, law: "Mpc") -> None:
+        even = {name: value * np.ones(1) for name, value in EVEN.items()}
+        self._motors, vehicle = law.vehicle.drivetrain, law.vehicle
+        body: Any = vehicle
+        self._even = replace(body, drivetrain=replace(self._motors, **even, **STEADY))  # delay and lag alone
+        self._limit, self._e_max = law.limit, law.e_max
+        self._alive = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) the commands with a limit above 0
+        self._k, self._step_s = len(self._alive), law.horizon_s / STEPS
+        self._parts = max(1, int(np.ceil(self._step_s / LONGEST_S)))
+        most = self._alive @ np.minimum(law.limit, FAR)
+        self._change = law.change_max * np.where(most < FAR, most, 1.0)
+        D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / self._change))
+        self._P = D.T @ D + SMALL * np.eye(STEPS * self._k)
+        wall = np.array([law.wall_low, law.wall_high])
+        self._wall, self._walled = wall, np.isfinite(wall).any(axis=0)
+        self._here = np.repeat(np.eye(STEPS), self._parts, axis=0)
+        self._kernel = self._begun = self._commanded = None
+
+    def at_rest(self) -> tuple[np.ndarray, np.ndarray, Tree]:
+        """Return plan (N, k), effort (k,) and drivetrain of motors that have been off for long."""
+        return np.zeros((STEPS, self._k)), np.zeros(self._k), self._even.drivetrain.init()
+
+    def motors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the rows (c, N k) of all channels in the plan, and their least and largest efforts (c,)."""
+        mix = np.column_stack([self._motors.mix(row) for row in self._alive])
+        most = np.minimum(np.abs(mix) @ np.minimum(self._alive @ self._limit, FAR), self._motors.limit)
+        low, high = (np.tile(self._motors.static(sign * most), STEPS) for sign in (-1.0, 1.0))
+        return np.kron(np.eye(STEPS), mix), low, high
+
+    def linear(
+        self, plan: Plan, dt_s: float, reference: Reference, estimate: Estimate
+    ) -> tuple[np.ndarray, Tree, Quadratic | None]:
+        """Return the plan (N, k) moved on, the drivetrain now, and the program; None where the model diverges."""
+        now = plan[1:4], dt_s, float(plan.t_ns >= 0), estimate.eta, estimate.nu, reference.eta, reference.nu
+        if self._begun is None:
+            self._begun = function(self._begin, *now).call
+        E, drivetrain, start = self._begun(*now)
+        if self._kernel is None:
+            self._kernel = self._made(start)
+        out, slopes = self._kernel.sensitivities(self._here, z := E.ravel(), start)
+        out, slopes = (x[self._parts - 1 :: self._parts] for x in (out, slopes))
+        J = slopes[:, :3].reshape(-1, len(z))
+        q = J.T @ (out[:, :3].ravel() - J @ z)
+        q[: self._k] -= plan.effort / self._change**2
+        if not np.isfinite(q).all():
+            return E, drivetrain, None
+        p_E = slopes[:, 3:].reshape(-1, len(z))
+        free = out[:, 3:].ravel() - p_E @ z
+        low, high = (np.tile(wall[self._walled], STEPS) - free for wall in self._wall)
+        return E, drivetrain, Quadratic(J.T @ J + self._P, q, p_E, low, high)
+
+    def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the command (n,) of an effort (k,), and the effort (k,) that it truly gives."""
+        if self._commanded is None:
+            self._commanded = function(self._command, effort).call
+        return self._commanded(effort)
+
+    def _command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        motors = self._motors
+        u = np.clip(motors.inverse(self._alive.T @ effort), -self._limit, self._limit)
+        u = motors.turn_first(u)
+        return u, self._alive @ motors.unmix(motors.static(motors.mix(u)))
+
+    def _begin(
+        self, before: Tree, dt_s: Value, begun: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
+    ) -> tuple[np.ndarray, Tree, np.ndarray]:
+        """Return plan and drivetrain of now, and the start of the kernel: all numbers in one row."""
+        E, effort, drivetrain = before
+        drivetrain = self._even.drivetrain.step(drivetrain, self._alive.T @ effort, dt_s)[0]
+        k = np.minimum(np.arange(STEPS) + begun * dt_s / self._step_s, STEPS - 1.0)
+        E = (
+            np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
+        )  # straight lines between the steps
+        E = np.where(np.abs(E) < NUDGE, NUDGE * np.arange(1.0, self._k + 1.0), E)
+        parts = eta, nu, drivetrain.past.ravel(), drivetrain.steps_s, drivetrain.lagged, eta_r, nu_r
+        return E, drivetrain, np.concatenate(parts)
+
+    def _made(self, start: np.ndarray) -> Scan:
+        """Return the kernel: e / e_max, and the places where there are walls, at the end of each step."""
+        dt_s, past = self._step_s / self._parts, self._even.drivetrain.init()
+        ends = np.cumsum([3, 3, past.past.size, past.steps_s.size, past.lagged.size, 3])
+
+        def step(theta: np.ndarray, x: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            eta, nu, *rest, eta_r, nu_r = np.split(x, ends)
+            motors = DrivetrainState(np.reshape(rest[0], past.past.shape), *rest[1:])
+            effort = here @ np.reshape(theta, (STEPS, self._k))
+            state = VehicleState(eta, nu, np.zeros(3), motors)
+            state, _ = self._even.step(state, self._alive.T @ effort, dt_s, np.zeros(3))
+            motors, eta_r = state.drivetrain, compose(eta_r, _travelled(nu_r * dt_s))
+            parts = state.eta, state.nu, motors.past.ravel(), motors.steps_s, motors.lagged, eta_r, nu_r
+            out = [pose_error(eta_r, state.eta) / self._e_max, state.eta[:2][self._walled]]
+            return np.concatenate(parts), np.concatenate(out)
+
+        return scan(step, start, self._here[0], np.zeros(STEPS * self._k))
+
+
+def _travelled(way: np.ndarray) -> np.ndarray:
+    """Return the pose (3,) after a short way (3,) along an arc, from the origin."""
+    chord = 1.0 - way[2] ** 2 / 24.0
+    return map_from_body(0.5 * way[2]) @ np.array([chord * way[0], chord * way[1], way[2]])

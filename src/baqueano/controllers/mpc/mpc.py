@@ -1,0 +1,118 @@
+"""Model predictive control on the user's own model: the commands of the next `horizon_s`, with their limits in the sum.
+
+    x_{k+1} = f(x_k, ε_k)                     the vehicle's own step, with the motors' delay and lag       (1)
+    r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / change_max)     e against the reference at k     (2)
+    min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
+                 wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
+
+ε is the effort behind the dead zone, in which a command has no slope; u = drivetrain⁻¹(ε_0). The reference at k is that
+of now, driven on with its velocity: a bend is foreseen once it has begun. E° is the plan of the tick before, moved on
+by the time that has passed; one step of (3) a tick follows the optimum (real-time iteration). Where the solver fails,
+the old plan goes on and the run says so; after FAILURES ticks the drive ends. Source: Diehl, Bock and Schlöder, SIAM
+Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from baqueano.controllers.mpc.horizon import Horizon
+from baqueano.controllers.mpc.plan import Plan
+from baqueano.controllers.mpc.program import BoundedProgram
+from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.errors import Invalid
+from baqueano.parameter import INF, documented, parameter
+from baqueano.signals import Command, Estimate, Reference, seconds
+from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.state import Vehicle
+
+FAILURES = 10  # ticks without a solution, after which the drive ends
+
+
+@documented
+@dataclass(frozen=True, eq=False)
+class Mpc:
+    """The commands that bring the vehicle onto its reference best within a horizon.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        The identified model: a block of vehicles/, also one of yours.
+    rate_hz : float
+        Ticks a second.
+
+    Notes
+    -----
+    Equations (1)-(4) of the module. It needs the solver: `pip install osqp`. A tick takes less than 1 ms on a laptop.
+    Its step calls that solver, so nothing compiles it: it drives in `repeat` and `sweep`, and cannot be tuned.
+
+    References
+    ----------
+    Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005.
+
+    Examples
+    --------
+    >>> robot = bq.load("small")
+    >>> law = Mpc(robot.vehicle, limit=robot.command.limit, rate_hz=robot.rate_hz)
+    >>> ahead = Reference(0, np.array([0.1, 0.0, 0.0]), np.zeros(3), 0.0)
+    >>> _, command = law.step(law.init(), ahead, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> bool(command.u[0] > 0.3)
+    True
+    """
+
+    as_written: ClassVar[bool] = True  # its solver is a library, so the step is not compiled
+
+    vehicle: Vehicle
+    horizon_s: float = parameter("s", "time that the controller looks ahead", low=0.1, high=5.0, default=0.8)
+    e_max: np.ndarray = parameter(
+        "m, m, rad", "errors ahead, beside and of the heading with the same weight", low=1e-4, shape=(3,),
+        default=(0.05, 0.02, 0.15),
+    )  # fmt: skip
+    change_max: float = parameter(
+        "1", "change of the command in a step, as a share of its limit, with the same weight as those errors",
+        low=1e-3, default=0.3,
+    )  # fmt: skip
+    wall_low: np.ndarray = parameter(
+        "m, m", "least x and y that the origin may reach in the map", shape=(2,), default=(-INF, -INF)
+    )
+    wall_high: np.ndarray = parameter("m, m", "largest x and y", shape=(2,), default=(INF, INF))
+    rate_hz: float = 100.0
+    limit: np.ndarray = parameter(
+        "unit of u", "largest command, (n,)", low=0.0, default=(INF, INF, INF), shape=None
+    )
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        if self.limit.shape != (self.vehicle.commands,):
+            shape, commands = str(self.limit.shape), self.vehicle.commands
+            raise Invalid(fault("field.limit", block=type(self).__name__, found=shape, commands=commands))
+
+    def init(self) -> Plan:
+        """Return the plan of a vehicle at rest."""
+        return Plan(-1, *self._horizon.at_rest(), 0)
+
+    def step(self, state: Plan, reference: Reference, estimate: Estimate) -> tuple[Plan, Command]:
+        """Return the plan from here, and its first command (n,)."""
+        dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
+        E, drivetrain, program = self._horizon.linear(state, dt_s, reference, estimate)
+        solution = None if program is None else self._program.solve(program, E)
+        failures = 0 if solution is not None else state.failures + 1
+        if failures > FAILURES:
+            raise Invalid(fault("mpc.unsolved", ticks=failures))
+        E = E if solution is None else solution
+        u, effort = self._horizon.command(E[0])
+        return Plan(estimate.t_ns, E, effort, drivetrain, failures), Command(estimate.t_ns, u)
+
+    def says(self, state: Plan) -> Diagnostic | None:
+        """Return what the run is to hold of this tick: the first of those in which the solver failed."""
+        return note("mpc.old-plan", Severity.WARNING, most=FAILURES) if state.failures == 1 else None
+
+    @cached_property
+    def _horizon(self) -> Horizon:
+        return Horizon(self)
+
+    @cached_property
+    def _program(self) -> BoundedProgram:
+        return BoundedProgram(*self._horizon.motors())

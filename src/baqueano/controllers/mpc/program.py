@@ -1,0 +1,73 @@
+"""A quadratic program of one size that is solved again and again, by OSQP.
+
+    min ½ zᵀ P z + qᵀ z,    least ≤ rows z ≤ most,    low ≤ A z ≤ high                                     (1)
+
+P is dense, rows are the same each time. Source: Stellato et al., Mathematical Programming Computation, 2020.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+
+SOLVED = (1, 2)  # also less accurately
+FAR = 1e6
+SETTINGS = {
+    "verbose": False, "eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 400, "polishing": False, "check_termination": 10,
+    "adaptive_rho_interval": 50,
+}  # fmt: skip
+
+
+class BoundedProgram:
+    """The solver of (1), warm from one call to the next."""
+
+    def __init__(self, rows: np.ndarray, least: np.ndarray, most: np.ndarray) -> None:
+        self._rows, self._least, self._most = rows, least, most
+        self._program: Any = None  # of OSQP, from the first call on
+
+    def solve(self, given: Tree, start: np.ndarray) -> np.ndarray | None:
+        """Return z in the shape of `start` for P, q, A, low and high; None where no solution was found in time."""
+        P, q, A, low, high = given
+        if self._program is None:
+            self._set_up(P, q, A, low, high)
+        elif len(low):
+            low, high = self._bounds(low, high)
+            whole = np.vstack([self._rows, A])
+            self._program.update(q=q, l=low, u=high, Px=P.take(self._of_P), Ax=whole.T.take(self._of_A))
+        else:
+            self._program.update(q=q, Px=P.take(self._of_P))
+        program: Any = self._program
+        program.warm_start(x=start.ravel())
+        answer = program.solve(raise_error=False)
+        solved = answer.info.status_val in SOLVED and np.isfinite(answer.x).all()
+        return np.reshape(answer.x, start.shape) if solved else None
+
+    def _set_up(self, P: np.ndarray, q: np.ndarray, A: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+        """Give the solver the pattern: the upper half of P, the rows, and A dense; both are stored by columns."""
+        from scipy.sparse import csc_matrix
+
+        upper = np.triu(np.ones_like(P)) > 0.0
+        pattern = np.vstack([self._rows != 0.0, np.ones_like(A, bool)])
+        matrices = [csc_matrix(np.where(one, 1.0, 0.0)) for one in (upper, pattern)]
+        self._of_P, self._of_A = (np.flatnonzero(one.T) for one in (upper, pattern))
+        matrices[0].data = P.take(self._of_P)
+        matrices[1].data = np.vstack([self._rows, A]).T.take(self._of_A)
+        program = _osqp()
+        program.setup(matrices[0], q, matrices[1], *self._bounds(low, high), **SETTINGS)
+        self._program = program
+
+    def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        low, high = np.clip(low, -FAR, FAR), np.clip(high, -FAR, FAR)
+        return np.concatenate([self._least, low]), np.concatenate([self._most, high])
+
+
+def _osqp() -> Any:
+    """Return a program of the solver; UsageError where it is not installed."""
+    try:
+        import osqp
+    except ImportError as error:
+        raise UsageError(fault("mpc.no-solver", "pip install osqp")) from error
+    return osqp.OSQP()

@@ -1,0 +1,75 @@
+"""A drive that cannot trust its estimate slows down, and stops if that lasts.
+
+    doubt = a sensor is DEGRADED, or σ > SHARE · max_position_std_m of the supervisor                     (1)
+    pace  = SLOW while there is doubt, 0 once it is grave and has lasted WAIT_S, 1 again after it           (2)
+    stop  when the reference has stood for STAND_S under doubt                                            (3)
+
+A sensor is DEGRADED by the monitor (monitor/). Where it cannot tell whether sensor or model is off, the doubt is not
+grave: the vehicle only goes slower. A model that is off for certain does not make the estimate doubtful.
+"""
+
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, joined, note, stop
+from baqueano.drive.observers import LastLine, Observer
+from baqueano.drive.safety.paced_guide import PacedGuide
+from baqueano.loop import Blocks, Record
+from baqueano.monitor.findings import MODEL, SENSOR
+from baqueano.signals import seconds
+from baqueano.supervisor import position_std
+
+SLOW, WAIT_S, STAND_S = 0.5, 3.0, 1.0
+SHARE = 0.7
+SOURCE = WHO = "caution"
+
+
+class Caution(Observer):
+    """Watches one drive; `most_m` is the uncertainty [m] that stops the vehicle. Without `watches` it trusts
+    everything, and only puts the guide under the pace that the holder sets (door/adjusting.py)."""
+
+    def __init__(self, most_m: float = float("inf"), watches: bool = True) -> None:
+        self._most_m, self._watches = most_m, watches
+        self._guide: PacedGuide | None = None
+        self._doubt: Diagnostic | None = None
+        self._grave = False
+        self._since_ns = 0
+        self._lines: list[LastLine] = []
+
+    def begin(self, blocks: Blocks) -> Blocks:
+        """Put the guide under a pace."""
+        self._guide = PacedGuide(blocks.guide)
+        return blocks._replace(guide=self._guide)
+
+    def look(self, record: Record) -> None:
+        """Choose the pace of the next tick.  (2)"""
+        assert self._guide is not None
+        t_ns = record.tick.t_ns
+        doubt, grave = self._doubt_of(record)
+        if grave != self._grave:
+            self._since_ns = t_ns
+        if (doubt is None) != (self._doubt is None):
+            code = "caution.over" if doubt is None else "caution.slow"
+            level = Severity.INFO if doubt is None else Severity.WARNING
+            self._lines.append((SOURCE, str(level), note(code, level, cause=doubt or self._doubt)))
+        self._doubt, self._grave = doubt, grave
+        stands = grave and seconds(t_ns, self._since_ns) >= WAIT_S
+        self._guide.want(WHO, 1.0 if doubt is None else 0.0 if stands else SLOW)
+
+    def why(self, t_ns: int) -> Diagnostic | None:
+        """Return why the vehicle stops.  (3)"""
+        if not self._grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
+            return None
+        return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._doubt)
+
+    def events(self) -> list[LastLine]:
+        """Return when it slowed down, and why."""
+        lines, self._lines = self._lines, []
+        return lines
+
+    def _doubt_of(self, record: Record) -> tuple[Diagnostic | None, bool]:
+        """Return why the estimate is not to be trusted, and whether that is grave.  (1)"""
+        if not self._watches:
+            return None, False
+        std_m = float(position_std(record.estimate.cov))
+        if std_m > SHARE * self._most_m:
+            return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._most_m), True
+        doubted = [one for one in record.degraded if one.off != MODEL]
+        return joined(one.diagnostic for one in doubted), any(one.off == SENSOR for one in doubted)

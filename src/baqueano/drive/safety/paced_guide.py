@@ -1,0 +1,44 @@
+"""A guide whose pace changes between two ticks: by caution, and by who holds the vehicle. The slowest is in force."""
+
+from dataclasses import replace
+
+from baqueano.contracts.values import Tree
+from baqueano.guides import Pace
+from baqueano.signals import Estimate, Reference
+from baqueano.supervisor import guarded
+
+
+class PacedGuide:
+    """A guide, and the paces that are wanted of it.
+
+    >>> from baqueano.guides import Idle
+    >>> guide = PacedGuide(Idle(2.0))
+    >>> guide.want("caution", 0.5)
+    >>> guide.want("holder", 0.8)
+    >>> guide.wanted
+    0.5
+    """
+
+    def __init__(self, guide: Tree) -> None:
+        self.block = Pace(guarded("guide", guide))
+        self._wants: dict[str, float] = {}
+
+    @property
+    def wanted(self) -> float:
+        """Return the pace that is in force, once the ramp has come to it."""
+        return self.block.wanted
+
+    def want(self, who: str, pace: float) -> None:
+        """Take the pace that `who` wants from the next tick on; ValueError for one outside of 0 to 1."""
+        replace(self.block, wanted=pace)
+        self._wants[who] = pace
+        if (slowest := min(self._wants.values())) != self.block.wanted:
+            self.block = replace(self.block, wanted=slowest)
+
+    def init(self) -> Tree:
+        """The guide at its beginning."""
+        return self.block.init()
+
+    def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
+        """The guide's own step, at the pace."""
+        return self.block.step(state, estimate)

@@ -1,0 +1,43 @@
+"""A vehicle that is stuck for ever is given up.
+
+    stuck while |p − p_0| < STILL_M, |ψ − ψ_0| < STILL_RAD and |p_r − p| > AWAY_M                         (1)
+    stop  once (1) has held for patience_s
+
+p_0, ψ_0 is where it last moved. A stop of the route does not count: the vehicle is then where it is wanted. Nor does a
+pause: the reference stands with the vehicle.
+"""
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.drive.observers import Observer
+from baqueano.geometry import wrap
+from baqueano.loop import Record
+from baqueano.signals import seconds
+
+STILL_M, STILL_RAD, AWAY_M = 0.02, 0.1, 0.05
+
+
+class Patience(Observer):
+    """Watches one drive, and gives it up after `patience_s` without a way."""
+
+    def __init__(self, patience_s: float) -> None:
+        self._patience_s = patience_s
+        self._where = np.full(3, np.nan)
+        self._since_ns, self._away_m = 0, 0.0
+
+    def look(self, record: Record) -> None:
+        """Look whether the vehicle moves, or is where it is wanted."""
+        eta, wanted = record.estimate.eta, record.reference.eta
+        moved = not np.hypot(*(eta - self._where)[:2]) < STILL_M
+        moved = moved or not abs(wrap(eta[2] - self._where[2])) < STILL_RAD
+        self._away_m = float(np.hypot(*(wanted - eta)[:2]))
+        if moved or self._away_m <= AWAY_M:
+            self._where, self._since_ns = eta, record.tick.t_ns
+
+    def why(self, t_ns: int) -> Diagnostic | None:
+        """Return why the drive is given up.  (1)"""
+        waited_s = seconds(t_ns, self._since_ns)
+        if waited_s < self._patience_s:
+            return None
+        return stop(StopReason.STUCK, waited_s=waited_s, away_m=self._away_m)

@@ -1,0 +1,131 @@
+"""Precautions of a repetition: checks, a way to its route, and the observers that slow and stop it."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from inspect import signature
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.blocks import Estimator, Guide
+from baqueano.contracts.values import JsonObject, Value
+from baqueano.diagnostics import fault
+from baqueano.drive.observers import Observer
+from baqueano.drive.safety.caution import Caution
+from baqueano.drive.safety.patience import Patience
+from baqueano.drive.safety.room_watch import RoomWatch
+from baqueano.errors import UsageError
+from baqueano.geometry import wrap
+from baqueano.guides import InTurn
+from baqueano.guides.drive_to import NEAR_M, NEAR_RAD
+from baqueano.guides.route import Route
+from baqueano.routes.capability import Capability
+from baqueano.symbolic import TraceError
+
+if TYPE_CHECKING:
+    from baqueano.routes.examine import Walls
+    from baqueano.vehicle_file import VehicleFile
+
+STILL_M_S = 0.01  # a slower sample stands
+LEAST_M, LARGEST_M = 0.15, 20.0  # radius of a way to the route
+SPARE = 1.3  # of that radius, for the controller
+PATIENCE_S = 20.0
+
+
+class PlainRoom(NamedTuple):
+    """A room as it travels in a mission: see `routes.examine.Walls`."""
+
+    free: Value
+    start: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Precautions:
+    """Options of `repeat` for the safety of the vehicle.
+
+    `check`: judge the route before anything moves. `anyway`: drive one that is too fast, or has gaps. `room`: stop
+    before the vehicle may leave it. `lead_in`: where the vehicle does not stand at the start of its route, drive there
+    first. `way_back`: afterwards drive back to that start. `caution`: slow down and stop where the estimate is
+    doubtful. `patience_s`: give up a vehicle that is stuck for so long.
+    """
+
+    check: bool = True
+    anyway: bool = False
+    room: "Walls | None" = None
+    lead_in: bool = True
+    way_back: bool = False
+    caution: bool = True
+    patience_s: float = PATIENCE_S
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> "tuple[Precautions, dict[str, Any]]":
+        """Return the precautions among options, and the other options."""
+        own = {field.name for field in fields(cls)}
+        mine = {name: value for name, value in options.items() if name in own}
+        return cls(**mine), {name: value for name, value in options.items() if name not in own}
+
+    def to_json(self) -> JsonObject:
+        """Return what differs from the usual, for JSON."""
+        usual = Precautions()
+        row = {f.name: getattr(self, f.name) for f in fields(self)}
+        row = {name: value for name, value in row.items() if value != getattr(usual, name)}
+        if self.room is not None:
+            free = tuple(float(x) for x in self.room.free)
+            row["room"] = {"free": list(free), "start": list(self.room.start)}
+        return row
+
+    @classmethod
+    def of_json(cls, document: JsonObject) -> "Precautions":
+        """Return the inverse of `to_json`; UsageError for another text."""
+        try:
+            usual, row = asdict(cls()), dict(document)
+            room = row.pop("room", None)
+            if room is not None:
+                free, start = (tuple(map(float, room[name])) for name in ("free", "start"))
+                room = PlainRoom((free[0], free[1]), (start[0], start[1], start[2]))
+            for name, value in row.items():
+                right = isinstance(value, int | float) if name == "patience_s" else isinstance(value, bool)
+                if name not in usual or not right:
+                    raise ValueError(f"{name} = {value!r:.80}")
+            return cls(room=room, **row)
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
+
+    def around(
+        self, guide: Guide, route: Route, vehicle_file: "VehicleFile", start: np.ndarray, estimator: Estimator,
+    ) -> Guide:  # fmt: skip
+        """Return the guide, with a way to the route where the vehicle does not stand at its start, and a way back.
+
+        An estimator that takes no start begins wherever its sensors see it."""
+        off = start[:3] - route.eta[0]
+        away = np.hypot(off[0], off[1]) > NEAR_M or abs(wrap(off[2])) > NEAR_RAD
+        leads = self.lead_in and (away or not signature(estimator.init).parameters)
+        if not (leads or self.way_back):
+            return guide
+        limits = limits_of(route, vehicle_file)
+        if leads:
+            guide = InTurn.led_in(guide, route, **limits)
+        return InTurn.with_way_back(guide, route, **limits) if self.way_back else guide
+
+    def observers(self, vehicle_file: "VehicleFile", route: Route) -> tuple[Observer, ...]:
+        """Return the observers that slow and stop the drive."""
+        most_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
+        watch: list[Observer] = [Caution(most_m, self.caution)]
+        if np.isfinite(self.patience_s):
+            watch.append(Patience(self.patience_s))
+        if self.room is not None:
+            watch.append(RoomWatch(self.room, route.eta[0]))
+        return tuple(watch)
+
+
+def limits_of(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
+    """Return the speed [m/s] of a route and a radius [m] that the vehicle can drive at it, with a spare."""
+    speed = np.abs(route.nu[:, 0])
+    moving = speed[speed > STILL_M_S]
+    v = float(np.median(moving)) if moving.size else 0.2
+    try:
+        turn = float(Capability(vehicle_file).fastest_turn(np.array([v]))[0])
+    except TraceError:  # a vehicle of one's own that is not compiled
+        turn = 0.0
+    radius_m = SPARE * v / turn if turn > 0.0 else 2.0 * LEAST_M
+    return {"speed_m_s": v, "radius_m": float(np.clip(radius_m, LEAST_M, LARGEST_M))}

@@ -1,0 +1,53 @@
+"""The vehicle stops before it may leave the room.
+
+    p̂ = p_start + R(ψ_start) R(ψ_0)ᵀ (p − p_0)                in the room, of the route's first pose η_0  (1)
+    |p̂_i| + STOP_S |v_i| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the way to rest        (2)
+
+free is what the room leaves to the body's origin (identify/design/room.py). With commands and IMU alone Σ grows from
+lap to lap: the drive ends where it may touch a wall, not where it does.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, StopReason, stop
+from baqueano.drive.observers import Observer
+from baqueano.geometry import map_from_body
+from baqueano.loop import Record
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+    from baqueano.routes.examine import Walls
+
+CHI_SQUARE = 5.991  # 95 % of two normal numbers
+STOP_S = 0.3
+
+
+class RoomWatch(Observer):
+    """Watches one drive whose route begins at the pose `origin` (3,) of the map, and at `room.start` of the room."""
+
+    def __init__(self, room: "Walls", origin: np.ndarray) -> None:
+        self._free, self._start = np.asarray(room.free), np.asarray(room.start)
+        self._origin = origin
+        self._turn = map_from_body(self._start[2] - origin[2])[:2, :2]
+        self._why: Diagnostic | None = None
+
+    def look(self, record: Record) -> None:
+        """Look how near the walls may be.  (2)"""
+        eta, nu, cov = record.estimate.eta, record.estimate.nu, record.estimate.cov
+        place = self._start[:2] + self._turn @ (eta[:2] - self._origin[:2])  # (1)
+        v = self._turn @ map_from_body(eta[2])[:2, :2] @ nu[:2]
+        std = np.sqrt(np.maximum(np.diag(self._turn @ cov[:2, :2] @ self._turn.T), 0.0))
+        region = np.sqrt(CHI_SQUARE) * std
+        stop_m = STOP_S * np.abs(v)
+        beyond = np.abs(place) + stop_m + region - self._free
+        if np.max(beyond) > 0.0 and self._why is None:
+            i = int(np.argmax(beyond))
+            wall_m = float(self._free[i] - abs(place[i]))
+            figures: JsonObject = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
+            self._why = stop(StopReason.ROOM, axis="xy"[i], **figures)
+
+    def why(self, t_ns: int) -> Diagnostic | None:
+        """Return why the vehicle stops."""
+        return self._why

@@ -1,0 +1,136 @@
+"""Drives from where the vehicle stands to the nearest of some poses, on the shortest way of a smallest radius.
+
+    way     of the goals η_j, the one with the shortest way (dubins.py) from the first estimate            (1)
+    v²  ≤   speed²,   (v_0 + a t)²,   v_j² + 2 a (length − σ)                                              (2)
+    σ̇ = v,   η_r = way(σ),   ν_r = (± v, 0, κ v),   done when σ ≥ length                                  (3)
+
+v_0 is the speed of the first estimate, v_j that of the route at the goal; the sign is that of v_j: a route that is
+driven backward is reached backward. A vehicle that stands within NEAR_M and NEAR_RAD of the first goal is there. A
+goal stands in place of "the nearest point ahead": beside a route that is some way along it, as R allows.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Tree, Value
+from baqueano.geometry import wrap
+from baqueano.guides.dubins import Way, pose_at, shorter, shortest
+from baqueano.guides.route import Route
+from baqueano.parameter import documented, parameter
+from baqueano.signals import Estimate, Reference, seconds
+from baqueano.vehicles.bounds import check_bounds
+
+NEAR_M, NEAR_RAD = 0.01, np.radians(2.0)
+SLOWEST_M_S = 0.02  # so that it arrives
+GOALS = 9
+REACH_M = 1.0  # of a route, from its start, where it may be joined
+
+
+class DriveToState(NamedTuple):
+    """Progress along the way."""
+
+    t_ns: int  # -1 before the first tick
+    start: Value  # (3,)
+    way: Way
+    goal: Value  # (3,): time of the route [s], its speed [m/s], its direction
+    sigma_m: float
+    v_m_s: float
+
+
+@documented
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveTo:
+    """Drive to the nearest of some poses, and stand there.
+
+    Notes
+    -----
+    Equations (1)-(3) of the module.
+
+    References
+    ----------
+    Dubins, American Journal of Mathematics, 1957.
+
+    Examples
+    --------
+    >>> from baqueano.signals import Estimate
+    >>> guide = DriveTo(goals=[[1.0, 0.0, 0.0]])
+    >>> _, reference = guide.step(guide.init(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
+    >>> reference.done
+    0.0
+    """
+
+    goals: np.ndarray = parameter("m, m, rad", "poses, (k, 3)", shape=None)
+    tau_s: np.ndarray = parameter("s", "times of the route at the goals, (k,)", default=(0.0,), shape=None)
+    v_m_s: np.ndarray = parameter("m/s", "speeds of the route there, (k,)", default=(0.0,), shape=None)
+    radius_m: float = parameter("m", "smallest radius of a curve", low=0.01, high=1e3, default=0.25)
+    speed_m_s: float = parameter("m/s", "speed on the way", low=0.01, high=100.0, default=0.2)
+    acceleration_m_s2: float = parameter("m/s²", "change of the speed", low=0.01, default=0.3)
+
+    def __post_init__(self) -> None:
+        goals = np.atleast_2d(np.array(self.goals, dtype=float))
+        object.__setattr__(self, "goals", goals)
+        for name in ("tau_s", "v_m_s"):
+            rows = np.array(getattr(self, name), dtype=float)
+            object.__setattr__(self, name, np.broadcast_to(rows, (len(goals),)).copy())
+        check_bounds(self)
+
+    @classmethod
+    def join(cls, route: Route, reach_m: float = REACH_M, **limits: float) -> "DriveTo":
+        """Return the guide to the first part of a route, up to `reach_m`, at most half of the route."""
+        s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
+        wanted = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOALS)
+        at = np.unique(np.searchsorted(s, wanted - 1e-12))
+        return cls(route.eta[at], route.t_s[at], route.nu[at, 0], **limits)
+
+    def init(self) -> DriveToState:
+        """Not begun."""
+        nowhere = Way(0.0, np.zeros(3), np.zeros(2))
+        return DriveToState(-1, np.zeros(3), nowhere, np.zeros(3), 0.0, 0.0)
+
+    def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
+        """Return the pose and the velocity on the way.  (3)"""
+        began = state.t_ns >= 0
+        start = np.where(began, state.start, estimate.eta)
+        planned, goal = self._nearest(estimate.eta)
+        way = Way(*(np.where(began, a, b) for a, b in zip(state.way, planned, strict=True)))
+        goal = np.where(began, state.goal, goal)
+        dt_s = np.where(began, seconds(estimate.t_ns, state.t_ns), 0.0)
+        ahead = goal[2]
+        v = (
+            np.where(began, state.v_m_s, np.maximum(ahead * estimate.nu[0], 0.0))
+            + self.acceleration_m_s2 * dt_s
+        )
+        rest_m = np.maximum(way.length_m - state.sigma_m, 0.0)
+        v = np.minimum(
+            np.minimum(v, self.speed_m_s), np.sqrt(goal[1] ** 2 + 2.0 * self.acceleration_m_s2 * rest_m)
+        )
+        sigma_m = np.minimum(state.sigma_m + np.maximum(v, SLOWEST_M_S) * dt_s, way.length_m)
+        done: Value = np.where(sigma_m >= way.length_m, 1.0, 0.0)
+        back = 0.5 * np.pi * (1.0 - ahead)  # of the body against its course
+        course = np.array([start[0], start[1], start[2] - back])
+        pose, kappa = pose_at(course, way, sigma_m, self.radius_m)
+        eta = np.array([pose[0], pose[1], wrap(pose[2] + back)])
+        v_r = np.where(done > 0.0, 0.0, v)
+        nu = np.array([ahead * v_r, 0.0 * v_r, kappa * v_r])
+        now = DriveToState(estimate.t_ns, start, way, goal, sigma_m, v)
+        return now, Reference(estimate.t_ns, eta, nu, done)
+
+    def _nearest(self, eta: Value) -> tuple[Way, Value]:
+        """Return the way to the nearest goal, and what is there.  (1)"""
+        ahead = np.where(self.v_m_s < 0.0, -1.0, 1.0)
+        back = 0.5 * np.pi * (1.0 - ahead)
+        x, y, psi = self.goals.T
+        ways = shortest((eta[0], eta[1], eta[2] - back), (x, y, psi - back), self.radius_m)
+        off = eta - self.goals[0]
+        there = (np.hypot(off[0], off[1]) < NEAR_M) & (np.abs(wrap(off[2])) < NEAR_RAD)
+        best = Way(*(field[..., 0] for field in ways))
+        best = best._replace(length_m=np.where(there, 0.0, best.length_m))
+        goal = np.array([self.tau_s[0], np.abs(self.v_m_s[0]), ahead[0]])
+        for k in range(1, len(self.goals)):
+            way = Way(*(field[..., k] for field in ways))
+            less = way.length_m < best.length_m
+            goal = np.where(less, np.array([self.tau_s[k], np.abs(self.v_m_s[k]), ahead[k]]), goal)
+            best = shorter(way, best)
+        return best, goal

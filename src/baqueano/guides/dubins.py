@@ -1,0 +1,89 @@
+"""The shortest way between two poses on arcs of one radius R and a straight line between them.
+
+    p = (x, y)/R of the goal seen from the start, turned so that it lies at (D, 0); α, β are the headings there
+    LSL  p² = 2 + D² − 2 cos(α − β) + 2 D (sin α − sin β),   χ = atan2(cos β − cos α, D + sin α − sin β)
+    LSR  p² = D² − 2 + 2 cos(α − β) + 2 D (sin α + sin β),   χ = atan2(−cos α − cos β, D + sin α + sin β) + atan2(2, p)
+    t = (χ − α) mod 2π,   q = (β − χ) mod 2π of LSL, (χ − β) mod 2π of LSR                                 (1)
+    RSR and RSL are LSL and LSR of the mirrored problem (−α, −β); length = R (t + p + q)                  (2)
+
+Source: Dubins, American Journal of Mathematics, 1957; Shkel and Lumelsky, Robotics and Autonomous Systems, 2001.
+Departure: the words of three arcs are left out. They are shorter for some goals nearer than 4 R; LSL and RSR always
+exist.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Value
+
+TURN = 2.0 * np.pi
+ROUND_OFF = 1e-9  # an angle that is less below zero is no full turn
+FAR_M = 1e9  # of a word that does not exist
+WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # first and last arc; 1 turns left
+
+
+class Way(NamedTuple):
+    """Two arcs and the line between them."""
+
+    length_m: Value
+    arcs_m: Value  # (3,) of the first arc, the line and the last arc
+    turns: Value  # (2,) of the arcs: 1 left, −1 right
+
+
+def shortest(start: Value, goal: Value, radius_m: float) -> Way:
+    """Return the shortest way from a pose (3,) to another; of several goals at once, x, y and ψ of all (3, k), the way
+    to each.  (1), (2)"""
+    dx, dy = (goal[0] - start[0]) / radius_m, (goal[1] - start[1]) / radius_m
+    D, towards = np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)
+    best = None
+    for first, last in WORDS:
+        t, p, q, exists = _word(D, first * (start[2] - towards), first * (goal[2] - towards), first == last)
+        length_m = np.where(exists, radius_m * (t + p + q), FAR_M)
+        arcs_m = radius_m * np.array([t, p, q])
+        this = Way(length_m, arcs_m, np.array([first + 0.0 * t, last + 0.0 * t]))
+        best = this if best is None else shorter(this, best)
+    assert best is not None
+    return best
+
+
+def shorter(one: Way, other: Way) -> Way:
+    """Return the shorter of two ways; the other, of two as long."""
+    less = one.length_m < other.length_m
+    return Way(*(np.where(less, a, b) for a, b in zip(one, other, strict=True)))
+
+
+def pose_at(start: Value, way: Way, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
+    """Return the pose (3,) after sigma_m of a way from `start`, the heading continuous, and the curvature there."""
+    x, y, psi = start[0], start[1], start[2]
+    left_m, kappa = sigma_m, 0.0 * sigma_m
+    for k, turn in enumerate((way.turns[0], 0.0, way.turns[1])):
+        ds = np.clip(left_m, 0.0, way.arcs_m[k])
+        bend = turn / radius_m
+        middle = psi + 0.5 * bend * ds
+        half = 0.5 * bend * ds
+        straight = np.abs(half) < ROUND_OFF
+        chord = np.where(straight, ds, ds * np.sin(half) / np.where(straight, 1.0, half))
+        x, y, psi = x + chord * np.cos(middle), y + chord * np.sin(middle), psi + bend * ds
+        kappa = np.where(left_m > 0.0, bend, kappa)
+        left_m = left_m - way.arcs_m[k]
+    return np.array([x, y, psi]), kappa
+
+
+def _word(D: Value, alpha: Value, beta: Value, same: bool) -> tuple[Value, Value, Value, Value]:
+    """Return t, p, q of a word that begins to the left, and whether it exists.  (1)"""
+    sa, sb, ca, cb = np.sin(alpha), np.sin(beta), np.cos(alpha), np.cos(beta)
+    if same:
+        square = 2.0 + D * D - 2.0 * np.cos(alpha - beta) + 2.0 * D * (sa - sb)
+        p = np.sqrt(np.maximum(square, 0.0))
+        chi = np.arctan2(cb - ca, D + sa - sb)
+        return _turn(chi - alpha), p, _turn(beta - chi), square >= -ROUND_OFF
+    square = D * D - 2.0 + 2.0 * np.cos(alpha - beta) + 2.0 * D * (sa + sb)
+    p = np.sqrt(np.maximum(square, 0.0))
+    chi = np.arctan2(-ca - cb, D + sa + sb) + np.arctan2(2.0, p)
+    return _turn(chi - alpha), p, _turn(chi - beta), square >= 0.0
+
+
+def _turn(angle: Value) -> Value:
+    """Return an angle from 0 to 2π."""
+    return angle + ROUND_OFF - TURN * np.floor((angle + ROUND_OFF) / TURN)

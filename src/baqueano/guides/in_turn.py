@@ -1,0 +1,106 @@
+"""Two guides in turn: a lead-in and its route, a route and the way back to its start.
+
+    first  until it is done,  then second                                                                 (1)
+    second begins at the time τ of its route at which `first` arrived, where `first` drives to a route      (2)
+
+(2): a guide that has no `joined` begins τ ago.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Guide
+from baqueano.contracts.values import Tree, Value
+from baqueano.guides.drive_to import DriveTo
+from baqueano.guides.route import Route
+from baqueano.signals import NANOSECONDS, Estimate, Reference
+
+
+class InTurnState(NamedTuple):
+    """The states of both, and which of them leads."""
+
+    first: Tree
+    second: Tree
+    over: float  # 1.0 once the first was done
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InTurn:
+    """Follow one guide until it is done, and then another.
+
+    Parameters
+    ----------
+    first, second : Guide
+        The guides.
+    joins : bool
+        True where `first` is a DriveTo onto the route of `second`.
+
+    Notes
+    -----
+    Equations (1) and (2) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.guides import Repeat
+    >>> from baqueano.guides.shapes import circle
+    >>> from baqueano.signals import Estimate
+    >>> lap = circle(0.5, 0.2)
+    >>> guide = InTurn.led_in(Repeat.along(lap), lap)
+    >>> beside = Estimate(0, np.array([0.0, 0.2, 0.0]), np.zeros(3), np.eye(6))
+    >>> print(guide.step(guide.init(), beside)[1].eta)  # it begins where the vehicle stands
+    [0.  0.2 0. ]
+    """
+
+    goes_around: ClassVar[tuple[str, ...]] = ("first", "second")
+
+    first: Tree
+    second: Tree
+    joins: bool = False
+
+    @classmethod
+    def led_in(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
+        """Return the guide with a way onto its route from where the vehicle stands; `limits` are those of DriveTo."""
+        return cls(DriveTo.join(route, **limits), guide, True)
+
+    @classmethod
+    def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
+        """Return the guide with a way back to where its route begins."""
+        return cls(guide, DriveTo(route.eta[:1], **limits))
+
+    def init(self) -> InTurnState:
+        """The first at its beginning."""
+        return InTurnState(self.first.init(), self.second.init(), 0.0)
+
+    def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
+        """Return the reference of the one that leads.  (1)"""
+        first, led = self.first.step(state.first, estimate)
+        over: Value = np.where((state.over > 0.0) | (led.done > 0.0), 1.0, 0.0)
+        begun = _either(state.over > 0.0, state.second, self._entry(first, estimate))
+        second, then = self.second.step(begun, estimate)
+        chosen = _either(over > 0.0, then, led._replace(done=0.0 * led.done))
+        kept = _either(state.over > 0.0, state.first, first)
+        return InTurnState(kept, _either(over > 0.0, second, state.second), over), chosen
+
+    def _entry(self, first: Tree, estimate: Estimate) -> Tree:
+        """Return the state at which the second begins.  (2)"""
+        if not self.joins:
+            return self.second.init()
+        tau_s = first.goal[0]
+        joined = optional.of(self.second, "joined")
+        if joined is not None:
+            return joined(estimate.t_ns, tau_s)
+        before = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))
+        return self.second.step(self.second.init(), before)[0]
+
+
+def _either(condition: Value, a: Tree, b: Tree) -> Tree:
+    """Return the one tree or the other, which have one shape, number by number."""
+    if isinstance(a, tuple):
+        parts = [_either(condition, x, y) for x, y in zip(a, b, strict=True)]
+        return tuple(parts) if type(a) is tuple else type(a)(*parts)
+    if isinstance(a, dict):
+        return {name: _either(condition, a[name], b[name]) for name in a}
+    return a if a is None else np.where(condition, a, b)

@@ -1,0 +1,79 @@
+"""Any guide at another pace: slower, paused, and on again.
+
+    |p_k − p_{k−1}| ≤ Δt / ramp_s,   p → wanted                                                           (1)
+    t′ = ∫ p dt,   η_r, ν_r = guide(t′),   ν_r ← p ν_r                                                    (2)
+
+The guide lives in the time t′, which stands at p = 0: no part of its route is left out by a pause, and from 1 to 0 the
+vehicle brakes in ramp_s. At p = 1 its references are those of the guide itself, bit for bit.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Tree, Value
+from baqueano.parameter import documented, parameter
+from baqueano.signals import Estimate, Reference, seconds
+from baqueano.vehicles.bounds import check_bounds
+
+
+class PaceState(NamedTuple):
+    """The pace, and the time of the guide."""
+
+    t_ns: int  # -1 before the first tick
+    own_ns: int  # t′
+    pace: float
+    guide: Tree
+
+
+@documented
+@dataclass(frozen=True, slots=True, eq=False)
+class Pace:
+    """Follow a guide at a pace from 0, at rest, to 1.
+
+    Parameters
+    ----------
+    guide : Guide
+        The guide.
+
+    Notes
+    -----
+    Equations (1) and (2) of the module.
+
+    Examples
+    --------
+    >>> from baqueano.guides import Repeat
+    >>> from baqueano.guides.shapes import circle
+    >>> from baqueano.signals import Estimate
+    >>> guide, here = Pace(Repeat.along(circle(0.5, 0.2)), wanted=0.5), np.zeros(3)
+    >>> state, _ = guide.step(guide.init(), Estimate(0, here, here, np.eye(6)))
+    >>> state, reference = guide.step(state, Estimate(2_000_000_000, here, here, np.eye(6)))
+    >>> print(reference.nu)
+    [0.1 0.  0.2]
+    """
+
+    as_written: ClassVar[bool] = True  # its pace is changed between two ticks; the guide inside is compiled
+    goes_around: ClassVar[tuple[str, ...]] = ("guide",)
+
+    guide: Tree
+    wanted: float = parameter("1", "pace", low=0.0, high=1.0, default=1.0)
+    ramp_s: float = parameter("s", "time from 0 to 1", low=1e-3, high=60.0, default=0.6)
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+
+    def init(self) -> PaceState:
+        """Return the state before the first tick, at full pace."""
+        return PaceState(-1, 0, 1.0, self.guide.init())
+
+    def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
+        """Return the reference of the guide at its own time.  (2)"""
+        if state.t_ns < 0:
+            state = state._replace(t_ns=estimate.t_ns, own_ns=estimate.t_ns)
+        step = seconds(estimate.t_ns, state.t_ns) / self.ramp_s
+        pace: Value = np.clip(self.wanted, state.pace - step, state.pace + step)  # (1)
+        own_ns = state.own_ns + round(pace * (estimate.t_ns - state.t_ns))
+        guide, reference = self.guide.step(state.guide, estimate._replace(t_ns=own_ns))
+        reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)
+        return PaceState(estimate.t_ns, own_ns, pace, guide), reference

@@ -1,0 +1,74 @@
+"""A page about a vehicle that ages: what moved, and each parameter over the runs."""
+
+from typing import Any
+
+import numpy as np
+
+from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.language import number, shown_unit
+from baqueano.language import translated as _
+from baqueano.messages import text
+from baqueano.printable import typed
+from baqueano.report.lab import panels, styled
+from baqueano.report.page import Headline, Page, Section, Table, draw
+
+
+def page_of_drift(history: Any) -> Page:
+    """The page of `over_time`."""
+    sentences = "\n".join(text(one.message) for one in history.moved) or _(
+        "No parameter changed beyond its error bars."
+    )
+    entries = with_curves(history)
+    caption = _("Each run by itself with its 95 % interval (blue), and the estimate from all runs (green).")
+    return Page(
+        title=_("{vehicle} over {runs} runs", vehicle=history.last.file.name, runs=len(history.runs)),
+        subtitle=_(
+            "{first} to {last}",
+            first=history.when[0] or history.runs[0],
+            last=history.when[-1] or history.runs[-1],
+        ),
+        verdict=history.verdict,
+        headlines=[
+            Headline(
+                one.name.removeprefix("model."),
+                f"{number(one.after):.3g} {shown_unit(one.unit)}",
+                _("was {before:.3g}", before=one.before),
+            )
+            for one in history.moved[:4]
+        ],
+        sections=[
+            Section(_("Changed parameters"), sentences, []),
+            Section(_("Run by run"), "", [draw(curves(history, entries), caption)] if entries else []),
+            Section(_("Figures"), "", [Table(history.rows())]),
+        ],
+        reproduce=typed("runs", "wear", *history.runs),
+    )
+
+
+def with_curves(history: Any) -> list[int]:
+    """Return the entries of the parameters that two runs or more show."""
+    return [i for i in range(len(history.names)) if np.isfinite(history.single[:, i]).sum() > 1]
+
+
+@styled
+def curves(history: Any, entries: list[int]) -> Any:
+    """Draw these parameters over the runs."""
+    columns = 2 if len(entries) > 1 else 1
+    rows = -(-len(entries) // columns)
+    figure, axes = panels(rows, columns, (9.2, 2.0 * rows + 0.5), sharex=True)
+    moved = {one.name for one in history.moved}
+    at = np.arange(len(history.runs))
+    for axis, i in zip(axes.ravel(), entries, strict=False):
+        low, high = (history.smoothed[:, i] + s * QUANTILE_95 * history.smoothed_sd[:, i] for s in (-1, 1))
+        axis.fill_between(at, low, high, color="#238b45", alpha=0.2, lw=0)
+        axis.plot(at, history.smoothed[:, i], color="#238b45", lw=1.4)
+        half = QUANTILE_95 * history.single_sd[:, i]
+        axis.errorbar(at, history.single[:, i], half, fmt="o", ms=3, color="#3b6fb6", lw=1.0)
+        name = history.names[i].removeprefix("model.")
+        axis.set_title(name, fontsize=9, color="#c2410c" if history.names[i] in moved else "#1d2128")
+        axis.set_ylabel(history.units[i], fontsize=8)
+    for axis in axes.ravel()[len(entries) :]:
+        axis.set_visible(False)
+    for axis in axes[-1]:
+        axis.set_xlabel(_("run"))
+    return figure

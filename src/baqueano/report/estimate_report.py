@@ -1,0 +1,162 @@
+"""Sections of a page on an estimate: its path and corridor, its errors, its innovations, another one beside it."""
+
+import numpy as np
+
+from baqueano.compare import Comparison, RunComparison
+from baqueano.compare.corridor import Corridor, corridor_of
+from baqueano.compare.divergence import until_diverged
+from baqueano.compare.errors import aligned
+from baqueano.compare.filter_consistency import FilterConsistency
+from baqueano.geometry import map_from_body, wrap
+from baqueano.language import translated as _
+from baqueano.report import figures
+from baqueano.report.page import Drawing, Section, Table, draw
+from baqueano.runs import Run
+from baqueano.runs.interpolated import at_times, poses_at
+from baqueano.signals import seconds
+
+PLACES = 400  # of the corridor, along a path
+
+
+def beside_each_other(both: Comparison) -> list[Section]:
+    """Return the figures of two estimates of one drive, a column each."""
+    rows = [judged.row() for judged in both.runs]
+    columns = {
+        _("estimated position off, rms [m]"): "ate_m", _("at the end [m]"): "end_error_m",
+        _("drift over 1 s [m]"): "rpe_m", _("estimated speed off, rms [m/s]"): "speed_error_m_s",
+        _("NEES of the velocity"): "nees_velocity", "NIS": "nis", _("verdict"): "verdict",
+    }  # fmt: skip
+    lines = [
+        {"figure": label} | {f"run {k}": row[key] for k, row in enumerate(rows)}
+        for label, key in columns.items()
+    ]
+    headings = {"figure": _("figure")} | {f"run {k}": str(row["run"]) for k, row in enumerate(rows)}
+    sentences = "\n".join(f"{judged.name}: {one}" for judged in both.runs for one in judged.sentences)
+    return [Section(_("Two estimators, one drive"), sentences, [Table(lines, "", headings)])]
+
+
+def sentence_of_path(one: RunComparison, alignment: str) -> str:
+    """Return the words above the drawing of a path: when it diverged, or its corridor, and its alignment."""
+    sentence = f"{one.sentences[0]} " if np.isfinite(one.diverged_s) else ""
+    corridor = one.corridor
+    if corridor is not None and not sentence:
+        lap = " " + _("in the last lap") if _laps(corridor) > 1 else ""
+        sentence = (
+            _(
+                "Shaded: where the vehicle may be{lap}, to the left and right of its estimated path.",
+                lap=lap,
+            )
+            + " "
+        )
+        sentence += f"{corridor.sentence[:1].upper()}{corridor.sentence[1:]}."
+    laid = {"none": "", "start": " " + _("The estimate is laid on the truth at its start."),
+            "rigid": " " + _("The estimate is laid on the truth by the best rigid motion.")}[alignment]  # fmt: skip
+    return sentence + laid
+
+
+def _laps(corridor: Corridor) -> float:
+    """Return the length of a corridor in laps, 0 without one."""
+    return (
+        float(corridor.t_s[-1]) / corridor.lap_s if np.isfinite(corridor.lap_s) and len(corridor.t_s) else 0.0
+    )
+
+
+def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Table | Drawing]:
+    """The drawing of where a run went: reference, truth, estimate with the corridor of its last lap, and the estimate
+    of the run `beside` it, whichever there are."""
+    lines: dict[str, np.ndarray] = {}
+    band, end = None, None
+    if run.asked is not None and len(run.asked.t_ns) > 1:
+        lines["reference"] = run.asked.eta[:, :2]
+    if run.truth is not None:
+        lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
+    if run.estimate is not None:
+        eta, corridor = _aligned(run, alignment), corridor_of(run)
+        lines["estimate"] = eta[:, :2]
+        if corridor is not None and len(corridor.t_s) > 1:
+            last = len(corridor.t_s) - 1
+            begin = (
+                int(np.searchsorted(corridor.t_s, corridor.t_s[-1] - corridor.lap_s))
+                if _laps(corridor) > 1.0
+                else 0
+            )
+            places = np.linspace(begin, last, min(PLACES, last + 1 - begin)).astype(int)
+            left = np.stack([-np.sin(eta[places, 2]), np.cos(eta[places, 2])], axis=1)
+            half = corridor.across_m[places, None] * left
+            band = np.stack([eta[places, :2] + half, eta[places, :2] - half], axis=1)
+            turn = map_from_body(eta[last, 2] - corridor.eta[last, 2])[:2, :2]
+            end = figures.ellipse(eta[last, :2], turn @ run.estimate.cov[last, :2, :2] @ turn.T)
+    if beside is not None and beside.estimate is not None:
+        other = until_diverged(beside)
+        assert other.estimate is not None
+        lines[beside.name] = _aligned(other, alignment)[:, :2]
+    if not lines:
+        return []
+    caption = _("The path of {run}.", run=run.name)
+    if band is not None:
+        caption = _("The path of {run}, and where it may be with 95 % probability.", run=run.name)
+    return [draw(figures.paths(lines, band, end), caption)]
+
+
+def _aligned(run: Run, alignment: str) -> np.ndarray:
+    """The estimated poses (N, 3), laid on the truth where there is one."""
+    assert run.estimate is not None
+    if run.truth is None:
+        return run.estimate.eta
+    return aligned(run.estimate.eta, poses_at(run.estimate.t_ns, run.truth.t_ns, run.truth.eta), alignment)
+
+
+def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Section]:
+    """Errors against the truth with the filter's own ±2σ, where there is truth; those of the run `beside` as a line."""
+    if run.estimate is None or run.truth is None or len(run.truth.t_ns) < 2:
+        return []
+    t, off = _off(run, run, alignment)
+    band = 2.0 * np.sqrt(np.maximum(np.einsum("kii->ki", run.estimate.cov[:, :4, :4]), 0.0))
+    others = {}
+    if beside is not None and beside.estimate is not None:
+        others[beside.name] = _off(until_diverged(beside), run, alignment)
+    panels = []
+    for k, label in enumerate(
+        (_("x error [m]"), _("y error [m]"), _("heading error [°]"), _("ν_x error [m/s]"))
+    ):
+        scale = 180.0 / np.pi if k == 2 else 1.0
+        if np.isfinite(off[:, k]).any():
+            curves = {"±2σ": (t, scale * band[:, k]), "estimate": (t, scale * off[:, k])}
+            panels.append((label, curves | {n: (at, scale * e[:, k]) for n, (at, e) in others.items()}))
+    drawing = draw(
+        figures.over_time(panels), _("Estimate minus truth; the band is the error that the filter claims.")
+    )
+    return [Section(_("Errors against the truth"), "", [drawing])]
+
+
+def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s], and x, y, ψ, ν_x of an estimate minus those of the truth (N, 4), the heading wrapped."""
+    log, truth = run.estimate, truth_of.truth
+    assert log is not None
+    assert truth is not None
+    off = _aligned(run, alignment) - poses_at(log.t_ns, truth.t_ns, truth.eta)
+    off[:, 2] = wrap(off[:, 2])
+    nu_true = at_times(log.t_ns, truth.t_ns, truth.nu)
+    return seconds(log.t_ns, run.t_ns[0]), np.column_stack([off, log.nu[:, 0] - nu_true[:, 0]])
+
+
+def knows(corridor: FilterConsistency, run: Run) -> list[Section]:
+    """Return the sentence on the filter's own covariance, its figures and its innovations, where there are any."""
+    rows, log = corridor.figures(), run.estimate
+    caption = _(
+        "1 if the filter is consistent; a correct covariance gives a value between the "
+        "two limits in 95 % of runs."
+    )
+    parts: list[Table | Drawing] = [Table(rows, caption)]
+    if log is not None and log.innovation is not None and log.innovation_cov is not None:
+        t, two = seconds(log.t_ns, run.t_ns[0]), np.full(len(log.t_ns), 2.0)
+        sd = np.sqrt(np.diagonal(log.innovation_cov, axis1=1, axis2=2))
+        panels = [
+            (_("innovation {k}", k=k), {"±2σ": (t, two), "residual": (t, y)})
+            for k, y in enumerate((log.innovation / sd).T) if np.isfinite(y).any()
+        ]  # fmt: skip
+        remark = _(
+            "Innovations over time, in standard deviations: with a correct covariance 95 % lie in the band."
+        )
+        parts += [draw(figures.over_time(panels, height_in=1.4), remark)] if panels else []
+    return [Section(_("Consistency of the filter"), corridor.sentence, parts)] if rows else []

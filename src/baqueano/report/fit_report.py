@@ -1,0 +1,308 @@
+"""Sections about a fit: the estimates, the agreement of the model with the data, the residuals."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from baqueano.diagnostics import Verdict, by_weight, fault
+from baqueano.errors import UsageError
+from baqueano.identify.result.fit_result import Fit, marks, rounded
+from baqueano.identify.result.ratios import percent
+from baqueano.language import marked as N_
+from baqueano.language import number, shown_unit
+from baqueano.language import translated as _
+from baqueano.messages import ended, texts
+from baqueano.printable import typed
+from baqueano.report import figures
+from baqueano.report.of_run import page_of_run
+from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
+from baqueano.runs import Run
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.identify.validation import Validation
+
+CHANNELS = {
+    "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),
+    "odometer": (N_("odometer [m/s]"),),
+    "truth": (N_("true v_x [m/s]"), N_("true v_y [m/s]"), N_("true ω_z [rad/s]")),
+}
+DRAWN = 6  # runs of a fit to many
+HEADLINES = 4  # channels: more do not stand in one row
+SHOWN_S = 20.0  # of the data, in the figure: where most moves
+
+
+def page_of_fit(
+    fit: Fit, truth: np.ndarray | None = None, held_out: "Validation | None" = None, ahead: Any = None
+) -> Page:
+    """Return the page about one fit, also of a refused one, with its raw data.
+
+    `truth` (p,) is drawn beside the estimates. `held_out` is the validation on other runs; `ahead` the forecast of
+    drives."""
+    return Page(
+        title=_("Fit of {name}", name=fit.file.name),
+        subtitle=_(
+            "{runs}; {evaluations} evaluations, back end {backend}",
+            runs=_named(fit.runs),
+            evaluations=fit.evaluations,
+            backend=fit.backend,
+        ),
+        verdict=fit.verdict,
+        headlines=[
+            Headline(
+                _("noise of {channel}", channel=label(c)) + (f", {c.run}" if len(fit.runs) > 1 else ""),
+                f"{number(c.sigma):.3g}",
+                _("the model explains {part}", part=percent(c.explained)),
+            )
+            for c in _few(_of_worst(fit.channels))
+        ],
+        sections=[
+            _next_step(fit, held_out),
+            *(
+                [Section(_("What it means for a drive"), "\n".join(texts(ahead.sentences)), [])]
+                if ahead
+                else []
+            ),
+            *sections_of_fit(fit, truth, reasons=False),
+            *_of_unseen(held_out),
+        ],
+        reproduce=typed("identify", *(fit.runs if len(fit.runs) <= DRAWN else ["RUNS"])),
+    )
+
+
+def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = True) -> list[Section]:
+    """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
+    again what the verdict rests on."""
+    messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
+    messages = "\n".join(f"• {one}" for one in texts(by_weight(messages)))
+    rows = [row_of(row) for row in fit.rows()]
+    if truth is not None:
+        rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
+    identified = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
+    names = [short(n) for n, k in zip(fit.names, identified, strict=True) if k]
+    parts: list[Table | Drawing] = [Table(rows)]
+    if identified.any():
+        beside = None if truth is None else truth[identified]
+        drawing = figures.estimates(names, fit.estimate[identified], fit.sd[identified], beside)
+        parts.append(
+            draw(
+                drawing,
+                _("Each estimate with its 95 % interval; an interval that leaves the figure may include 0."),
+            )
+        )
+    sections = [Section(_("Parameters"), messages, parts), *_runs(fit)]
+    sections += [_of_run(fit, run) for run in _drawn(fit.channels)]
+    if identified.sum() > 1:
+        matrix = fit.correlation[np.ix_(identified, identified)]
+        messages = _("Red or blue off the diagonal: only the combination of these parameters is known.")
+        drawing = draw(figures.correlation(names, matrix), messages, narrow=False)
+        sections.append(Section(_("Correlation of the estimates"), "", [drawing]))
+    return sections
+
+
+def row_of(row: "TableRow") -> "JsonObject":
+    """A parameter as a reader needs it: no digits below its error, and what it should not be read without."""
+    sd = row["sd"]
+    value = None if row["estimate"] is None else rounded(row["estimate"], sd)
+    return {
+        "parameter": short(row["name"]),
+        "estimate": value,
+        "± sd": None if sd is None else float(f"{sd:.2g}"),
+        "unit": shown_unit(row["unit"]),
+        "start": row["start"],
+        "note": marks(row),
+    }
+
+
+def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
+    """Return the meaning of the verdict for the reader, and the next step."""
+    reasons_ = [ended(reason) for reason in texts(by_weight(fit.reasons))]
+    reasons_ = [f"• {one}" for one in reasons_] if len(reasons_) > 1 else reasons_
+    if held_out is not None:
+        reasons_ += [
+            _("On held-out runs: {sentence}", sentence=ended(held_out.sentence)),
+            *(f"{one}." for one in texts(held_out.outside)),
+        ]
+    needs = [one.figures["needs"] for one in fit.unobservable if "needs" in one.figures]
+    if fit.verdict == Verdict.REFUSED:
+        reasons_.append(_("Next: look at the data below. The vehicle file stays as it is."))
+    elif needs:
+        reasons_.append(_("Next: drive again. {needs}.", needs=". ".join(dict.fromkeys(texts(needs)))))
+    elif held_out is not None and held_out.verdict == Verdict.REFUSED:
+        reasons_.append(_("Next: look at the held-out runs below. The vehicle file stays as it is."))
+    elif held_out is None:
+        reasons_.append(_("Next: test it with a run that the fit does not use: add --held-out RUN."))
+    else:
+        reasons_.append(_("Next: baqueano tune, then teach and repeat."))
+    return Section(_("Verdict and next step"), "\n".join(reasons_), [])
+
+
+def _of_unseen(held_out: "Validation | None") -> list[Section]:
+    """The table and the figures of runs that the fit has not seen."""
+    if held_out is None:
+        return []
+    caption = _("Sensors and model of a held-out run; the model uses its commands only.")
+    drawings = []
+    for run in _drawn(held_out.channels):
+        drawing, channels_shown = where_most_moves(_explained(held_out.channels, run))
+        drawings.append(draw(drawing, f"{run}, {channels_shown}. {caption}"))
+    return [Section(_("Held-out runs"), held_out.sentence, [Table(held_out.rows()), *drawings])]
+
+
+def _explained(channels: Any, run: str) -> list[Any]:
+    """The channels of one run that say how much the model explains."""
+    return [c for c in channels if c.run == run and np.isfinite(c.explained)]
+
+
+def _least(channels: Any) -> dict[str, float]:
+    """Return the share of the worst channel that the model explains, by run, in their order."""
+    least: dict[str, float] = {}
+    for c in channels:
+        if np.isfinite(c.explained):
+            least[c.run] = min(least.get(c.run, np.inf), c.explained)
+    return least
+
+
+def _of_worst(channels: object) -> list[Any]:
+    """The channels of the run of which the model explains least."""
+    least = _least(channels)
+    return _explained(channels, min(least, key=lambda run: least[run])) if least else []
+
+
+def _few(channels: list[Any]) -> list[Any]:
+    """In their order, of many the HEADLINES of which the model explains least."""
+    least = np.argsort([c.explained for c in channels], kind="stable")[:HEADLINES]
+    return [channels[k] for k in sorted(least)]
+
+
+def _drawn(channels: object) -> list[str]:
+    """The runs to be drawn, in their order: of many the DRAWN of which the model explains least."""
+    least = _least(channels)
+    worst = sorted(least, key=lambda run: least[run])[:DRAWN]
+    return [run for run in least if run in worst]
+
+
+def _runs(fit: Fit) -> list[Section]:
+    """Of several runs a line each, and which of them the page shows."""
+    worst = _of_worst(fit.channels)
+    if len(fit.runs) < 2 or not worst:
+        return []
+    caption, drawn = _("The model explains least of {run}.", run=worst[0].run), _drawn(fit.channels)
+    if len(drawn) < len(fit.runs):
+        caption += "\n" + _(
+            "Drawn are the {drawn} runs of {runs} of which the model explains least.",
+            drawn=len(drawn),
+            runs=len(fit.runs),
+        )
+    names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
+    for run in fit.runs:
+        rows_ = {
+            label(c): f"{number(c.sigma):.3g}, {percent(c.explained)}" for c in _explained(fit.channels, run)
+        }
+        rows.append({"run": run} | {name: rows_.get(name) for name in names})
+    headings = {name: name for name in ("run", *names)}
+    return [
+        Section(_("Runs"), caption, [Table(rows, _("Noise, and how much the model explains."), headings)])
+    ]
+
+
+def _named(runs: Any) -> str:
+    """The runs of a fit, in short."""
+    return (
+        ", ".join(runs)
+        if len(runs) <= DRAWN
+        else _("{count} runs, {first} to {last}", count=len(runs), first=runs[0], last=runs[-1])
+    )
+
+
+def _of_run(fit: Fit, run: str) -> Section:
+    channels = _explained(fit.channels, run)
+    few, channels_shown = where_most_moves(channels)
+    residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
+    over_time = figures.over_time([
+        (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
+        for c, r in zip(channels, residual.T, strict=True)
+    ], height_in=1.4)  # fmt: skip
+    parts: list[Table | Drawing] = [
+        draw(few, _("Sensors and model, {shown}. The model uses only the commands.", shown=channels_shown)),
+        draw(
+            over_time,
+            _("Residuals over time, in standard deviations: if they are white, 95 % lie in the band."),
+        ),
+        draw(
+            figures.residuals(residual, [label(c) for c in channels]),
+            _(
+                "Residuals beside the normal density, and their autocorrelation by lag, with the band of white noise."
+            ),
+        ),
+    ]
+    return Section(_("Data and model: {run}", run=run), "", parts)
+
+
+def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
+    """Data and model of one run over the SHOWN_S in which most moves, and which they are: "20 s from 14 s"."""
+    t_s = channels[0].t_s
+    measured, predicted = (
+        np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
+    )
+    part = figures.most_motion(t_s, measured, SHOWN_S)
+    t = t_s[part]
+    drawing = figures.channels(t, measured[part], predicted[part], [label(c) for c in channels])
+    if len(t) == len(t_s):
+        return drawing, _("all {span_s:.0f} s", span_s=t[-1] - t[0])
+    return drawing, _(
+        "{span_s:.0f} s from {from_s:.0f} s, with most motion", span_s=t[-1] - t[0], from_s=t[0]
+    )
+
+
+def label(channel: Any) -> str:
+    """ "a_x [m/s²]" for the first channel of an IMU."""
+    entries = CHANNELS.get(channel.sensor, ())
+    return _(entries[channel.entry]) if channel.entry < len(entries) else f"{channel.sensor}[{channel.entry}]"
+
+
+def short(name: str) -> str:
+    """The end of a dotted path."""
+    return name.removeprefix("model.")
+
+
+def report(result: Run | Fit, path: str | Path | None = None, alignment: str = "none") -> Page:
+    """Return the page about a run or a fit.
+
+    Parameters
+    ----------
+    result : Run or Fit
+        What the page is about.
+    path : path, optional
+        Where to write it as one self-contained HTML file.
+    alignment : str
+        As in `compare`.
+
+    Returns
+    -------
+    Page
+        With its tables and drawings.
+
+    Raises
+    ------
+    UsageError
+        For another result, or where matplotlib or jinja2 is missing.
+
+    Examples
+    --------
+    >>> from baqueano.simulate import simulate
+    >>> from baqueano.vehicle_file import load
+    >>> page = report(simulate(load("small"), [[0.5, 0.0, 0.1]] * 100))
+    >>> [section.title for section in page.sections]
+    ['Path', 'Speed', 'Commands', 'Measurements', 'What the run holds']
+    """
+    if isinstance(result, Run):
+        page = page_of_run(result, alignment)
+    elif isinstance(result, Fit):
+        page = page_of_fit(result)
+    else:
+        raise UsageError(fault("front.no-page", found=type(result).__name__))
+    if path is not None:
+        page.save(path)
+    return page

@@ -1,0 +1,120 @@
+"""A Raspberry Pi below its root, what is noted of its former state, and a change to it with its way back.
+
+Plain Python of the standard library: on the vehicle this text stands in front of that of steps.py.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+ACCOUNT = "baqueano"  # of the service: no login, no sudo
+WORDS: dict[str, str] = {}  # English → the language of the laptop, which fills it
+
+
+class Step(NamedTuple):
+    """A change. `done` looks, `do` makes it, `undo` takes back what `do` noted."""
+
+    name: str
+    done: Callable[[], bool]
+    do: Callable[[], object]
+    undo: Callable[[], object]
+
+
+class Pi:
+    """The machine below `root`, and what was changed on it."""
+
+    def __init__(self, root: Path, bundle: Path, user: str, run: Callable[..., str] | None = None) -> None:
+        self.root, self.bundle, self.user = root, bundle, user
+        self.run = run or commanded
+        self.kept = self.at("etc/baqueano/setup.json")
+        try:
+            self.noted: JsonObject = json.loads(text_of(self.kept) or "{}")
+        except ValueError as error:
+            said = _(
+                "{path} is damaged ({error}): the former state of this machine is lost. Type on the vehicle sudo mv "
+                "{path} {path}.damaged, and then set it up again",
+                path=self.kept, error=error,
+            )  # fmt: skip
+            sys.exit(said)
+
+    def at(self, path: str) -> Path:
+        """A path of the machine."""
+        return self.root / path.lstrip("/")
+
+    def note(self, name: str, what: object) -> None:
+        """Keeps what was there before, once; of a list, what is new too. None forgets it."""
+        if what is None:
+            self.noted.pop(name, None)
+        elif isinstance(what, list):
+            self.noted[name] = list(dict.fromkeys([*self.noted.get(name, []), *what]))
+        else:
+            self.noted.setdefault(name, what)
+        if not self.noted:
+            self.kept.unlink(missing_ok=True)
+            self.kept.parent.rmdir()
+            return
+        self.kept.parent.mkdir(parents=True, exist_ok=True)
+        whole(self.kept, json.dumps(self.noted, indent=1))
+
+    @property
+    def config(self) -> Path:
+        """config.txt of the boot partition, where this image has it."""
+        old = self.at("boot/config.txt")
+        return (
+            old
+            if old.exists() and not self.at("boot/firmware/config.txt").exists()
+            else self.at("boot/firmware/config.txt")
+        )
+
+    def groups(self, *names: str) -> dict[str, list[str]]:
+        """Members of those of these groups that this system has."""
+        fields = [line.split(":") for line in text_of(self.at("etc/group")).splitlines()]
+        there = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
+        return {group: there[group] for group in names if group in there}
+
+    def account(self) -> list[str] | None:
+        """Fields of the account of the service; None while there is none."""
+        lines = [line.split(":") for line in text_of(self.at("etc/passwd")).splitlines()]
+        return next((fields for fields in lines if fields[0] == ACCOUNT and len(fields) == 7), None)
+
+    @property
+    def venv(self) -> Path:
+        """The environment of its own."""
+        return self.at("opt/baqueano")
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file, "" where there is none."""
+    return path.read_text(encoding="utf-8") if path.exists() else ""
+
+
+def _(words: str, /, **figures: object) -> str:
+    """Return words in the language of who typed `robot setup`."""
+    return WORDS.get(words, words).format_map(figures)
+
+
+def whole(path: Path, text: str) -> None:
+    """Writes a file beside the old one and puts it in its place: where the power goes meanwhile, the old one stays."""
+    target = path.resolve()
+    part = target.with_name(f"{target.name}.part")
+    with part.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, target)
+
+
+def commanded(*command: str) -> str:
+    """Return the output of a command; SystemExit with its words where it fails."""
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
+    if done.returncode:
+        said, line = (done.stderr or done.stdout).strip()[-2000:], " ".join(command)
+        sys.exit(_("{command} failed ({code}): {words}", command=line, code=done.returncode, words=said))
+    return done.stdout

@@ -1,0 +1,51 @@
+"""Places of a route between whose poses the path is not known.
+
+    jump    |Δp| > JUMP_M + 2 v Δt                      further than the speed makes                      (1)
+    gap     Δt > MANY median(Δt),  |Δp| > MANY median(|Δp|),  |Δp| > LEAST_M      samples are missing     (2)
+    corner  |Δp| |tan(Δψ / 4)| / 2 > OFF_M              the arc between the headings is so far off        (3)
+
+The medians of (2) are of the samples that move, so that neither a stop nor a start from rest counts. A guide goes
+straight from pose to pose: (3) is the height of the arc over its chord |Δp|, by which it then leaves the path.
+"""
+
+import numpy as np
+
+from baqueano.diagnostics import Diagnostic, fault
+from baqueano.guides.route import Route
+from baqueano.printable import typed
+from baqueano.routes.path import NAME, STEP_M
+
+JUMP_M = 0.1  # between two poses, beyond what the speed makes
+MANY = 5.0
+LEAST_M = 0.05
+OFF_M = 0.05
+
+
+def unknown_places(route: Route, s: np.ndarray) -> list[Diagnostic]:
+    """Return what of a route is no number, or where it jumps or has a gap; `s` (m,) is its way [m]."""
+    numbers = np.column_stack([route.t_s, route.eta, route.nu])
+    wrong = ~np.isfinite(numbers).all(axis=1)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        return [fault("route.no-number", typed("teach", NAME), row=row + 1, count=int(wrong.sum()))]
+    step, dt_s = np.diff(s), np.diff(route.t_s)
+    speed = np.maximum(np.abs(route.nu[1:, 0]), np.abs(route.nu[:-1, 0]))
+    jumps = step > JUMP_M + 2.0 * speed * dt_s  # (1)
+    if jumps.any():
+        return [_place("route.jump", route, s, jumps)]
+    moves = step > 0.1 * STEP_M
+    if not moves.any():
+        return []
+    long_s, long_m = MANY * np.median(dt_s[moves]), max(MANY * np.median(step[moves]), LEAST_M)
+    gaps = (dt_s > long_s) & (step > long_m)  # (2)
+    turn = np.minimum(np.abs(np.diff(np.unwrap(route.eta[:, 2]))), np.pi)
+    gaps |= 0.5 * step * np.tan(0.25 * turn) > OFF_M  # (3)
+    return [_place("route.gap", route, s, gaps)] if gaps.any() else []
+
+
+def _place(code: str, route: Route, s: np.ndarray, where: np.ndarray) -> Diagnostic:
+    """Return a finding at the first of the places."""
+    k = int(np.argmax(where))
+    figures = {"count": int(where.sum()), "at_m": float(s[k]), "at_s": float(route.t_s[k])}
+    figures |= {"gap_m": float(s[k + 1] - s[k]), "gap_s": float(route.t_s[k + 1] - route.t_s[k])}
+    return fault(code, typed("route", "cut", NAME, "--to", f"{s[k]:.2f}"), **figures)

@@ -1,0 +1,50 @@
+"""The low-pass filter in a small IMU, by its setting: widths and delays of the data sheet, and the filter of h.
+
+    low_pass_hz = 1 / (2π d),  d the delay of the gyro                                                    (1)
+
+The filter of h is of the first order (sampling.py): this one is as late as the chip's at low frequencies. One as wide
+as the chip's would be 1.0 ms less late at setting 3, and 13 ms later at setting 6.
+
+Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1. The delay of the 6500's accelerometer is that of the latest
+map: an earlier one has 11.80 ms where this has 4.88 ms (at 44.8 Hz), more than a filter of that width can have.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class FilterBand(NamedTuple):
+    """A setting of the low-pass filter: widths [Hz] and delays [s]."""
+
+    accel_hz: float
+    accel_delay_s: float
+    gyro_hz: float
+    gyro_delay_s: float
+
+
+BANDS_6050 = {
+    1: FilterBand(184.0, 2.0e-3, 188.0, 1.9e-3),
+    2: FilterBand(94.0, 3.0e-3, 98.0, 2.8e-3),
+    3: FilterBand(44.0, 4.9e-3, 42.0, 4.8e-3),
+    4: FilterBand(21.0, 8.5e-3, 20.0, 8.3e-3),
+    5: FilterBand(10.0, 13.8e-3, 10.0, 13.4e-3),
+    6: FilterBand(5.0, 19.0e-3, 5.0, 18.6e-3),
+}
+BANDS_6500 = {
+    1: FilterBand(218.1, 1.88e-3, 184.0, 2.9e-3),
+    2: FilterBand(99.0, 2.88e-3, 92.0, 3.9e-3),
+    3: FilterBand(44.8, 4.88e-3, 41.0, 5.9e-3),
+    4: FilterBand(21.2, 8.87e-3, 20.0, 9.9e-3),
+    5: FilterBand(10.2, 16.83e-3, 10.0, 17.85e-3),
+    6: FilterBand(5.05, 32.48e-3, 5.0, 33.48e-3),
+}
+
+
+def low_pass_hz(setting: float) -> float:
+    """Return the bandwidth [Hz] of the first-order low-pass that is as late as a chip's filter, 1 to 6.  (1)
+
+    >>> print(f"{low_pass_hz(3):.1f} Hz")
+    33.2 Hz
+    """
+    return float(0.5 / (np.pi * BANDS_6050[round(setting)].gyro_delay_s))

@@ -1,0 +1,48 @@
+"""`baqueano study controllers`: all controllers on the same robots of the second simulator, routes, noise and tuning.
+
+Robots that differ as parts do are identified from commands and IMU alone, as in `study driving`. Each controller has
+gains that were tuned once, on the model of the garage's vehicle, from the same number of starts; one that nothing
+compiles, as mpc, has its defaults. Each drives each route of each robot from rest, with the same noise. It is judged in
+three ways:
+
+    pose         pose and velocity are known; the distance of the robot from its path
+    estimate     commands and IMU alone; the distance that the robot believes
+    truth        the same drives; the true distance
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from baqueano.study.controllers.drives import Contestant, batch, contestant
+from baqueano.study.controllers.result import JUDGED, Controllers
+from baqueano.sweep.result import SweepResult
+from baqueano.sweep.workers import spread_over
+
+if TYPE_CHECKING:
+    from baqueano.contracts.blocks import OwnBlock
+
+KINDS = ("pd", "pd_feedforward", "kanayama", "lqr", "pure_pursuit", "stanley", "mpc")  # the paper's first
+STARTS = 3
+
+
+def controllers(
+    seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", own: "Sequence[OwnBlock]" = (),
+    kinds: Sequence[str] = KINDS, starts: int = STARTS, each: Callable[[int], None] = lambda k: None,
+) -> Controllers:  # fmt: skip
+    """Return the drives of robots `first` … `first + seeds − 1`; `own` are controllers beside ours: "file.py:Class" or
+    a class. `starts` descents tune the gains of each. `each` hears of the robots that are done."""
+    contestants: list[Contestant] = []
+    for kind in (*kinds, *own):
+        contestants.append(contestant(kind, starts, backend))
+    work = partial(batch, contestants=tuple(contestants), backend=backend)
+    drives_of_robots = spread_over(work, range(first, first + seeds), processes, each)
+    done = sorted(drives_of_robots, key=lambda one: one.seed)
+    drives = [one for one in done if one.drives]
+    results = {
+        judged: SweepResult(tuple(d for one in drives for d in one.drives[judged]), 0, contestants[0].label)
+        for judged in JUDGED
+    }
+    return Controllers(
+        results, tuple(contestants), len(done), tuple(one.seed for one in done if not one.drives)
+    )

@@ -1,0 +1,104 @@
+"""The drives of `study controllers`: a robot is identified, and driven by each controller along each route."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.optional import of
+from baqueano.diagnostics import Verdict
+from baqueano.drive import repeat, stop_of
+from baqueano.estimators import StateOfWorld
+from baqueano.geometry import pose_error
+from baqueano.guides.shapes import rectangle, sinuous_circle
+from baqueano.identify import identify
+from baqueano.study.counterpart import LoopWorld
+from baqueano.study.driving import FREE, experiments, guess
+from baqueano.study.truth import draw_robots
+from baqueano.sweep.figures import figures_of
+from baqueano.sweep.result import SweepCell, SweepDrive
+from baqueano.tune import tune
+from baqueano.vehicle_file import VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.contracts.blocks import Controller, OwnBlock
+    from baqueano.guides.route import Route
+    from baqueano.runs import Run
+
+SPEED_M_S = 0.2
+SHAPES = {
+    "sinuous": lambda: sinuous_circle(0.6, 0.06, 5, SPEED_M_S),
+    "rectangle": lambda: rectangle(1.2, 0.8, 0.2, SPEED_M_S),
+}
+
+
+class Contestant(NamedTuple):
+    """A controller and its gains."""
+
+    label: str
+    kind: "OwnBlock"
+    gains: dict[str, float]  # that were tuned; none: the defaults
+    at_bound: tuple[str, ...]  # those that ended on a bound of the search
+
+
+class DrivenRobot(NamedTuple):
+    """The drives of a robot by how they are judged; none where its fit was refused."""
+
+    seed: int
+    drives: dict[str, list[SweepDrive]]
+
+
+def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
+    """Return a controller with gains tuned on the garage's vehicle, or as it is where nothing compiles it."""
+    label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
+    if not isinstance(kind, str):
+        return Contestant(label, kind, {}, ())
+    file = load("small").with_values({"controller.kind": kind})
+    if kind != "pd" and of(file.controller(), "as_written"):
+        return Contestant(label, kind, {}, ())
+    route = SHAPES["sinuous"]()
+    tuned = tune(
+        file, route, starts=starts, polish=False, duration_s=float(route.t_s[-1]) / 2.0, backend=backend
+    )
+    return Contestant(label, kind, tuned.values, tuple(gain.name for gain in tuned.gains if gain.limit))
+
+
+def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
+    """Return the drives of one robot."""
+    robot, seeds = draw_robots(1, seed), range(seed, seed + 1)
+    fit = identify(experiments(robot, seeds)[0], guess(), FREE)
+    if fit.verdict == Verdict.REFUSED:
+        return DrivenRobot(seed, {})
+    file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
+    for one in contestants:
+        block = file.controller(one.kind, **one.gains)
+        cell = SweepCell(one.label, "", one.label, "repeat")
+        for name, make in SHAPES.items():
+            route, where = from_origin(make()), f"robot {seed}, {name}"
+            for pose_known in (True, False):
+                world = LoopWorld(robot, seed + 1, file.rate_hz)
+                run = _driven(file, route, block, world, pose_known, backend)
+                views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
+                for judged, view in views.items():
+                    drives.drives[judged].append(_judged(view, cell, where))
+    return drives
+
+
+def from_origin(route: "Route") -> "Route":
+    """Return the route as seen from its first pose, where a robot of the truth begins."""
+    eta = np.array([pose_error(eta, route.eta[0]) for eta in route.eta])
+    eta[:, 2] = route.eta[:, 2] - route.eta[0, 2]  # it goes on over full turns
+    return route._replace(eta=eta)
+
+
+def _driven(
+    file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
+) -> "Run":  # fmt: skip
+    estimator = StateOfWorld(lambda: world.motion) if pose_known else None
+    return repeat(file, route, controller=block, estimator=estimator, world=world, backend=backend)
+
+
+def _judged(run: "Run", cell: SweepCell, where: str) -> SweepDrive:
+    figures, pieces = figures_of(run)
+    why = stop_of(run)
+    return SweepDrive(cell, where, figures, pieces, "" if why is None else why.code)

@@ -1,0 +1,125 @@
+"""The table of `study controllers`: each controller by three judgements, beside the paper's PD."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from baqueano.contracts.result import Result
+from baqueano.contracts.values import TableRow
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
+from baqueano.messages import verdict_line
+from baqueano.study.controllers.drives import Contestant
+from baqueano.sweep.result import SweepResult
+
+JUDGED = (N_("pose"), N_("estimate"), N_("truth"))
+FIGURE = "across_rms_m"
+THIRD = 1.0 / 3.0  # of the paper's PD, which the best controller keeps with a pose that is known
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Controllers(Result):
+    """All drives, by judgement.
+
+    Attributes
+    ----------
+    drives : dict of SweepResult
+        "pose", "estimate" and "truth"; each compares with the first controller.
+    contestants : tuple of Contestant
+        The controllers and their gains, in the order of the rows.
+    robots : int
+        That were identified, those whose fit was refused included.
+    refused : tuple of int
+        Seeds of robots whose fit was refused: they did not drive.
+    """
+
+    drives: dict[str, SweepResult]
+    contestants: tuple[Contestant, ...]
+    robots: int
+    refused: tuple[int, ...]
+
+    def rows(self) -> list[TableRow]:
+        """Return a flat row per controller: median, 95 % quantile and ratio with its interval, by judgement."""
+        out = []
+        for one in self.contestants:
+            row: TableRow = {
+                "controller": one.label,
+                "tuned": ", ".join(one.gains),
+                "at_bound": ", ".join(one.at_bound),
+            }
+            for judged, drives in self.drives.items():
+                mine = [d for d in drives.drives if d.cell.label == one.label]
+                x = np.array([d.figures.get(FIGURE, np.nan) for d in mine])
+                x = x[np.isfinite(x)]
+                ratio = drives.difference(one.label, FIGURE)
+                row |= {
+                    f"{judged}_median_m": float(np.median(x)) if x.size else float("nan"),
+                    f"{judged}_p95_m": float(np.quantile(x, 0.95)) if x.size else float("nan"),
+                    f"{judged}_ratio": ratio.ratio, f"{judged}_low": ratio.low, f"{judged}_high": ratio.high,
+                    f"{judged}_stopped": sum(bool(d.stopped) for d in mine),
+                }  # fmt: skip
+            out.append(row)
+        return out
+
+    @property
+    def verdict(self) -> Verdict:
+        """WARN with reasons, else USABLE."""
+        return Verdict.of(self.reasons)
+
+    @property
+    def reasons(self) -> tuple[Diagnostic, ...]:
+        """Return which promise is not kept."""
+        out, rows = [], self.rows()
+        best = min(rows[1:], key=lambda row: row["pose_ratio"], default=None)
+        if best is not None and not np.isfinite(best["pose_high"]):
+            out.append(note("study.no-interval", Severity.UNKNOWN, robots=self.robots - len(self.refused)))
+        elif best is not None and best["pose_high"] > THIRD:
+            figures = {
+                "ratio": best["pose_ratio"],
+                "high": best["pose_high"],
+                "reference": rows[0]["controller"],
+            }
+            out.append(note("study.not-a-third", Severity.WARNING, subject=best["controller"], **figures))
+        for row in rows:
+            if row["at_bound"]:
+                out.append(
+                    note(
+                        "study.gain-at-bound",
+                        Severity.WARNING,
+                        subject=row["controller"],
+                        gains=row["at_bound"],
+                    )
+                )
+            if stopped := sum(row[f"{judged}_stopped"] for judged in ("pose", "truth")):
+                out.append(
+                    note("study.stopped", Severity.WARNING, subject=row["controller"], stopped=stopped)
+                )
+        if self.refused:
+            out.append(note("study.fits-refused", Severity.WARNING, robots=self.refused))
+        return tuple(out)
+
+    def table(self) -> str:
+        """Return the rows for people."""
+        head = f"{_('controller'):16}" + "".join(f"{_(judged):>30}" for judged in self.drives)
+        under = " " * 16 + "".join(f"{_('median p95 mm'):>15}{_('ratio'):>15}" for _judged in self.drives)
+        lines = [
+            _("{robots} robots, {routes} drives each; ratio to {first}, with its interval of 95 %",
+              robots=self.robots - len(self.refused), routes=2, first=self.contestants[0].label),
+            head, under,
+        ]  # fmt: skip
+        for row in self.rows():
+            line = f"{row['controller'][:15]:16}"
+            for judged in self.drives:
+                median, p95 = (number(1e3 * row[f"{judged}_{q}_m"]) for q in ("median", "p95"))
+                line += f"{median:>9.1f} {p95:>5.1f}{_ratio(row, judged):>15}"
+            lines.append(line)
+        return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
+
+
+def _ratio(row: TableRow, judged: str) -> str:
+    low, ratio, high = (row[f"{judged}_{end}"] for end in ("low", "ratio", "high"))
+    if not np.isfinite(low):
+        return f"{number(ratio):.2f}"
+    return f"{number(ratio):.2f} {number(low):.2f}-{number(high):.2f}"

@@ -1,0 +1,310 @@
+"""Judged by recordings: a real car of 1:18 (CPM Lab µCar) that was driven twice, under an overhead camera.
+
+A model is fitted to one run (throttle, servo → speed, yaw rate) and judged on the other one, both ways round:
+
+    speed, yaw rate   the model from the commands alone, from the first tick to the last, against the
+                      odometer and the gyro of the run
+    pose              the EKF with this model, IMU and odometer, from the camera's first pose on, against the
+                      camera; nothing on board measures a position
+
+The same on the run that the model was fitted to stands beside it. Not held out are the scales of odometer and
+gyro, the gyro's bias and the delay: they are the garage's, read off these recordings. The recordings do not
+come with the package: they are read from the folder BAQUEANO_DATA, else from ../shared/data.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.compare import compare
+from baqueano.diagnostics import Verdict
+from baqueano.drive import replay, stop_of
+from baqueano.identify import Fit, FitOptions, identify
+from baqueano.identify.data.record import FitRecord, record_of
+from baqueano.identify.noise.covariances import Noise, measure_noise
+from baqueano.language import marked as N_
+from baqueano.language import number, shown_unit
+from baqueano.language import translated as _
+from baqueano.runs.importing import import_run
+from baqueano.study.recordings import MAPS, check_present
+from baqueano.symbolic import scan
+from baqueano.vehicle_file import VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow, Tree
+    from baqueano.runs import Run
+
+SHORT = {"cpm_run_a": "a", "cpm_run_b": "b"}
+USE = ("odometer", "imu[2]")
+EXPLAINS = 0.9  # part of the variance of speed and yaw rate, on a run that the model has not seen
+BEYOND = 0.1  # of the range of a command: further out, a model is asked what it has not seen
+LOST = 0.05  # of the way driven: an estimate that is further off (rms) has lost the car
+CAVEATS = (
+    N_("The model is simulated from the commands alone, from the first tick to the last."),
+    N_(
+        "Scales of odometer and gyro, the gyro's bias and the delay are the garage's, read off both recordings."
+    ),
+)
+
+
+class RunPrediction(NamedTuple):
+    """Speed and yaw rate of a run by a model that sees the commands alone."""
+
+    t_s: np.ndarray  # (N,)
+    measured: np.ndarray  # (N, 2) odometer [m/s] and gyro [rad/s]; NaN where there was none
+    model: np.ndarray  # (N, 2)
+
+    @property
+    def rmse(self) -> np.ndarray:
+        """(2,)."""
+        return np.sqrt(np.nanmean((self.measured - self.model) ** 2, axis=0))
+
+    @property
+    def explained(self) -> np.ndarray:
+        """(2,) part of the variance."""
+        return 1.0 - self.rmse**2 / np.nanvar(self.measured, axis=0)
+
+
+@dataclass(frozen=True)
+class RunFit:
+    """The results of a run."""
+
+    fit: Fit
+    noise: Noise
+    file: VehicleFile
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A model on a run."""
+
+    fitted_on: str
+    judged_on: str
+    predicted: RunPrediction
+    replayed: "Run"
+    figures: "JsonObject"  # of `compare`
+    driven_m: float  # by the camera
+
+    @property
+    def held_out(self) -> bool:
+        """Return True if the model was not fitted to this run."""
+        return self.fitted_on != self.judged_on
+
+    @property
+    def lost(self) -> bool:
+        """Return True if the estimate lost the car, or the loop stopped."""
+        return not self.figures["ate_m"] < LOST * self.driven_m or bool(stop_of(self.replayed))
+
+    def row(self) -> "JsonObject":
+        """Flat, SI."""
+        rmse, part, figures = self.predicted.rmse, self.predicted.explained, self.figures
+        row = {"fitted_on": self.fitted_on, "judged_on": self.judged_on, "held_out": self.held_out}
+        row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(part[0])}
+        row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(part[1])}
+        row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
+        row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
+        row |= {"driven_m": self.driven_m, "duration_s": self.replayed.duration_s, "lost": self.lost}
+        return row | {key: figures[key] for key in ("nees_pose", "nees_pose_is", "nis", "nis_is")}
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Both ways round."""
+
+    fitted: dict[str, RunFit]  # by run
+    judged: tuple[Judgement, ...]
+
+    def rows(self) -> list["TableRow"]:
+        """Return a row per model and run."""
+        return [one.row() for one in self.judged]
+
+    def parameters(self) -> list["TableRow"]:
+        """Return a row per parameter: estimate and standard error of each run."""
+        fits = {run: {row["name"]: row for row in done.fit.rows()} for run, done in self.fitted.items()}
+        out = []
+        for name, first in next(iter(fits.values())).items():
+            row = {"name": name, "unit": first["unit"]}
+            for run, parameters in fits.items():
+                row |= {run: parameters[name]["estimate"], f"{run}_sd": parameters[name]["sd"]}
+            out.append(row)
+        return out
+
+    def figures(self) -> list[dict[str, str]]:
+        """Return a row per figure, a column per model and run, as text."""
+        rows = {_head(one): one.row() for one in self.judged}
+        return [{"figure": label} | {head: cell(row) for head, row in rows.items()} for label, cell in _LINES]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return where a run commands more than the runs of its model."""
+        out, applied = [], {one.judged_on: one.replayed.applied for one in self.judged}
+        for one in self.judged if len(applied) > 1 else ():
+            names = self.fitted[one.fitted_on].file.command.names
+            for name, fitted, commanded in zip(
+                names, applied[one.fitted_on].T, applied[one.judged_on].T, strict=True
+            ):
+                low, high, least, most = np.min(fitted), np.max(fitted), np.min(commanded), np.max(commanded)
+                if least < low - BEYOND * (high - low) or most > high + BEYOND * (high - low):
+                    out.append(
+                        _(
+                            "{head}: {name} from {least:.2f} to {most:.2f} leaves what the model was fitted to, "
+                            "{low:.2f} to {high:.2f}",
+                            head=_head(one),
+                            name=name,
+                            least=least,
+                            most=most,
+                            low=low,
+                            high=high,
+                        )
+                    )
+        return tuple(out)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return the reasons against USABLE."""
+        out = [_("the fit on {run} is {verdict}", run=run, verdict=_(done.fit.verdict)) 
+               for run, done in self.fitted.items() if done.fit.verdict != Verdict.USABLE]  # fmt: skip
+        for one in self.judged:
+            where = _(
+                "fitted on {fitted_on}, judged on {judged_on}",
+                fitted_on=one.fitted_on,
+                judged_on=one.judged_on,
+            )
+            if one.lost:
+                out.append(_("{where}: the estimate lost the car", where=where))
+            if one.held_out and np.min(one.predicted.explained) < EXPLAINS:
+                out.append(
+                    _(
+                        "{where}: less than {explains:.0f} % of speed or yaw rate is explained",
+                        where=where,
+                        explains=100 * EXPLAINS,
+                    )
+                )
+        sure = [
+            _head(one) for one in self.judged if one.held_out and one.figures["nees_pose_is"] == "too sure"
+        ]
+        out += [_("the filter is too sure of its pose ({sure})", sure=", ".join(sure))] if sure else []
+        return tuple(out)
+
+    @property
+    def verdict(self) -> Verdict:
+        """REFUSED where a fit is, or an estimate lost the car; WARN with other reasons; else USABLE."""
+        refused = any(done.fit.verdict == Verdict.REFUSED for done in self.fitted.values())
+        if refused or any(one.lost for one in self.judged):
+            return Verdict.REFUSED
+        return Verdict.WARN if self.reasons else Verdict.USABLE
+
+    def table(self) -> str:
+        """Return the table as text."""
+        runs = list(self.fitted)
+        lines = [
+            f"{_('parameter'):30}"
+            + "".join(f"{_('fit on {run}', run=run):>22}" for run in runs)
+            + f"  {_('unit')}"
+        ]
+        for row in self.parameters():
+            cells = [_with_sd(row[run], row[f"{run}_sd"]) for run in runs]
+            name = row["name"].removeprefix("model.")
+            lines.append(
+                f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {shown_unit(row['unit'])}"
+            )
+        heads = [_head(one) for one in self.judged]
+        lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
+        for row in self.figures():
+            lines.append(f"{_(row['figure']):30}" + "".join(f"{row[head]:>13}" for head in heads))
+        lines += ["", *map(_, CAVEATS)]
+        lines += [f"- {note}" for note in self.notes]
+        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('both ways round')}"])
+
+
+_LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
+    (N_("model, speed [m/s rms]"), lambda r: f"{number(r['speed_rmse_m_s']):.3f}"),
+    (N_("  of its variance [%]"), lambda r: f"{number(100 * r['speed_explained']):.1f}"),
+    (N_("model, yaw rate [rad/s rms]"), lambda r: f"{number(r['yaw_rate_rmse_rad_s']):.3f}"),
+    (N_("  of its variance [%]"), lambda r: f"{number(100 * r['yaw_rate_explained']):.1f}"),
+    (N_("driven [m]"), lambda r: f"{number(r['driven_m']):.1f}"),
+    (N_("EKF, position [m rms]"), lambda r: f"{number(r['ate_m']):.3f}"),
+    (N_("EKF, position at the end [m]"), lambda r: f"{number(r['end_error_m']):.3f}"),
+    (N_("EKF, heading [° rms]"), lambda r: f"{number(np.degrees(r['ate_heading_rad'])):.2f}"),
+    (N_("EKF, drift over 1 s [m rms]"), lambda r: f"{number(r['rpe_m']):.3f}"),
+    (N_("NEES of the pose, 1 is right"), lambda r: f"{number(r['nees_pose']):.2f}"),
+    (N_("NIS, 1 is right"), lambda r: f"{number(r['nis']):.2f}"),
+)
+
+
+def cross_validate(
+    backend: str = "auto", say: Callable[[str], object] = lambda text: None
+) -> CrossValidation:
+    """Fits the car to each run and judges it on both. FileError, with the names, where files are missing."""
+    check_present()
+    runs = {SHORT[name]: import_run(name).run for name in MAPS}
+    fitted = {}
+    for name, run in runs.items():
+        say(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
+        fitted[name] = fit_to(run, backend)
+    judged = []
+    for name, done in fitted.items():
+        for other, run in runs.items():
+            say(_("the model of run {name} on run {other}", name=name, other=other))
+            judged.append(judge(done.file, name, run, other, backend))
+    return CrossValidation(fitted, tuple(sorted(judged, key=lambda one: not one.held_out)))
+
+
+def fit_to(run: "Run", backend: str = "auto") -> RunFit:
+    """The garage's car fitted to a run by odometer and gyro, with the noise that the run shows."""
+    fit = identify(run, load("car"), use=USE, options=FitOptions(backend=backend))
+    noise = measure_noise(fit, run, backend=backend)
+    return RunFit(fit, noise, noise.updated(fit.vehicle_file, run.name))
+
+
+def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto") -> Judgement:
+    """A vehicle file on a run: its model from the commands alone, its filter from the camera's first pose."""
+    again = replay(run, file, backend=backend)
+    figures = compare(again, names=[judged_on]).rows()[0]
+    assert run.truth is not None
+    driven_m = float(np.nansum(np.hypot(*np.diff(run.truth.eta[:, :2], axis=0).T)))
+    return Judgement(fitted_on, judged_on, predicted(file, run, backend), again, figures, driven_m)
+
+
+def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
+    """Speed and yaw rate by the model of `file` under the commands of `run`, from the velocity that was
+    measured first."""
+    odometer, imu, vehicle = file.sensors.odometer, file.sensors.imu, file.vehicle
+    record = record_of(run, {"odometer": odometer, "imu": imu})
+    v = _first(record, "odometer", 0) / odometer.scale
+    r = (_first(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
+    start = vehicle.init(nu=np.array([v, vehicle.rear_axle_m * r, r]))
+    past = np.tile(record.u[0], (len(start.drivetrain.past), 1))  # a car that moves was commanded before
+    start = start._replace(drivetrain=start.drivetrain._replace(past=past))
+
+    def step(state: "Tree", row: np.ndarray) -> tuple["Tree", np.ndarray]:
+        state, motion = vehicle.step(state, row[1:], row[0], np.zeros(3))
+        return state, np.array([odometer.h(motion)[0], imu.h(motion)[2]])
+
+    rows = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
+    model = np.asarray(scan(step, start, np.zeros(1 + vehicle.commands), backend=backend).run(rows)[1])
+    readings = [(record.sensors[name], entry) for name, entry in (("odometer", 0), ("imu", 2))]
+    measured = np.stack([np.where(s.has[:, k] > 0.0, s.z[:, k], np.nan) for s, k in readings], axis=1)
+    return RunPrediction(record.t_s, measured, model)
+
+
+def _first(record: FitRecord, sensor: str, entry: int) -> float:
+    """The first measurement of a channel."""
+    readings = record.sensors[sensor]
+    return float(readings.z[np.argmax(readings.has[:, entry] > 0.0), entry])
+
+
+def _head(one: Judgement) -> str:
+    return (
+        _("{fitted_on} → {judged_on}", fitted_on=one.fitted_on, judged_on=one.judged_on)
+        if one.held_out
+        else _("{fitted_on} itself", fitted_on=one.fitted_on)
+    )
+
+
+def _with_sd(estimate: float | None, sd: float | None) -> str:
+    return (
+        _("not identifiable") if estimate is None else f"{number(estimate):.4g} ± {number(sd or np.nan):.2g}"
+    )

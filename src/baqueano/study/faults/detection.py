@@ -1,0 +1,346 @@
+"""`baqueano study faults`: what a fit says of recordings that are damaged, and of sound ones.
+
+Data come from the independent truth (subject.py); damage is done to the run. All is free that a user would free. wrong:
+a parameter off by more than 5 of its own standard errors and 5 % of what it truly is. Shown fault by
+fault: fits, wrong ones that were called USABLE, sound ones that were REFUSED, and how the verdicts fell. A
+damage that can be mended is held against the fit of the same run before it was damaged:
+
+    over_clean = median over runs of |error damaged| / median over runs of |error clean|                  (1)
+
+errors in standard errors of the clean fit, all parameters together. A part of (1) is the price of samples that are
+gone, another the harm that is left in the others. The second alone is
+
+    over_left = median over runs of |error damaged| / median over runs of |error left|                    (2)
+
+left: the run before it was damaged, without the very readings that the fit of the damaged one leaves out (left.py).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Verdict
+from baqueano.errors import BaqueanoError
+from baqueano.identify import FitOptions, identify
+from baqueano.identify.result.fit_result import Fit
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
+from baqueano.runs.run import Channel, Run
+from baqueano.study.faults.damage import DAMAGES, outliers
+from baqueano.study.faults.logging import LOGGING
+from baqueano.study.faults.structures import STRUCTURES, FaultPlan
+from baqueano.study.faults.subject import VEHICLES, FaultSubject, subject
+from baqueano.study.faults.undamaged import undamaged
+from baqueano.study.wrong import wrong
+from baqueano.sweep.workers import spread_over
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject, TableRow
+    from baqueano.identify.result.fit_result import Fit
+    from baqueano.vehicle_file import VehicleFile
+
+SECONDS = 30.0
+TOGETHER = 16  # faults of a vehicle and seed that share their simulations
+SOUND = (
+    N_("sound"), N_("sound, 10 % outliers"), N_("sound, multisine"), N_("sound, 60 s"), N_("sound, other start"),
+)  # fmt: skip
+MENDED = (
+    N_("repeated time"), N_("time jumps a day"), N_("time jumps seconds"), N_("held samples"), N_("stuck"),
+    N_("frames as zero"), N_("not numbers"), N_("clipped"), N_("bursts"), N_("clock goes back"),
+)  # fmt: skip
+HARM = {**DAMAGES, **LOGGING}
+FAULTS = (*SOUND, *HARM, *STRUCTURES)
+
+
+class FaultJob(NamedTuple):
+    """A fault on a vehicle at a seed."""
+
+    fault: str
+    vehicle: str
+    seed: int
+    backend: str
+
+
+class FaultOutcome(NamedTuple):
+    """The verdict on it."""
+
+    job: FaultJob
+    verdict: str  # ERROR: the fit was not begun, and the message said why; CRASH: the program failed
+    wrong: bool
+    off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
+    clean: float
+    reasons: tuple[str, ...]  # codes
+    left: float = np.nan  # that of the clean run without what was left out of the damaged one
+    lost: float = np.nan  # the part of the readings that this is
+
+
+class FaultInputs(NamedTuple):
+    """Inputs of one fit, and the truth behind them."""
+
+    file: "VehicleFile"
+    run: Run
+    free: tuple[str, ...]
+    truth: dict[str, float]
+    clean: Run | None = None  # the run before it was damaged, where both are compared
+
+
+def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
+    """Return the outcomes of faults of one vehicle and seed; of those that there is something to act on."""
+    of = subject(jobs[0].vehicle, jobs[0].seed)
+    outcomes, before = [], _Before(of, jobs[0].backend)
+    for job, made in _made(of, jobs):
+        outcomes.append(_outcome(job, made, before))
+    return outcomes
+
+
+def _outcome(job: FaultJob, made: FaultInputs, before: "_Before") -> FaultOutcome:
+    try:
+        fit = identify(made.run, made.file, made.free, options=FitOptions(backend=job.backend))
+    except BaqueanoError as error:
+        return FaultOutcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
+    except (
+        ArithmeticError,
+        ValueError,
+        LookupError,
+    ) as error:  # a fault of the program, and of the study's verdict
+        return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
+    off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, made.truth))))
+    outcome = FaultOutcome(job, fit.verdict, off, np.nan, np.nan, tuple(one.code for one in fit.reasons))
+    if made.clean is None:
+        return outcome
+    clean = before.fit(made.clean)
+    outcome = outcome._replace(off=_rms(fit, clean, made.truth), clean=_rms(clean, clean, made.truth))
+    same = undamaged(made.clean, made.run, made.file)
+    if same is None:
+        return outcome
+    left = identify(same[0], made.file, made.free, options=FitOptions(diagnose=False, backend=job.backend))
+    return outcome._replace(left=_rms(left, clean, made.truth), lost=same[1])
+
+
+class _Before:
+    """The fit of a run before it was damaged: one for all damages of a vehicle and seed."""
+
+    def __init__(self, of: FaultSubject, backend: str) -> None:
+        self._of, self._backend = of, backend
+        self._fit: Fit | None = None
+
+    def fit(self, run: Run) -> "Fit":
+        """Return it."""
+        if self._fit is None:
+            self._fit = identify(
+                run, self._of.file, self._of.free, options=FitOptions(diagnose=False, backend=self._backend)
+            )
+        return self._fit
+
+
+def _true(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
+    return np.array([truth.get(name, np.nan) for name in fit.names])
+
+
+def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
+    z = (fit.estimate - _true(fit, truth)) / clean.sd
+    z = z[np.isfinite(z)]
+    return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
+
+
+def _made(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, FaultInputs]]:
+    """Return the inputs of each job; the vehicles of all structures are simulated side by side."""
+    u = of.signal(SECONDS)
+    (sound,) = of.runs([of.vehicle], [u], [u])
+    out, plans, many = [], [], of.signal(SECONDS, "multisine")
+    for job in jobs:
+        rng = np.random.default_rng([job.seed, *job.fault.encode()])
+        if job.fault in STRUCTURES:
+            plan = STRUCTURES[job.fault](of, u, sound, rng)
+            plans += [] if plan is None else [(job, plan, u)]
+        elif job.fault == "sound, multisine":
+            plans.append((job, FaultPlan(of.vehicle, many, of.file), many))
+        elif job.fault in SOUND:
+            out.append((job, _sound(of, job, sound, rng)))
+        else:
+            damaged = HARM[job.fault](_copy(sound), of.file, rng)
+            clean = sound if job.fault in MENDED else None
+            if damaged is not None:
+                truth = {k: x for k, x in of.truth.items() if (job.fault, k) not in SUMS}
+                out.append((job, FaultInputs(of.file, damaged, of.free, truth, clean)))
+    return out + _planned(of, plans)
+
+
+def _sound(of: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> FaultInputs:
+    file, run = of.file, sound
+    if job.fault == "sound, 60 s":
+        u = of.signal(2.0 * SECONDS)
+        (run,) = of.runs([of.vehicle], [u], [u])
+    elif job.fault == "sound, 10 % outliers":
+        run = outliers(_copy(sound), file, rng)
+    elif job.fault == "sound, other start":
+        file = _other_start(file, rng)
+    return FaultInputs(file, run, of.free, of.truth)
+
+
+def _planned(
+    of: FaultSubject, plans: list[tuple[FaultJob, FaultPlan, np.ndarray]]
+) -> list[tuple[FaultJob, FaultInputs]]:
+    if not plans:
+        return []
+    first = [(plan.vehicle, plan.effective, u) for _, plan, u in plans]
+    second = [
+        (plan.second or plan.vehicle, plan.effective, u) for _, plan, u in plans if plan.second is not None
+    ]
+    runs = of.runs(*zip(*first, *second, strict=True))
+    others, out = iter(runs[len(plans) :]), []
+    for (job, plan, _u), run in zip(plans, runs, strict=False):
+        other = next(others) if plan.second is not None else run
+        run = plan.change(run, other) if plan.change else run
+        free = tuple(path for path in of.free if path.removeprefix("+") not in plan.without)
+        out.append((job, FaultInputs(plan.file, run, free, of._replace(vehicle=plan.vehicle).truth)))
+    return out
+
+
+def _copy(run: Run) -> Run:
+    """The run with readings of its own."""
+    return replace(
+        run, sensors={n: Channel(c.t_ns, c.arrival_ns, c.z.copy()) for n, c in run.sensors.items()}
+    )
+
+
+def _other_start(file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
+    """A file whose friction and drag were guessed, by up to twice or half."""
+    if len(file.command.limit) == 3:
+        linear = file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)
+        return file.with_values({"model.friction.linear": linear.tolist()})
+    return file.with_values({"model.linear_drag": file.vehicle.linear_drag * 2.0 ** rng.uniform(-1.0, 1.0)})
+
+
+@dataclass(frozen=True)
+class Faults:
+    """All outcomes."""
+
+    outcomes: tuple[FaultOutcome, ...]
+    requested: int  # fits that were asked for
+    tried: int  # fits that ended
+
+    def rows(self) -> list["TableRow"]:
+        """A row per fault, the sound ones first."""
+        return [self._row(fault) for fault in dict.fromkeys(FAULTS) if self._of(fault)]
+
+    def _of(self, fault: str) -> list[FaultOutcome]:
+        return [o for o in self.outcomes if o.job.fault == fault]
+
+    def _row(self, fault: str) -> "JsonObject":
+        mine = self._of(fault)
+        sound = fault in SOUND
+        lost = [o.lost for o in mine if np.isfinite(o.lost)]
+        return {
+            "fault": fault,
+            "fits": len(mine),
+            "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.wrong for o in mine),
+            "wrongly_refused": sum(sound and o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
+            "wrong": sum(o.wrong for o in mine),
+            "usable": sum(o.verdict == Verdict.USABLE for o in mine),
+            "warn": sum(o.verdict == Verdict.WARN for o in mine),
+            "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
+            "crashed": sum(o.verdict == "CRASH" for o in mine),
+            "over_clean": _ratio([(o.off, o.clean) for o in mine]),
+            "lost": float(np.median(lost)) if lost else None,
+            "over_left": _ratio([(o.off, o.left) for o in mine]),
+        }
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the verdict is not USABLE."""
+        rows = self.rows()
+        out = [
+            _(
+                "{wrongly_usable} wrong fits with {fault} were called USABLE",
+                wrongly_usable=r["wrongly_usable"],
+                fault=_(r["fault"]),
+            )
+            for r in rows
+            if r["wrongly_usable"]
+        ]
+        out += [
+            _("{crashed} fits with {fault} crashed", crashed=r["crashed"], fault=_(r["fault"]))
+            for r in rows
+            if r["crashed"]
+        ]
+        sound = sum(r["fits"] for r in rows if r["fault"] in SOUND)
+        refused = sum(r["wrongly_refused"] for r in rows)
+        if refused > 0.02 * sound:
+            out.append(
+                _("{refused} of {sound} sound runs were refused, more than 2 %", refused=refused, sound=sound)
+            )
+        if not sound:
+            out.append(_("no sound run was fitted"))
+        return tuple(out)
+
+    @property
+    def verdict(self) -> Verdict:
+        """USABLE where no wrong fit was called so and at most 2 % of the sound ones were refused."""
+        return Verdict.REFUSED if self.reasons else Verdict.USABLE
+
+    def table(self) -> str:
+        """Return the table as text."""
+        head = (
+            f"{_('fault'):<22}{_('fits'):>5}{_('wrong'):>7}{_('called usable'):>15}{_('sound refused'):>15}   "
+            f"{_('usable/warn/refused'):<20}{_('error/clean'):>12}{_('lost'):>8}{_('error/left'):>12}"
+        )
+        lines = [head, "-" * len(head)]
+        for r in self.rows():
+            over = ["" if r[key] is None else f"{number(r[key]):.2f}" for key in ("over_clean", "over_left")]
+            lost = "" if r["lost"] is None else f"{number(100 * r['lost']):.0f} %"
+            verdicts = (
+                f"{r['usable']}/{r['warn']}/{r['refused']}"
+                + " "
+                + _("{crashed} crashed", crashed=r["crashed"]) * bool(r["crashed"])
+            )
+            lines.append(
+                f"{_(r['fault']):<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15} "
+                f"  {verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
+            )
+        sound = [o for o in self.outcomes if o.job.fault in SOUND]
+        warned = sum(o.verdict == Verdict.WARN for o in sound)
+        lines += ["", _("{warned} of {sound} sound runs with a warning", warned=warned, sound=len(sound))]
+        if self.tried < self.requested:
+            lines.append(_("interrupted: {tried} of {asked} fits", tried=self.tried, asked=self.requested))
+        return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
+
+
+def _ratio(pairs: list[tuple[float, float]]) -> float | None:
+    """Of the medians of both, over the pairs that are known.  (1), (2)"""
+    finite = [pair for pair in pairs if np.isfinite(pair).all()]
+    return float(np.divide(*np.median(finite, axis=0))) if finite else None
+
+
+def faults(
+    seeds: int = 20,
+    first: int = 0,
+    *,
+    vehicles: Sequence[str] = VEHICLES,
+    only: Sequence[str] | None = None,
+    processes: int = 1,
+    backend: str = "auto",
+    each: Callable[[int], None] | None = None,
+) -> Faults:
+    """`seeds` fits of each fault, in turn on each of the vehicles, from seed `first` on."""
+    jobs: dict[tuple[str, int], list[FaultJob]] = {}
+    for fault in only or FAULTS:
+        some = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
+        for s in range(seeds if some else 0):
+            name = some[s % len(some)]
+            jobs.setdefault((name, first + s), []).append(FaultJob(fault, name, first + s, backend))
+    batches = [
+        tuple(of[k : k + TOGETHER]) for _, of in sorted(jobs.items()) for k in range(0, len(of), TOGETHER)
+    ]
+    tell = each or (lambda n: None)
+    done = spread_over(work, batches, processes, lambda n: tell(n * TOGETHER))
+    outcomes = tuple(o for batch in done for o in batch)
+    requested = sum(map(len, batches))
+    return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(done)]))))
+
+
+SUMS = {("late sensors", "model.drivetrain.delay_s")}  # a run shows the sum of two, and a note says so
+NOT_FOR_CARS = ("motors swapped", "motor inverted", "caster flips", "centre of mass", "tilted floor")

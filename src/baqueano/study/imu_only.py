@@ -1,0 +1,173 @@
+"""A real car from throttle, servo and IMU alone, judged by the odometer that it was not shown (CPM Lab µCar, 1:18).
+
+Each of two runs is fitted twice, without its odometer: with the gyro as it is (scale 1, known to a data sheet's
+3 %), and with a gyro that was calibrated to 1 %. Each fit is judged
+
+    on the other run    speed simulated from throttle and servo alone, against the odometer; beside it the same
+                        model fitted to the odometer and the gyro
+    by its intervals    whether those of 95 % hold what the odometer's fit of the same run says, both errors
+                        counted, of gain, viscous and dry friction, cornering drag and the steady speed at 0.4
+                        throttle; and how wide they are
+    by what it says     that no IMU shows the gyro's scale, and that the other run leaves what was driven
+
+The odometer's own scale is the garage's, by the camera. The zero of the gyro is that of the 76 readings of run a
+while the car stood: neither run rests for long enough that a fit could find it. Nothing else but dimensions, dead
+zone and delay is taken from the garage's file of this car: what is fitted begins there, and does not end there.
+"""
+
+from collections.abc import Callable
+from datetime import date
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.diagnostics import Verdict
+from baqueano.identify import Fit, FitOptions, identify
+from baqueano.identify.covariance.quantiles import QUANTILE_95
+from baqueano.identify.imu_only import fit_imu_only
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
+from baqueano.runs.importing import import_run
+from baqueano.study.cross_validation_cpm import predicted
+from baqueano.study.recorded.bars import row
+from baqueano.study.recordings import RecordingStudy, check_present
+from baqueano.vehicle_file import Provenance, VehicleFile, load
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.runs import Run
+
+MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
+DRIVE = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
+ZERO = "sensors.imu.gyro_bias"
+ZERO_RAD_S, ZERO_SD, RECORDED = 0.0024, 0.0013, date(2019, 5, 13)
+FREE = (*DRIVE, "model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
+BARE = {"model.quadratic_drag": 0.0, ZERO: ZERO_RAD_S}
+WORSE = 1.5  # than the odometer's fit, that the speed of the other run may be
+HELD = 0.85  # of the intervals
+WIDE = (0.40, 0.40, 0.50, np.inf, 0.08)  # of the value, gain, viscous, dry, cornering drag, steady speed
+AT = 0.4  # throttle
+NAMES = (
+    N_("gain"), N_("viscous drag"), N_("dry friction"), N_("cornering drag"), N_("speed at 0.4 throttle"),
+)  # fmt: skip
+
+
+class GyroCalibration(NamedTuple):
+    """A calibration of the gyro: its scale, and the tolerance that a user gives."""
+
+    name: str
+    scale: float
+    tolerance: float
+
+
+class KnownGains(NamedTuple):
+    """The results of a fit."""
+
+    value: np.ndarray  # (5,) in the order of NAMES
+    sd: np.ndarray  # (5,)
+
+
+def imu_only_study(backend: str = "auto", say: Callable[[str], object] = lambda text: None) -> RecordingStudy:
+    """Both runs, both gyros. FileError, with the names of the files, where the recordings are missing."""
+    check_present()
+    return RecordingStudy(tuple(rows(say, backend)), ())
+
+
+def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+    """recording, quantity, value, bar, ok."""
+    runs = {name: import_run(path).run for name, path in MAPS.items()}
+    car = load("car").with_values(
+        BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, Verdict.USABLE)}
+    )
+    reference = {}
+    for name, run in runs.items():
+        say(_("run {name}: fitting the odometer, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
+        reference[name] = identify(
+            run, car, FREE, use=("odometer", "imu[2]"), options=FitOptions(backend=backend)
+        )
+    gyros = (
+        GyroCalibration(N_("raw"), 1.0, 0.03),
+        GyroCalibration("± 1 %", float(car.sensors.imu.gyro_scale), 0.01),
+    )
+    out: list[TableRow] = []
+    inside, width, fits = [], [], []
+    for gyro in gyros:
+        for name, other in (("a", "b"), ("b", "a")):
+            say(_("run {name}, gyro {gyro}: fitting the IMU, odometer hidden", name=name, gyro=_(gyro.name)))
+            file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
+            fit = fit_imu_only(
+                runs[name],
+                file,
+                FREE,
+                tolerance={"gyro": gyro.tolerance},
+                options=FitOptions(backend=backend),
+            )
+            out += held_out(
+                fit, reference[name], runs[other], f"cpm {name} → {other}, {_(gyro.name)}", backend
+            )
+            says, truth = drive_of(fit, file), drive_of(reference[name], car)
+            fits.append(fit)
+            both = np.hypot(says.sd, truth.sd)
+            inside.append(np.abs(says.value - truth.value) <= QUANTILE_95 * both)
+            width.append(QUANTILE_95 * says.sd / np.abs(says.value))
+    return out + of_intervals(np.array(inside), np.array(width)) + of_words(fits[-1], runs)
+
+
+def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
+    """The speed of a run that neither fit has seen."""
+    car = reference.vehicle_file  # odometer and gyro as they are: what is judged is the model
+    mine = car.with_values({name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))})
+    error = [float(predicted(one, run, backend).rmse[0]) for one in (mine, car)]
+    ratio = error[0] / error[1]
+    return [
+        row(
+            label,
+            _("speed error, over that of the odometer's fit"),
+            ratio,
+            f"≤ {number(WORSE):g}",
+            ratio <= WORSE,
+        ),
+        row(label, _("speed error [m/s rms]"), error[0], f"≤ {number(WORSE * error[1]):.3f}", ratio <= WORSE),
+    ]
+
+
+def drive_of(fit: Fit, file: VehicleFile) -> KnownGains:
+    """Gain, frictions and the steady speed on the straight, with their errors."""
+    at = [fit.names.index(name) for name in DRIVE]
+    gain, viscous, dry = (fit.value(name) for name in DRIVE[:3])
+    effort = AT - float(file.vehicle.drivetrain.dead_zone_forward[0])
+    speed = (gain * effort - dry) / viscous
+    slope = np.array([effort, -speed, -1.0, 0.0]) / viscous
+    cov = np.nan_to_num(fit.cov[np.ix_(at, at)])
+    value, sd = np.append(fit.estimate[at], speed), np.append(fit.sd[at], np.sqrt(slope @ cov @ slope))
+    return KnownGains(value, sd)
+
+
+def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
+    """Cover and width, of cases (cases, 5)."""
+    part = float(np.mean(inside))
+    out = [row("cpm", _("intervals that hold the odometer's fit"), part, f"≥ {number(HELD):g}", part >= HELD)]
+    for k, name in enumerate(NAMES):
+        if np.isfinite(WIDE[k]):
+            widest = float(np.max(width[:, k]))
+            out.append(
+                row(
+                    "cpm",
+                    _("widest of {name}, ± parts", name=_(name)),
+                    widest,
+                    f"≤ {number(WIDE[k]):g}",
+                    widest <= WIDE[k],
+                )
+            )
+    return out
+
+
+def of_words(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
+    """Return the rows about the gyro, and about the run beyond the range of the fit."""
+    reported = any(one.code == "identifiability.gyro-scale" for one in fit.never)
+    beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
+    return [
+        row("cpm", _("the gyro's scale is called not identifiable"), reported, _("yes"), reported),
+        row("cpm b → a", _("the run that leaves the envelope is flagged"), beyond, _("yes"), beyond),
+    ]

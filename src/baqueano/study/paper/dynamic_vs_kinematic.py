@@ -1,0 +1,103 @@
+"""The paper's remark, measured: which model predicts accelerations better, which one velocities?
+
+Both are fitted to the same run and judged on another: by R, the covariance of μ_t − g(u, μ_{t−1}) against the truth
+(one step ahead); and by the velocity estimate of the EKF with this model. The kinematic V is found from the true
+velocity, "the real values provided to simulate the system", as the paper's is: an IMU alone hardly shows it.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from baqueano.compare.errors import rms
+from baqueano.drive import replay
+from baqueano.identify import Fit, FitOptions, identify
+from baqueano.identify.noise.covariances import measure_noise
+from baqueano.language import marked as N_
+from baqueano.language import number
+from baqueano.language import translated as _
+from baqueano.runs.interpolated import at_times
+from baqueano.vehicle_file import VehicleFile, parse
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import TableRow
+    from baqueano.runs import Run
+
+KINEMATIC = """[model]
+kind = "kinematic"
+velocity_matrix = [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.05]]
+
+"""
+
+
+@dataclass(frozen=True)
+class JudgedModel:
+    """A model: its fit, R from the truth, and errors of the EKF on a held-out run."""
+
+    model: str
+    fit: Fit
+    process: np.ndarray  # R (6, 6) of (ν, ν̇) per tick
+    velocity: np.ndarray  # (3,) rms errors [m/s, m/s, rad/s]
+
+
+def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
+    """The same vehicle with the kinematic model in place of its own."""
+    a, b = vehicle.text.index("[model]"), vehicle.text.index("[sensors")
+    return parse(vehicle.text[:a] + KINEMATIC + vehicle.text[b:], f"{vehicle.name}, kinematic")
+
+
+def compare_models(
+    dynamic: Fit, run: "Run", validation_run: "Run", backend: str = "auto"
+) -> tuple[JudgedModel, JudgedModel]:
+    """The dynamic model of `dynamic` and the kinematic one, fitted to the same `run`."""
+    kinematic = identify(
+        run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
+    )
+    return tuple(
+        _judged(name, fit, run, validation_run, backend)
+        for name, fit in (("dynamic", dynamic), ("kinematic", kinematic))
+    )  # type: ignore[return-value]
+
+
+def _judged(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> JudgedModel:
+    noise = measure_noise(fit, run, source="truth", backend=backend)
+    replayed = replay(validation_run, noise.updated(fit.vehicle_file), backend=backend)
+    log = replayed.estimate
+    assert log is not None
+    assert validation_run.truth is not None
+    error = log.nu - at_times(log.t_ns, validation_run.truth.t_ns, validation_run.truth.nu)
+    return JudgedModel(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
+
+
+def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
+    """A row per model: one-step errors (square roots of R) and the EKF's velocity errors."""
+    return [
+        {
+            "model": j.model,
+            "R: ν_x [m/s]": float(np.sqrt(j.process[0, 0])),
+            "R: ν_ψ [rad/s]": float(np.sqrt(j.process[2, 2])),
+            "R: ν̇_x [m/s²]": float(np.sqrt(j.process[3, 3])),
+            "R: ν̇_ψ [rad/s²]": float(np.sqrt(j.process[5, 5])),
+            N_("EKF: ν_x error [m/s]"): float(j.velocity[0]),
+            N_("EKF: ν_ψ error [rad/s]"): float(j.velocity[2]),
+        }
+        for j in judged
+    ]
+
+
+def table(judged: tuple[JudgedModel, ...]) -> str:
+    """Return the table as text."""
+    figures = rows(judged)
+    keys = list(figures[0])
+    lines = ["  ".join(f"{_(key):>22}" for key in keys)]
+    lines += [
+        "  ".join(
+            f"{_(row[key]) if isinstance(row[key], str) else format(number(row[key]), '.3g'):>22}"
+            for key in keys
+        )
+        for row in figures
+    ]
+    return "\n".join(
+        [_("Which model predicts what (one step ahead, and as the EKF's model on another run)"), *lines]
+    )

@@ -1,0 +1,72 @@
+"""A series of errors as sums of squares over pieces of time, and how long its samples are alike.
+
+    rms = √(Σ_b S_b / Σ_b n_b),   S_b = Σ e², n_b samples of the piece b                                   (1)
+    T = δ (1 + 2 Σ_{k ≤ w} ρ_k),   ρ: autocorrelation of e²,  w: the first k with k δ ≥ WINDOW T           (2)
+
+A sample that stands for a span of time, as that of a relative error, belongs to a piece only if the whole span does.
+(2) is the time by which N samples give as much as one that is independent; what its mean takes from a short series is
+given back. Source: Sokal, Monte Carlo Methods in Statistical Mechanics, 1989, section 3.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baqueano.signals import NANOSECONDS, seconds
+
+PIECE_S = 10.0
+SPANS = 4.0  # of a relative error, that a piece has at least
+ENOUGH = 0.9  # of its length, for the last piece; a shorter rest joins the piece before
+WINDOW = 5.0
+
+
+class Pieces(NamedTuple):
+    """Sums over the B pieces of a drive.  (1)
+
+    Attributes
+    ----------
+    squares, samples : tuple of float (B,)
+        S_b and n_b.
+    length_s : float
+        Of a piece.
+    correlation_s : float
+        T, the correlation time of the squares.  (2)
+    """
+
+    squares: tuple[float, ...]
+    samples: tuple[float, ...]
+    length_s: float = PIECE_S
+    correlation_s: float = 0.0
+
+
+def pieces_of(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> Pieces:
+    """Return the pieces of errors (N,), each of which stands for `span_s` from its time on."""
+    length_s = max(PIECE_S, SPANS * span_s)
+    if not len(t_ns):
+        return Pieces((), (), length_s)
+    t_s = seconds(t_ns, t_ns[0])
+    count = max(1, int((t_s[-1] + span_s) / length_s + 1.0 - ENOUGH))
+    end_s = t_s + max(span_s - 1e-9, 0.0)
+    begun, over = (np.minimum(t // length_s, count - 1).astype(int) for t in (t_s, end_s))
+    whole = np.isfinite(e) & (begun == over)
+    squares, samples = (np.bincount(begun[whole], x[whole], count) for x in (e * e, np.ones(len(e))))
+    known = np.isfinite(e)
+    return Pieces(
+        tuple(squares.tolist()),
+        tuple(samples.tolist()),
+        length_s,
+        correlation_time(t_ns[known], e[known] ** 2),
+    )
+
+
+def correlation_time(t_ns: np.ndarray, x: np.ndarray) -> float:
+    """Return T [s] of a series (N,); 0 for one that does not change.  (2)"""
+    n = len(x)
+    if n < 3 or not np.ptp(x) > 0.0:
+        return 0.0
+    power = np.abs(np.fft.rfft(x - np.mean(x), 2 * n)) ** 2
+    rho = np.fft.irfft(power)[:n]
+    sums, k = 2.0 * np.cumsum(rho / rho[0]) - 1.0, np.arange(n)
+    w = int(np.argmax(k >= WINDOW * sums))
+    back = 1.0 + (2.0 * w + 1.0) / n
+    return float(np.max(sums[: w + 1]) * back * np.median(np.diff(t_ns)) / NANOSECONDS)

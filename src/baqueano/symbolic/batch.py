@@ -1,0 +1,71 @@
+"""The common inputs of the lanes of a scan, and the own inputs of each."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import fault
+from baqueano.errors import Invalid
+from baqueano.symbolic.graph.tree import Leaf, as_floats, leaves, values
+
+if TYPE_CHECKING:
+    from baqueano.symbolic.scan import Scan
+
+
+class Batch(NamedTuple):
+    """L lanes of N ticks, as a kernel takes them."""
+
+    lanes: int
+    ticks: int
+    theta: np.ndarray  # (L, p)
+    start: np.ndarray | None  # (L, c); None where it follows from θ
+    inputs: tuple[np.ndarray, np.ndarray, tuple[bool, ...]]  # shared (N, ·), own (L, N, ·), which is which
+
+    @classmethod
+    def from_trees(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Batch":
+        """Return them from trees whose leaves may lead with a lane axis, by the number of their axes."""
+        leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
+        own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
+        start = scan.example if carry is None else carry
+        begin = list(zip(leaves(scan.carry_shape), values(scan.carry_shape, start), strict=True))
+        many = [np.ndim(value) == len(leaf.shape) + 1 for leaf, value in begin]
+        counts = {
+            len(value)
+            for (_, value), is_own in zip(leaves_and_values + begin, own + many, strict=True)
+            if is_own
+        }
+        counts |= {len(theta)} if theta.ndim == 2 else set()
+        ticks = {
+            np.shape(v)[is_own]
+            for (_, v), is_own in zip(leaves_and_values, own, strict=True)
+            if np.ndim(v) > is_own
+        }
+        if len(counts) != 1 or len(ticks) != 1:
+            raise Invalid(fault("engine.lanes", lanes=_listed(counts), ticks=_listed(ticks)))
+        (count,), (n,) = counts, ticks
+        columns = [
+            _columns(leaf, v, (count, n) if o else (n,))
+            for (leaf, v), o in zip(leaves_and_values, own, strict=True)
+        ]
+        shared = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
+        parts = [c for c in columns if c.ndim == 3]  # where there is but one, it is read where it stands
+        parts = parts if len(parts) == 1 else [np.zeros((count, n, 0)), *parts]
+        each = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=2)
+        is_shared = tuple(c.ndim == 2 for c in columns for _ in range(c.shape[-1]))
+        rows = None
+        if carry is not None or scan.carry_function is None:
+            rows = np.concatenate([np.zeros((count, 0)), *(
+                np.broadcast_to(_columns(leaf, v, (count,) if m else ()), (count, leaf.size))
+                for (leaf, v), m in zip(begin, many, strict=True)
+            )], axis=1)  # fmt: skip
+        theta = theta if theta.ndim == 2 else np.zeros((count, 0))
+        return cls(count, n, theta, rows, (shared, each, is_shared))
+
+
+def _columns(leaf: Leaf, value: Tree, lead: tuple[int, ...]) -> np.ndarray:
+    return as_floats(leaf, value, lead).reshape(*lead, leaf.size)
+
+
+def _listed(numbers: set[int]) -> str:
+    return " and ".join(map(str, sorted(numbers))) or "no"

@@ -1,0 +1,58 @@
+"""A program whose carry ends with the sums of its outputs over the ticks, and their slopes by some parameters.
+
+    S⁺ = S + y,    ∂S⁺ = ∂S + ∂y,    ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                              (1)
+
+All is scalars of the graph, so the back ends run it in lanes as any other step. As in tangents.py the arms of `where`
+meet in a choice.
+"""
+
+from collections.abc import Iterable
+
+from baqueano.symbolic.derivatives.derive import partials
+from baqueano.symbolic.derivatives.tangents import active
+from baqueano.symbolic.graph.node import Graph, Node, below
+from baqueano.symbolic.graph.program import Program
+
+
+def summed(program: Program, slopes: int) -> Program:
+    """Return the program with m sums, then m · `slopes` derivatives of them, at the end of its carry; no outputs."""
+    graph, zero = program.graph, program.graph.const(0.0)
+    carry, initial, after = list(program.carry), list(program.initial), list(program.next_carry)
+    of_sums = [list(program.outputs)]
+    for theta in program.theta[:slopes]:
+        moving = active(program, [theta])
+        drifts = {x: graph.symbol("drift") for x in program.carry if x in moving}
+        at_start = _derived(graph, program.initial, {theta: graph.const(1.0)})
+        rows = _derived(
+            graph, (*program.outputs, *program.next_carry), {theta: graph.const(1.0)} | dict(drifts)
+        )
+        for x, begin, end in zip(program.carry, program.initial, program.next_carry, strict=True):
+            if x in drifts:
+                carry.append(drifts[x])
+                initial.append(at_start.get(begin, zero))
+                after.append(rows.get(end, zero))
+        of_sums.append([rows.get(y, zero) for y in program.outputs])
+    for term in (term for terms in of_sums for term in terms):
+        total = graph.symbol("sum")
+        carry.append(total)
+        initial.append(zero)
+        after.append(graph.make("add", total, term))
+    whole = program._replace(initial=tuple(initial), carry=tuple(carry), next_carry=tuple(after), outputs=())
+    return whole._replace(hasty=slopes > 0)
+
+
+def _derived(graph: Graph, roots: Iterable[Node], seeds: dict[Node, Node]) -> dict[Node, Node]:
+    """Return the derivatives of all below the roots that are not 0, from those that are `seeds`."""
+    rows, zero = dict(seeds), graph.const(0.0)
+    for node in below(roots):
+        if node in seeds or not any(a in rows for a in node.args):
+            continue
+        if node.op == "where":
+            condition, a, b = node.args
+            if a in rows or b in rows:
+                rows[node] = graph.make("where", condition, rows.get(a, zero), rows.get(b, zero))
+            continue
+        terms = [graph.make("mul", slope, rows[a]) for a, slope in partials(node) if a in rows]
+        for term in terms:
+            rows[node] = graph.make("add", rows[node], term) if node in rows else term
+    return rows

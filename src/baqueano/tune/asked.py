@@ -1,0 +1,166 @@
+"""The gains that a search looks for: names, units and bounds, from the metadata of the controller's fields.
+
+An array is one gain per entry: "e_max[0]". Bounds that the field gives are hard. A field without an upper bound has a
+soft one: what gives the full command for the smallest error, or SPREAD times the value that it has; a gain that ends
+there is searched for again beyond it.
+"""
+
+import sys
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.blocks import kinds, resolve
+from baqueano.contracts import optional
+from baqueano.contracts.blocks import Controller, OwnBlock
+from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import fault
+from baqueano.errors import BaqueanoError, UsageError
+from baqueano.parameter import Parameter, parameters
+from baqueano.symbolic import get, put
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+THE_PAPERS = ("alpha", "beta", "gamma")
+SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}  # error that may ask for the full command
+SPREAD = 20.0  # of a size that has no bounds, to either side
+WIDER = 4.0  # soft bounds, before a search is repeated
+
+
+class SoughtGains(NamedTuple):
+    """The gains that are looked for."""
+
+    names: tuple[str, ...]  # "k_x", "e_max[0]"
+    units: tuple[str, ...]
+    low: np.ndarray  # (p,)
+    high: np.ndarray  # (p,)
+    hard_low: np.ndarray  # (p,) bounds beyond which no search goes
+    hard_high: np.ndarray
+    before: np.ndarray  # (p,) in the file, NaN where it has none
+    block: Controller  # with allowed values of them
+
+    @property
+    def first(self) -> JsonObject:
+        """Allowed values, by name."""
+        return {name: float(np.asarray(get(self.block, name))) for name in self.names}
+
+    def widened(self, ends: np.ndarray) -> "SoughtGains":
+        """Return the same with wider soft bounds where a gain is on one: `ends` (p,) of −1, 0, +1."""
+        high = np.where(ends > 0, np.minimum(WIDER * self.high, self.hard_high), self.high)
+        low = np.where(ends < 0, np.maximum(self.low / WIDER, self.hard_low), self.low)
+        return self._replace(low=low, high=high)
+
+    def with_gains(self, gains: np.ndarray) -> Controller:
+        """Return the controller with gains (p,)."""
+        return with_gains(self.block, self.names, gains)
+
+
+def with_gains(block: Controller, names: Iterable[str], gains: Iterable[float]) -> Controller:
+    """Return a controller with other gains."""
+    for name, value in zip(names, gains, strict=True):
+        block = put(block, name, float(value))
+    return block
+
+
+def file_values(block: Controller, names: Iterable[str], controller: OwnBlock | None = None) -> JsonObject:
+    """The keys of a vehicle file, and their values, for the gains of a block, and the kind that it is in place of the
+    file's. UsageError for a class that no file holds."""
+    fields = dict.fromkeys(name.partition("[")[0] for name in names)
+    values: JsonObject = {f"controller.{field}": getattr(block, field) for field in fields}
+    return values if controller is None else {"controller.kind": _kind(controller)} | values
+
+
+def _kind(controller: OwnBlock) -> str:
+    """The name of a kind, or "file.py:Class"."""
+    if isinstance(controller, str):
+        return controller
+    kind = controller if isinstance(controller, type) else type(controller)
+    ours = [name for name in kinds("controller") if resolve("controller", name) is kind]
+    if ours:
+        return ours[0]
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    if file is None:
+        raise UsageError(fault("tune.of-a-cell", controller=kind.__name__))
+    return f"{file}:{kind.__qualname__}"
+
+
+def sought(
+    vehicle_file: "VehicleFile", gains: Sequence[str] | None = None,
+    bounds: dict[str, tuple[float, float]] | None = None, controller: OwnBlock | None = None,
+) -> SoughtGains:  # fmt: skip
+    """The gains, their bounds, and what the file has for them; `controller` in place of the file's."""
+    bounds = bounds or {}
+    block, known = _block(vehicle_file, gains, controller)
+    if optional.of(block, "as_written"):
+        raise UsageError(fault("tune.as-written", controller=type(block).__name__))
+    entries = _entries(block)
+    fields = {name.partition("[")[0] for name in entries}
+    asked = entries if gains is None else gains
+    for name in [*asked, *bounds]:
+        if name not in entries and name not in fields:
+            kind = type(block).__name__
+            raise UsageError(fault("tune.no-such-gain", kind=kind, found=repr(name), known=list(entries)))
+    names = tuple(dict.fromkeys(e for name in asked for e in _of(name, entries)))
+    if not names:
+        raise UsageError(fault("tune.no-gains", kind=type(block).__name__))
+    given = {e: bounds[name] for name in bounds for e in _of(name, entries)}
+    limit = vehicle_file.command.limit
+    full = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
+    before = np.array([float(np.asarray(get(block, n))) if known else float("nan") for n in names])
+    rows = [_bounds(entries[n], full, now, given.get(n)) for n, now in zip(names, before, strict=True)]
+    low, high, hard_low, hard_high = np.array(rows, dtype=float).T
+    for name, l, h in zip(names, low, high, strict=True):
+        if not (np.isfinite(l) and np.isfinite(h) and l < h):
+            raise UsageError(fault("tune.bounds", name=name, low=l, high=h))
+    allowed = np.where(np.isfinite(before), before, 0.5 * (low + high))
+    units = tuple(entries[name].unit for name in names)
+    block = with_gains(block, names, allowed)
+    return SoughtGains(names, units, low, high, hard_low, hard_high, before, block)
+
+
+def _block(
+    vehicle_file: "VehicleFile", gains: Sequence[str] | None, controller: OwnBlock | None
+) -> tuple[Controller, bool]:
+    """The controller, and whether its gains are known; if not they are what is to be found."""
+    try:
+        return vehicle_file.controller(controller), True
+    except BaqueanoError:
+        anything: JsonObject = dict.fromkeys(THE_PAPERS if gains is None else tuple(gains), 1.0)
+        return vehicle_file.controller(controller, **anything), False
+
+
+def _entries(block: Any) -> dict[str, Parameter]:
+    """The numbers among the fields of a block that are finite, by their names, each as a parameter of its own."""
+    out = {}
+    for name, p in parameters(block):
+        if p.shape is None:
+            continue
+        units = p.unit.split(", ")
+        values = np.asarray(getattr(block, name), dtype=float)
+        for k, index in enumerate(np.ndindex(p.shape)):
+            if np.isfinite(values[index]):
+                unit = units[k] if len(units) == values.size else p.unit
+                mark = f"[{','.join(map(str, index))}]" if index else ""
+                out[name + mark] = p._replace(unit=unit, shape=())
+    return out
+
+
+def _of(name: str, entries: dict[str, Parameter]) -> list[str]:
+    """The entries that a name stands for: one number, or all of an array."""
+    return [name] if name in entries else [e for e in entries if e.partition("[")[0] == name]
+
+
+def _bounds(
+    p: Parameter, full: float, now: float, given: tuple[float, float] | None
+) -> tuple[float, float, float, float]:
+    """Return the bounds to begin with, and the hard ones: those that were given, else those of the field."""
+    if given is not None:
+        return *given, *given
+    low, high = p.low if np.isfinite(p.low) else 0.0, p.high
+    if np.isfinite(high):
+        return low, high, low, high
+    if " per " not in p.unit and now > 0.0:  # a size, not a gain
+        return max(low, now / SPREAD), SPREAD * now, low, high
+    return low, full / SMALLEST.get(p.unit.rpartition(" per ")[2], 0.01), low, high

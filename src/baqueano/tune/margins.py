@@ -1,0 +1,238 @@
+"""The gain, phase and delay that a loop bears, linearised where it drives straight on at a steady speed.
+
+    x⁺ = A x + B u,    y = C x + D u          vehicle, delay, sensors, controller; u in force, y the next    (1)
+    L_i(z) = −z⁻¹ (C (zI − A)⁻¹ B + D)_ii,    z = exp(jω δ)        channel i opened, the others closed         (2)
+    gain: 1/|L_i| where L_i < 0,    phase: φ = π + arg L_i where |L_i| = 1,    delay: φ/ω                      (3)
+
+(1) are the Jacobians of one tick of the loop, by the engine; the delay of the model is in A as its line of past
+commands, z⁻ᵏ. The pose is known: an estimator adds a delay of its own. Source: Åström and Murray, Feedback Systems,
+2008, section 9.3.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.blocks import Controller
+from baqueano.contracts.values import Tree
+from baqueano.estimators import KnownState
+from baqueano.guides.repeat import Repeat
+from baqueano.guides.route import Route
+from baqueano.sensors.truth import truth_sensor
+from baqueano.signals import NANOSECONDS
+from baqueano.simulate.open_loop import times
+from baqueano.simulate.system import Input, System, SystemState, advance, begin
+from baqueano.symbolic import jacobian
+from baqueano.symbolic.graph.tree import build, leaves, shape_of, values
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+SETTLE_S = 0.5
+NEWTON, STEADY = 8, 1e-7  # steps at most, and what is left of them, relative
+LONGER_S, CALM_S, CALM = (
+    4.0,
+    0.5,
+    0.05,
+)  # where there is no steady drive: the command of the last time changes less
+SLOWEST_M_S = 0.01  # no steady drive below it
+FREQUENCIES = 2000
+LOWEST_RAD_S = 0.02
+GROWS = 1.0 + 1e-5  # a tick: by 0.1 % in a second; an error that nothing corrects does not grow
+STEPS = 50  # of a bisection
+
+
+class LoopMargins(NamedTuple):
+    """The margins of one channel of the command, the other channels closed."""
+
+    channel: str  # "u_psi"
+    gain_up: float  # factor at which the loop becomes unstable; inf: none does
+    gain_down: float  # the same below 1; 0: none does
+    phase_rad: float  # inf: |L| never is 1
+    delay_s: float  # more than the vehicle has; inf likewise
+    speed_m_s: float  # of the steady drive
+    stable: bool  # the whole loop
+
+
+class Linear(NamedTuple):
+    """A linear system in discrete time.  (1)"""
+
+    A: np.ndarray  # (n, n)
+    B: np.ndarray  # (n, m)
+    C: np.ndarray  # (k, n)
+    D: np.ndarray  # (k, m)
+    dt_s: float
+
+    def at(self, omega: np.ndarray | float) -> np.ndarray:
+        """Return the first entry of the transfer function at ω (f,) [rad/s]."""
+        z = np.exp(1j * np.atleast_1d(omega) * self.dt_s)
+        resolved = np.linalg.solve(
+            z[:, None, None] * np.eye(len(self.A)) - self.A,
+            np.broadcast_to(self.B[:, :1], (len(z), len(self.A), 1)),
+        )
+        return (self.C[:1] @ resolved)[:, 0, 0] + self.D[0, 0]
+
+
+@lru_cache(maxsize=32)
+def loop_margins(
+    vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
+) -> tuple[LoopMargins, ...]:
+    """Return the margins of each channel that has a limit above 0; none where there is no steady drive."""
+    if not speed_m_s > SLOWEST_M_S:
+        return ()
+    plant, steady = linearised(vehicle_file, controller, speed_m_s)
+    if not all(np.isfinite(matrix).all() for matrix in plant[:4]):
+        return ()
+    names, limit = vehicle_file.command.names, vehicle_file.command.limit
+    whole = np.block([[plant.A, plant.B], [plant.C, plant.D]])
+    stable = steady and bool(np.max(np.abs(np.linalg.eigvals(whole))) < GROWS)
+    return tuple(
+        LoopMargins(names[k], *margins(opened(plant, int(k))), speed_m_s, stable)
+        for k in np.flatnonzero(limit > 0.0)
+    )
+
+
+def margins(loop: Linear) -> tuple[float, float, float, float]:
+    """Return the gain margins above and below 1, the phase margin and the delay margin of L.  (3)"""
+    omega = np.geomspace(LOWEST_RAD_S, np.pi / loop.dt_s, FREQUENCIES)
+    L = loop.at(omega)
+    ends = np.flatnonzero(np.diff(np.sign(np.imag(L))) != 0)
+    real = [loop.at(_crossing(loop, omega[k : k + 2], np.imag))[0].real for k in ends]
+    factors = [-1.0 / x for x in [*real, L[-1].real] if x < 0.0]
+    of_one = np.flatnonzero(np.diff(np.sign(np.abs(L) - 1.0)) != 0)
+    at = [_crossing(loop, omega[k : k + 2], lambda x: np.abs(x) - 1.0) for k in of_one]
+    phases = [float(np.angle(-loop.at(w)[0])) for w in at]
+    delays = [(phase % (2.0 * np.pi)) / w for phase, w in zip(phases, at, strict=True)]
+    return (
+        float(min((f for f in factors if f > 1.0), default=np.inf)),
+        float(max((f for f in factors if f < 1.0), default=0.0)),
+        min(phases, key=abs, default=np.inf),
+        float(min(delays, default=np.inf)),
+    )
+
+
+def opened(plant: Linear, channel: int) -> Linear:
+    """Return L of a channel, the others closed: their commands become states.  (2)"""
+    A, B, C, D, dt_s = plant
+    others = [k for k in range(B.shape[1]) if k != channel]
+    n, m = len(A), len(others)
+    A_closed = np.block([[A, B[:, others]], [C[others], D[np.ix_(others, others)]]])
+    B_closed = np.vstack([B[:, [channel]], D[np.ix_(others, [channel])]])
+    row = np.hstack([C[[channel]], D[np.ix_([channel], others)]])
+    A_late = np.block([[A_closed, np.zeros((n + m, 1))], [row, np.zeros((1, 1))]])
+    B_late = np.vstack([B_closed, D[[channel]][:, [channel]]])
+    C_late = np.hstack([np.zeros((1, n + m)), -np.ones((1, 1))])
+    return Linear(A_late, B_late, C_late, np.zeros((1, 1)), dt_s)
+
+
+def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> tuple[Linear, bool]:
+    """Return a tick of the loop around a straight drive, and whether that is steady.  (1)
+
+    Newton's method finds the state x that a tick only moves along: f(x) = x + v δ ∂x/∂place.
+    """
+    system, rate_hz, dt_s = (
+        _straight(vehicle_file, controller, speed_m_s),
+        vehicle_file.rate_hz,
+        1.0 / vehicle_file.rate_hz,
+    )
+    state = begin(system)
+    flat = _Numbers(state)
+    along = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
+    state = state._replace(world=state.world._replace(vehicle=_moving(state.world.vehicle, speed_m_s)))
+    state, _ = _driven(system, state, times(round(SETTLE_S * rate_hz), rate_hz))
+
+    def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
+        flat = _Numbers(state)
+        return lambda row: flat.of(advance(system, dt_s, flat.state(row), Input(t_ns, None))[0])
+
+    tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
+    x, J, steady = _steady(tick, flat.of(state), speed_m_s * dt_s * along)
+    if not steady:  # as where nothing corrects the error beside the path
+        t_ns = times(round(LONGER_S * rate_hz) + 1, rate_hz)
+        state, sent = _driven(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
+        J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.of(state)), dtype=float)
+        steady = bool(np.max(np.ptp(sent[-round(CALM_S * rate_hz) :], axis=0)) < CALM)
+    n = len(x) - system.model.commands
+    return Linear(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
+
+
+def _steady(
+    tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return the row that a tick shifts only, by Newton's method from x, the Jacobian there, and whether it exists."""
+    J = np.zeros((len(x), len(x)))
+    for _ in range(NEWTON):
+        J, missing = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
+        if not np.isfinite(J).all() or not np.isfinite(missing).all():
+            break
+        if np.max(np.abs(missing) / (1.0 + np.abs(x))) < STEADY:
+            return x, J, True
+        x = x + np.linalg.lstsq(J - np.eye(len(x)), missing, rcond=1e-9)[0]
+    return x, J, False
+
+
+def _driven(system: System, state: SystemState, t_ns: np.ndarray) -> tuple[SystemState, np.ndarray]:
+    """Return the state after some ticks, and the commands (N, m)."""
+    sent = []
+    for t in t_ns:
+        state, _ = advance(system, float(t_ns[1] - t_ns[0]) / NANOSECONDS, state, Input(int(t), None))
+        sent.append(state.u)
+    return state, np.array(sent)
+
+
+class _Numbers:
+    """The numbers of a state that are not integers, in a row, the command last."""
+
+    def __init__(self, example: SystemState) -> None:
+        self.shape = shape_of(_parts(example), "state")
+        self.leaves = list(leaves(self.shape))
+        self.example = [np.asarray(value, dtype=float) for value in values(self.shape, _parts(example))]
+        self.free = [k for k, leaf in enumerate(self.leaves) if leaf.kind == "f"]
+
+    def of(self, state: SystemState) -> Tree:
+        """Return the row."""
+        each = list(values(self.shape, _parts(state)))
+        return np.concatenate([np.reshape(each[k], -1) for k in self.free])
+
+    def state(self, row: Tree) -> SystemState:
+        """Return the state with the numbers of a row, and the integers of the example."""
+        whole: list[Tree] = [
+            int(x) if leaf.kind != "f" else x for leaf, x in zip(self.leaves, self.example, strict=True)
+        ]
+        at = 0
+        for k in self.free:
+            shape, size = self.example[k].shape, self.example[k].size
+            whole[k] = row[at : at + size].reshape(shape) if shape else row[at]
+            at += size
+        return SystemState(*build(self.shape, iter(whole)))
+
+
+def _parts(state: SystemState) -> tuple[Tree, ...]:
+    return state.world, state.blocks, state.u
+
+
+def _straight(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> System:
+    """The loop of the file with this controller on a straight route, pose and velocity known."""
+    t_s = np.array([0.0, 2.0 * LONGER_S])
+    eta, nu = np.zeros((2, 3)), np.zeros((2, 3))
+    eta[:, 0], nu[:, 0] = speed_m_s * t_s, speed_m_s
+    guide = Repeat.along(Route(t_s, eta, nu, False))
+    return System(
+        vehicle_file.vehicle, truth_sensor(), KnownState(), guide, controller, vehicle_file.supervisor()
+    )
+
+
+def _moving(vehicle: Tree, speed_m_s: float) -> Tree:
+    return vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
+
+
+def _crossing(loop: Linear, ends: np.ndarray, of: object) -> float:
+    """The frequency between two where a function of L changes its sign."""
+    low, high = (float(x) for x in ends)
+    sign = np.sign(of(loop.at(low)[0]))  # type: ignore[operator]
+    for _ in range(STEPS):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if np.sign(of(loop.at(middle)[0])) == sign else (low, middle)  # type: ignore[operator]
+    return float(np.sqrt(low * high))

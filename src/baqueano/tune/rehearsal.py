@@ -1,0 +1,336 @@
+"""The drives that a search tries again and again, as compiled functions of the gains.
+
+    C(g) = (1/V Σ_v C_v⁸)^(1/8),    C_v = mean over routes and seeds of the cost of vehicle v              (1)
+
+With one vehicle (1) is its mean cost; over many it is nearly that of the worst, and has a slope everywhere:
+
+    ∂C = Σ_v (C_v / C)⁷ ∂C_v / V                                                                          (2)
+
+Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn ± DELAY_S. Many drives
+run side by side in lanes (symbolic/), few one after the other: a kernel of lanes takes longer to compile.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, is_dataclass, replace
+from functools import partial
+from math import ceil
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from baqueano.contracts.blocks import Guide, OwnBlock
+from baqueano.diagnostics import fault
+from baqueano.errors import UsageError
+from baqueano.geometry import compose
+from baqueano.guides.route import Route
+from baqueano.language import marked as N_
+from baqueano.parameter import parameters
+from baqueano.simulate.closed_loop import closed, closed_loop, references_of, start_of, ticks_of
+from baqueano.simulate.many import drawn
+from baqueano.simulate.open_loop import draw, times
+from baqueano.simulate.system import Input, System, SystemState, begin, flat
+from baqueano.symbolic import Scan, put
+from baqueano.tune.asked import SoughtGains, sought
+from baqueano.tune.cost import Weights, shown, tick_cost
+from baqueano.worlds.noise import stream
+
+if TYPE_CHECKING:
+    from baqueano.vehicle_file import VehicleFile
+
+RADIAN_M = 0.1  # where the file gives no track and no radius
+HUBER_M = 0.1
+ASIDE_M = 0.1  # on its route, a vehicle whose model is right needs no feedback: no gain would have a slope
+JERK_M2 = 0.1
+POWER = 8  # of (1)
+DELAY_S = 0.01
+DELAY = "model.drivetrain.delay_s"
+SAMPLES = 32  # of a route, for its speed
+LANES_FROM = 32  # drives, from which gradients are worth the compilation of lanes
+TICKS_FROM = 1_000_000  # the same of costs alone: ticks of all drives
+
+
+class TunedDrive(NamedTuple):
+    """The figures of the drives with these gains."""
+
+    distance_rms_m: float
+    distance_max_m: float
+    heading_rms_rad: float
+    saturated: float  # share of the ticks at a limit of the command
+
+
+class Leg(NamedTuple):
+    """A route, and its kernels."""
+
+    system: System
+    rate_hz: float
+    ticks: int
+    start: SystemState
+    cost: Scan
+    shown: Scan
+    inputs: tuple[Input, ...] = ()  # of each seed
+
+    @property
+    def speed_m_s(self) -> float:
+        """Return the median speed that the route asks for."""
+        at = times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SAMPLES]
+        asked = [reference.nu for reference in references_of(self.system, at.tolist())]
+        return float(np.median([np.hypot(nu[0], nu[1]) for nu in asked]))
+
+    def with_seeds(self, seeds: Sequence[int | None]) -> "Leg":
+        """Return the same with the noise of other seeds; None: there is none."""
+        t_ns, sensors = times(self.ticks, self.rate_hz), self.system.sensors
+        noise = [None if seed is None else draw(sensors, seed, self.ticks) for seed in seeds]
+        return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rehearsal:
+    """Routes, seeds and vehicles, and the cost of the drives over all of them."""
+
+    asked: SoughtGains
+    weights: Weights
+    loop: str  # in words
+    legs: tuple[Leg, ...]
+    seeds: int  # of the noise of each leg
+    vehicles: np.ndarray  # (v, q) parameters that were drawn; (1, 0): the file's own vehicle alone
+
+    @property
+    def backend(self) -> str:
+        """Return the back end of the kernels."""
+        return self.legs[0].cost.backend
+
+    @property
+    def drives(self) -> int:
+        """Return how many drives one cost needs."""
+        return len(self.legs) * self.seeds * len(self.vehicles)
+
+    def cost(self, gains: np.ndarray) -> float:
+        """C [m²].  (1)"""
+        return float(self.costs(gains[None])[0])
+
+    def costs(self, gains: np.ndarray) -> np.ndarray:
+        """C of several sets of gains (k, p), (k,)."""
+        return softest(self.of_vehicles(gains))
+
+    def of_vehicles(self, gains: np.ndarray) -> np.ndarray:
+        """C_v of several sets of gains (k, p), (k, v)."""
+        k, v = len(gains), len(self.vehicles)
+        theta = np.concatenate([np.repeat(gains, v, axis=0), np.tile(self.vehicles, (k, 1))], axis=1)
+        return self._mean(theta, 0)[0].reshape(k, v)
+
+    def cost_and_gradient(self, gains: np.ndarray) -> tuple[float, np.ndarray]:
+        """C and ∂C/∂gains (p,).  (2)"""
+        own = np.broadcast_to(gains, (len(self.vehicles), len(gains)))
+        each, slopes = self._mean(np.concatenate([own, self.vehicles], axis=1), len(gains))
+        cost = float(softest(each[None])[0])
+        if not np.isfinite(cost):
+            return cost, np.full(len(gains), np.nan)
+        weight = (each / cost) ** (POWER - 1) / len(each) if cost > 0.0 else np.zeros(len(each))
+        return cost, weight @ slopes
+
+    def drive(self, gains: np.ndarray) -> TunedDrive:
+        """Return the figures of all drives with these gains."""
+        thetas = [np.concatenate([gains, v]) for v in self.vehicles]
+        each = [
+            leg.shown.run(inputs, theta, carry=leg.start)[1]
+            for leg in self.legs for inputs in leg.inputs for theta in thetas
+        ]  # fmt: skip
+        d, psi, full = (np.concatenate(x) for x in zip(*each, strict=True))
+        return TunedDrive(rms(d), float(np.max(d)), rms(psi), float(np.mean(full)))
+
+    def begun_with(self, gains: np.ndarray) -> "Rehearsal":
+        """Return the same drives with the memory with which a controller of these gains begins."""
+        block = self.asked.with_gains(gains)
+        legs = tuple(leg._replace(start=_at_start(leg.start, block)) for leg in self.legs)
+        return replace(self, legs=legs)
+
+    def remembers(self, gains: np.ndarray) -> bool:
+        """Return True where the memory at the start depends on the gains: then it is that of `asked.block`."""
+        now, then = self.asked.block.init(), self.asked.with_gains(gains).init()
+        return any(not np.array_equal(a, b) for a, b in zip(_flat(now), _flat(then), strict=True))
+
+    def nominal(self) -> "Rehearsal":
+        """Return the same with the file's own vehicle alone."""
+        return replace(self, vehicles=self.vehicles[:1])
+
+    def with_seeds(self, first: int, count: int) -> "Rehearsal":
+        """Return the same with other noise."""
+        legs = tuple(leg.with_seeds(range(first, first + count)) for leg in self.legs)
+        return replace(self, legs=legs, seeds=count)
+
+    def _mean(self, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
+        """The cost of each row of θ (r, p + q), the mean over routes and seeds, (r,), and its slopes (r, slopes)."""
+        total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
+        for leg in self.legs:
+            of = _in_lanes if self._worth_lanes(leg, len(theta), slopes) else _in_turn
+            cost, slope = of(leg, theta, slopes)
+            total, steep = total + cost, steep + slope
+        return total / len(self.legs), steep / len(self.legs)
+
+    def _worth_lanes(self, leg: Leg, rows: int, slopes: int) -> bool:
+        drives = rows * self.seeds
+        return drives >= LANES_FROM if slopes else drives * leg.ticks >= TICKS_FROM and drives > 1
+
+
+def softest(each: np.ndarray) -> np.ndarray:
+    """(k,) of costs (k, v).  (1)"""
+    worst = np.max(each, axis=1, keepdims=True)
+    safe = np.where((worst > 0.0) & np.isfinite(worst), worst, 1.0)
+    soft = safe[:, 0] * np.mean((each / safe) ** POWER, axis=1) ** (1.0 / POWER)
+    return np.where(np.isfinite(worst[:, 0]), soft, np.inf)
+
+
+def _in_turn(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
+    """The mean over seeds of the cost of each row of θ, and its slopes."""
+    total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
+    for inputs in leg.inputs:
+        for k, row in enumerate(theta):
+            if slopes:
+                cost, slope = leg.cost.cost_and_gradient(inputs, row, carry=leg.start)
+                steep[k] += slope[:slopes]
+            else:
+                cost = leg.cost.cost(inputs, row, carry=leg.start)
+            total[k] += cost
+    return total / len(leg.inputs), steep / len(leg.inputs)
+
+
+def _in_lanes(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same, many at once: the noise of a seed is common to its lanes."""
+    total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
+    for inputs in leg.inputs:
+        cost, slope = leg.cost.batch_sums(inputs, theta, slopes, carry=leg.start)
+        total, steep = total + cost[:, 0], steep + slope[:, 0]
+    return total / len(leg.inputs), steep / len(leg.inputs)
+
+
+def rehearse(
+    vehicle_file: "VehicleFile",
+    routes: Route | Guide | Sequence[Route | Guide],
+    *,
+    controller: OwnBlock | None = None,
+    gains: Sequence[str] | None = None,
+    bounds: dict[str, tuple[float, float]] | None = None,
+    laps: int = 1,
+    duration_s: float | None = None,
+    radian_m: float | None = None,
+    huber_m: float = HUBER_M,
+    jerk_m2: float = JERK_M2,
+    effort_m2: float = 0.0,
+    aside_m: float = ASIDE_M,
+    estimator: bool = False,
+    seeds: int = 1,
+    draws: int = 0,
+    seed: int = 0,
+    backend: str = "auto",
+) -> Rehearsal:
+    """The cost of the drives along `routes`, as compiled functions of the gains.
+
+    `controller`: in place of the file's. `gains` and their `bounds`: all parameters of the controller, unless named;
+    `laps` of the routes, or `duration_s` of each. `radian_m` is what a radian weighs, `huber_m` the distance beyond
+    which errors count linearly, `jerk_m2` the price of a change of the command from limit to nothing within a tick,
+    `effort_m2` that of a tick at the limit; the paper has neither. `aside_m`: how far behind and to the left of the
+    route's start the vehicle begins, 0 in the paper. `estimator`: in the loop, with the noise of `seeds` seeds from
+    `seed` on; `draws`: vehicles from the covariance of the fit.
+    """
+    weights = weights_of(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
+    if not np.isfinite(aside_m):
+        raise UsageError(fault("tune.aside", aside_m=aside_m))
+    asked = sought(vehicle_file, gains, bounds, controller)
+    each: list[Any] = (
+        [*routes] if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]
+    )
+    if not each or seeds < 1:
+        raise UsageError(fault("tune.nothing-to-drive", routes=len(each), seeds=seeds))
+    systems = [unquantised(closed(vehicle_file, route, laps, not estimator, asked.block)) for route in each]
+    own, vehicles = drawn_vehicles(vehicle_file, systems[0], draws, seed) if draws else ((), np.zeros((1, 0)))
+    paths = (*(f"controller.{name}" for name in asked.names), *own)
+    systems = [_with_room(system, own, vehicles, vehicle_file.rate_hz) for system in systems]
+    legs = [
+        _leg(vehicle_file, system, paths, weights, duration_s, aside_m, estimator, backend)
+        for system in systems
+    ]
+    loop = N_("estimator in the loop") if estimator else N_("perfect pose")
+    of_noise = range(seed, seed + seeds) if estimator else [None]
+    each_leg = tuple(leg.with_seeds(of_noise) for leg in legs)
+    return Rehearsal(asked, weights, loop, each_leg, len(of_noise), vehicles)
+
+
+def _leg(
+    vehicle_file: "VehicleFile", system: System, paths: tuple[str, ...], weights: Weights, duration_s: float | None,
+    aside_m: float, noise: bool, backend: str,
+) -> Leg:  # fmt: skip
+    rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
+    ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
+    make = partial(closed_loop, system, rate, noise=noise, backend=backend, paths=paths)
+    start = begin(system, compose(start_of(system), np.array([-aside_m, aside_m, 0.0])))
+    kernels = make(output=partial(tick_cost, weights, limit)), make(output=partial(shown, limit))
+    return Leg(system, rate, ticks, start, *kernels)
+
+
+def drawn_vehicles(
+    vehicle_file: "VehicleFile", system: System, count: int, seed: int
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Paths and values (1 + count, q) of the vehicles: the file's own first."""
+    paths, theta, _ = drawn(vehicle_file, system, count, seed)
+    own = flat(system, paths)
+    delay = getattr(getattr(system.model, "drivetrain", None), "delay_s", None)
+    if delay is not None and DELAY not in paths:
+        late = delay + stream(seed, "delay").uniform(-DELAY_S, DELAY_S, count)
+        paths, own = (*paths, DELAY), np.append(own, delay)
+        theta = np.column_stack([theta, np.maximum(late, 0.0)])
+    return paths, np.vstack([own, theta])
+
+
+def _with_room(system: System, paths: tuple[str, ...], vehicles: np.ndarray, rate_hz: float) -> System:
+    """The system with room for the longest delay that was drawn."""
+    if DELAY not in paths:
+        return system
+    longest = float(np.max(vehicles[:, paths.index(DELAY)])) + DELAY_S  # those that judge are drawn later
+    slots = ceil(longest * rate_hz)
+    return put(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
+
+
+def _at_start(start: SystemState, controller: object) -> SystemState:
+    return start._replace(blocks=start.blocks._replace(controller=controller.init()))  # type: ignore[attr-defined]
+
+
+def unquantised(system: System) -> System:
+    """Return the system without the steps of converters and timers: the slope of a staircase is 0."""
+    blocks = [("model.drivetrain", getattr(system.model, "drivetrain", None))]
+    for path, block in [*blocks, *((f"sensors.{name}", s) for name, s in system.sensors._asdict().items())]:
+        for field, _ in parameters(block) if is_dataclass(block) else ():
+            if field.endswith("_step"):
+                system = put(system, f"{path}.{field}", 0.0 * getattr(block, field))
+    return system
+
+
+def rms(x: np.ndarray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def weights_of(
+    vehicle_file: "VehicleFile",
+    radian_m: float | None,
+    huber_m: float,
+    jerk_m2: float,
+    effort_m2: float = 0.0,
+) -> Weights:
+    """The settings of the cost, checked."""
+    radian_m = _radian(vehicle_file) if radian_m is None else radian_m
+    weights = Weights(radian_m, huber_m, jerk_m2, effort_m2)
+    if not (radian_m >= 0.0 and huber_m > 0.0 and jerk_m2 >= 0.0 and effort_m2 >= 0.0):
+        raise UsageError(fault("tune.weights", **weights._asdict()))
+    return weights
+
+
+def _radian(vehicle_file: "VehicleFile") -> float:
+    """Half the track [m], else the platform's radius, else RADIAN_M."""
+    geometry = vehicle_file.geometry
+    if geometry.track_m is not None:
+        return 0.5 * geometry.track_m
+    return geometry.radius_m if geometry.radius_m is not None else RADIAN_M
+
+
+def _flat(tree: object) -> list[np.ndarray]:
+    return [x for one in tree for x in _flat(one)] if isinstance(tree, tuple) else [np.asarray(tree)]

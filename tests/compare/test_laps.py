@@ -1,0 +1,52 @@
+"""Laps of a drive: found where the route ends, and nowhere else."""
+
+import numpy as np
+import pytest
+
+from baqueano.compare.laps import _passages, laps_of
+from baqueano.guides.shapes import circle, eight, line
+from baqueano.simulate import simulate_loop
+from baqueano.vehicle_file import load
+
+SMALL = load("small")
+
+
+@pytest.mark.parametrize("route", [circle(0.5, 0.2), eight(0.6, 0.2)], ids=["circle", "eight"])
+def test_each_lap_has_its_time_and_its_distance(route):
+    run = simulate_loop(SMALL, route, laps=3, perfect=True)
+    laps = laps_of(run)
+    assert [lap.number for lap in laps] == [1, 2, 3]
+    for lap in laps:
+        assert lap.duration_s == pytest.approx(route.t_s[-1], abs=0.03)
+        assert 0.0 < lap.rms_m <= lap.max_m < 0.02
+        assert lap.gap_m < 0.05
+    assert sum(lap.duration_s for lap in laps) == pytest.approx(run.duration_s, abs=0.03)
+
+
+def test_the_largest_distance_is_that_of_the_whole_drive():
+    from baqueano.compare import compare
+
+    run = simulate_loop(SMALL, circle(0.5, 0.2), laps=2)
+    compared = compare(run)
+    (judged,) = compared.runs
+    assert max(lap.max_m for lap in judged.laps) == pytest.approx(judged.across_true.max_m)
+    assert [row["lap"] for row in compared.laps()] == [1, 2]
+    assert compared.rows()[0]["laps"] == 2
+    assert "2 laps" in judged.sentences[0]
+
+
+def test_an_open_route_has_none():
+    assert laps_of(simulate_loop(SMALL, line(1.0, 0.2), perfect=True)) == ()
+
+
+def test_a_reference_that_waits_and_comes_back_at_the_end_of_a_lap_passes_once():
+    route = circle(0.5, 0.2)
+    back = route.eta[1380:][::-1]
+    eta = np.concatenate([route.eta, back, route.eta[1380:], np.tile(route.eta[-1], (50, 1)), route.eta])
+    assert len(_passages(eta, True)) == 3  # begin, end of the first lap, end of the second
+
+
+def test_laps_of_a_lead_in_count_from_the_begin_of_the_drive():
+    route = eight(0.6, 0.2)
+    aside = route.eta[200:] + np.where(np.arange(1241)[:, None] < 100, [0.0, 0.1, 0.0], 0.0)
+    assert _passages(np.concatenate([aside, route.eta[1:]]), True) == [1240, 2680]

@@ -1,0 +1,48 @@
+"""Bars of milliseconds at the door, of a service that drives at 100 Hz in a process of its own.
+
+Quiet and flooded are measured in turn; a stall of the machine only adds, so the quieter rounds count.
+"""
+
+import sys
+from statistics import median
+
+import pytest
+
+from benchmarks import door as bench
+from benchmarks.processes import before_others, quantile
+
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="/proc"),
+    pytest.mark.alone,
+]
+ROUNDS = 7
+TICK_MS = 10.0  # a stop waits for the next one
+
+
+@pytest.fixture(scope="module")
+def place():
+    with before_others(), bench.served() as there:
+        yield there
+
+
+@pytest.fixture(scope="module")
+def times(place):
+    _, guest, door = place
+    return bench.in_turn(guest, door, ROUNDS)
+
+
+def test_rt15_a_stop_under_the_flood_of_five_is_a_zero_command_within_50_ms(times):
+    later = median(b - a for a, b in zip(times.quiet, times.flooded, strict=True))
+    assert TICK_MS + later <= bench.MOST_STOP_MS, times
+    assert min(times.flooded) <= bench.MOST_STOP_MS, times
+
+
+def test_what_is_told_arrives_within_5_ms(times):
+    assert min(quantile(one, 0.95) for one in times.told) <= bench.MOST_TOLD_MS, times.told
+    assert min(median(one) for one in times.told_flooded) <= bench.MOST_TOLD_MS, times.told_flooded
+
+
+def test_ne5_twelve_guests_who_ask_for_the_runs_take_little_memory(place):
+    service, guest, door = place
+    before, grown = bench.grown_mb(service, guest, door, 3.0)
+    assert grown <= bench.MOST_MB, before

@@ -1,0 +1,217 @@
+"""Precautions of a repetition: refused before it moves, led onto its route, slowed and stopped while it drives."""
+
+import numpy as np
+import pytest
+
+from baqueano.diagnostics import StopReason
+from baqueano.drive import repeat, stop_of
+from baqueano.drive.mission import Mission, perform
+from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
+from baqueano.drive.safety.patience import Patience
+from baqueano.drive.safety.precautions import PlainRoom, Precautions, limits_of
+from baqueano.drive.safety.room_watch import CHI_SQUARE, RoomWatch
+from baqueano.errors import AnswerNo, UsageError
+from baqueano.guides import Idle
+from baqueano.guides.shapes import circle, line
+from baqueano.loop import Blocks, Record
+from baqueano.monitor.findings import AWAY, MODEL, SENSOR, UNKNOWN, Finding
+from baqueano.signals import Command, Estimate, Reference, Tick, silent
+from baqueano.vehicle_file import load
+from tests.codes import refused
+from tests.drive.straight import as_fitted
+
+SMALL, LAP = load("small"), circle(0.4, 0.25)
+BESIDE = np.array([0.0, 0.2, np.radians(30.0)])
+
+
+def off_route(run, route):
+    """Distance of each true place from the route, and the way to it [m]."""
+    xy = run.truth.eta[::5, :2]
+    away = np.array([np.min(np.hypot(*(route.eta[:, :2] - p).T)) for p in xy])
+    return away, np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
+
+
+def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, wanted=(0.0, 0.0, 0.0), degraded=()):
+    """A tick of a drive."""
+    t_ns, still = round(1e9 * t_s), np.zeros(3)
+    cov = np.zeros((6, 6)) if cov is None else cov
+    return Record(
+        Tick(t_ns, still, silent({})), Command(t_ns, still), Command(t_ns, still),
+        Estimate(t_ns, np.array(eta), np.array(nu), cov), Reference(t_ns, np.array(wanted), still, 0.0), degraded,
+    )  # fmt: skip
+
+
+def test_a_route_that_cannot_be_driven_is_refused_by_the_verb_and_the_mission():
+    fast, fitted = circle(1.0, 10.0), as_fitted(SMALL)
+    for drive in (repeat, lambda file, route: perform(Mission("repeat", route=route), file)):
+        with refused("route.speed-too-high", AnswerNo):
+            drive(SMALL, fast)
+        with refused("route.speed-too-high", AnswerNo):
+            drive(fitted, fast)
+
+
+def test_anyway_passes_what_is_too_fast_and_never_what_is_no_number():
+    run = repeat(SMALL, circle(1.0, 2.0), anyway=True, duration_s=0.1)
+    assert len(run.t_ns) > 5
+    rows = LAP.nu.copy()
+    rows[7] = np.nan
+    with refused("route.no-number", AnswerNo):
+        repeat(SMALL, LAP._replace(nu=rows), anyway=True)
+
+
+def test_a_vehicle_beside_its_route_is_led_onto_it_and_drives_all_of_it():
+    run = repeat(SMALL, LAP, eta=BESIDE)
+    away, way = off_route(run, LAP)
+    assert np.max(away[way > 0.6]) < 0.01  # it joins ahead, some 0.4 m along the way
+    assert run.reference.eta[0] == pytest.approx(BESIDE, abs=1e-3)
+    assert run.duration_s < LAP.t_s[-1] + 1.5  # no part of the route twice
+    assert run.reference.done[-1] == 1.0
+
+
+def test_at_its_start_or_without_lead_in_the_guide_is_that_of_the_file():
+    guide = SMALL.guide(LAP)
+    for care, eta in ((Precautions(), LAP.eta[0]), (Precautions(lead_in=False), BESIDE)):
+        assert care.around(guide, LAP, SMALL, eta, SMALL.estimator()) is guide
+
+
+@pytest.mark.parametrize("name", ["small", "car"])
+def test_the_radius_of_a_way_is_one_that_the_vehicle_holds(name):
+    from baqueano.routes.capability import Capability
+
+    file, route = load(name), circle(2.0, 0.4)
+    limits = limits_of(route, file)
+    assert limits["speed_m_s"] == pytest.approx(0.4)
+    assert Capability(file).share(0.4, 0.4 / limits["radius_m"]) < 1.0
+
+
+def test_after_a_push_it_comes_back_to_its_route():
+    run = repeat(SMALL, LAP, shake=["3 s: push 0.5 N s left"])
+    away, _ = off_route(run, LAP)
+    after = run.truth.t_ns[::5] > 6e9
+    assert np.max(away[~after]) > np.max(away[after])
+    assert np.max(away[after]) < 0.03
+    assert stop_of(run) is None
+
+
+def doubtful(off):
+    return (Finding("imu[2]", 0, 3.0, AWAY, off, 1.0, 0.0, 1.0),)
+
+
+def watched(caution, rows):
+    """Pace and stop after each (time, finding)."""
+    out = []
+    for t_s, degraded in rows:
+        why = caution.why(round(1e9 * t_s))
+        caution.look(record(t_s, degraded=degraded))
+        out.append((caution._guide.wanted, why))
+    return out
+
+
+def begun(*arguments):
+    caution = Caution(*arguments)
+    caution.begin(Blocks(None, Idle(9.0), None, None))
+    return caution
+
+
+def test_a_sensor_that_is_off_slows_stops_and_is_named():
+    times = np.arange(0.0, WAIT_S + STAND_S + 0.2, 0.1)
+    caution = begun()
+    rows = watched(caution, [(t, doubtful(SENSOR)) for t in times])
+    paces = [pace for pace, _ in rows]
+    assert paces[:29] == [SLOW] * 29
+    assert paces[31:] == [0.0] * len(paces[31:])
+    (code,) = {why.code for _, why in rows if why is not None}
+    assert code == StopReason.ESTIMATE_DOUBTFUL
+    assert rows[38][1] is None
+    assert rows[-1][1].figures["cause"].subject == "imu[2]"
+    assert [(level, said.code) for _, level, said in caution.events()] == [("warning", "caution.slow")]
+
+
+def test_what_may_be_the_model_only_slows_and_a_worn_model_does_not():
+    for off, pace in ((UNKNOWN, SLOW), (MODEL, 1.0)):
+        rows = watched(begun(), [(t, doubtful(off)) for t in np.arange(0.0, 9.0, 0.5)])
+        assert rows == [(pace, None)] * 18
+
+
+def test_a_doubt_that_ends_ends_the_slowness():
+    caution = begun()
+    rows = watched(
+        caution, [(0.0, doubtful(SENSOR)), (2.0, ()), (3.0, doubtful(SENSOR)), (5.5, doubtful(SENSOR))]
+    )
+    assert [pace for pace, _ in rows] == [SLOW, 1.0, SLOW, SLOW]
+    assert [said.code for _, _, said in caution.events()] == ["caution.slow", "caution.over", "caution.slow"]
+
+
+def test_an_uncertain_position_is_a_doubt():
+    caution, cov = begun(0.5), np.diag([0.4**2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for t_s in (0.0, WAIT_S):
+        caution.look(record(t_s, cov=cov))
+    assert caution._guide.wanted == 0.0
+    assert caution.why(round(1e9 * (WAIT_S + STAND_S))).figures["cause"].code == "caution.uncertain"
+
+
+def test_without_caution_nothing_is_doubtful():
+    assert watched(begun(0.5, False), [(t, doubtful(SENSOR)) for t in (0.0, 9.0)]) == [(1.0, None)] * 2
+
+
+def test_a_drive_with_a_frozen_sensor_slows_and_its_run_says_why():
+    run = repeat(SMALL, LAP, laps=2, shake=["3-60 s: spikes imu[0] 8, 50 %"])
+    slow = [event for event in run.events if event.source == "caution"]
+    assert slow[0].diagnostic.code == "caution.slow"
+    later = run.t_ns > slow[0].t_ns + 1_000_000_000
+    assert np.max(run.reference.nu[later, 0]) == pytest.approx(SLOW * 0.25)
+
+
+def test_a_stuck_vehicle_is_given_up_and_one_that_waits_is_not():
+    stuck, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
+    for t_s in np.arange(0.0, 8.0, 0.1):
+        stuck.look(record(t_s, wanted=(0.2, 0.0, 0.0)))
+        waits.look(record(t_s, wanted=(0.02, 0.0, 0.0)))
+        goes.look(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), wanted=(9.0, 0.0, 0.0)))
+    assert stuck.why(4_900_000_000) is None
+    assert stuck.why(5_100_000_000).code == StopReason.STUCK
+    assert waits.why(7_950_000_000) is None
+    assert goes.why(7_950_000_000) is None
+
+
+def test_the_region_of_the_place_stops_before_the_wall():
+    room, origin = PlainRoom((1.0, 2.0), (0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
+    std = 0.1
+    for y, stopped in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE) * std + 0.01, True)):
+        watch = RoomWatch(room, origin)  # the map's y is the room's −x
+        watch.look(record(0.0, eta=(3.0, y, 0.0), cov=np.diag([std**2] * 6)))
+        assert (watch.why(0) is not None) == stopped
+    assert watch.why(0).figures["axis"] == "x"
+    still = RoomWatch(room, origin)
+    still.look(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
+    assert still.why(0).figures["stop_m"] == pytest.approx(0.15)
+
+
+def test_laps_for_ever_by_the_imu_alone_end_before_the_body_touches_a_wall():
+    room = PlainRoom((0.93, 0.93), (0.0, -0.4, 0.0))
+    run = repeat(SMALL, LAP, laps=0, room=room, duration_s=120.0)
+    assert stop_of(run).code == StopReason.ROOM
+    assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free)
+
+
+def test_a_mission_carries_its_precautions_and_where_the_vehicle_stands():
+    care = Precautions(room=PlainRoom((1.0, 2.0), (0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
+    mission = Mission("repeat", route=LAP, start=(0.0, 0.2, 0.5), precautions=care.to_json())
+    again = Mission.of_json(mission.json())
+    assert again.start == (0.0, 0.2, 0.5)
+    assert Precautions.of_json(again.precautions) == Precautions.of_json(mission.precautions)
+    assert "precautions" not in Mission("repeat", route=LAP).json()  # as robots of before read it
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"anyway": 1}, {"nothing": True}, {"room": {"free": [1.0]}}, {"patience_s": "long"}]
+)
+def test_precautions_that_are_none_are_refused(wrong):
+    with refused("mission.damaged", UsageError):
+        Mission("repeat", route=LAP, precautions=wrong)
+
+
+def test_the_way_back_ends_at_the_start():
+    run = repeat(SMALL, line(0.8, 0.25), way_back=True)
+    assert run.reference.eta[-1] == pytest.approx(np.zeros(3), abs=1e-6)
+    assert np.hypot(*run.truth.eta[-1, :2]) < 0.05

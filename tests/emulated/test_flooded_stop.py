@@ -1,0 +1,67 @@
+"""A STOP among five who flood the door of the onboard service, until the motors of the emulated Uno are off.
+
+Quiet and flooded in turn, in the time of the Uno: a stall of the machine slows both.
+"""
+
+import sys
+from contextlib import contextmanager
+from statistics import median
+
+import numpy as np
+import pytest
+
+from baqueano.door import VERSION
+from baqueano.door.remote import reached
+from baqueano.drive.mission import Mission, packed
+from benchmarks.door import FLOODING, MOST_STOP_MS, flooded
+from benchmarks.processes import before_others
+from tests.emulated.onboard import running
+from tests.emulated.test_processes import PATIENCE_S, ready, until
+
+pytestmark = [pytest.mark.skipif(sys.platform != "linux", reason="a pty, /proc"), pytest.mark.alone]
+ROUNDS, SECONDS = 5, 20.0
+TICKS_MS = 20.0  # a stop waits for the next tick, and its command for the line
+
+
+@contextmanager
+def moving(service):
+    """Somebody at the door of a vehicle that moves; it begins again where the machine stalls before."""
+    what = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
+    mission, begun = packed(what, service.file).json(), False
+    for _ in range(5):
+        with reached(str(service.door)) as remote:
+            ready(remote)
+            remote.say(do="mission", door=VERSION, mission=mission, attended=False)
+            begun = until(service.live.moving, PATIENCE_S / 4.0)
+            if begun:
+                yield remote
+                return
+            remote.say(do="stop", why="it does not move")
+    assert begun
+
+
+def off_ms(remote, live):
+    """Return how long the motors turn on after a STOP, in the time of the Uno."""
+    said_s = live.now_s()
+    remote.say(do="stop", why="it nears the stairs")
+    assert until(lambda: not live.moving(), PATIENCE_S)
+    with live.lock:
+        return 1e3 * (live.uno.off_since() - said_s)
+
+
+def test_rt15_a_stop_under_the_flood_of_five_turns_the_motors_off_within_50_ms(firmware, tmp_path):
+    quiet, loud = [], []
+    with (
+        before_others(),
+        running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service,
+    ):
+        for _ in range(ROUNDS):
+            with moving(service) as remote:
+                quiet.append(off_ms(remote, service.live))
+            with moving(service) as remote, flooded(service.door, FLOODING):
+                assert service.live.moving()
+                loud.append(off_ms(remote, service.live))
+    print(f"motors off after {median(quiet):.0f} ms, {median(loud):.0f} ms flooded (at most {max(loud):.0f})")
+    later = median(b - a for a, b in zip(quiet, loud, strict=True))
+    assert TICKS_MS + later <= MOST_STOP_MS, (quiet, loud)
+    assert min(loud) <= MOST_STOP_MS, (quiet, loud)

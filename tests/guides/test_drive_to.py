@@ -1,0 +1,121 @@
+"""A way from where the vehicle stands: it arrives, within its radius and its speed."""
+
+import numpy as np
+import pytest
+
+from baqueano.block_checks import check_guide
+from baqueano.guides import DriveTo
+from baqueano.guides.dubins import pose_at, shortest
+from baqueano.guides.shapes import circle, eight, line
+from baqueano.routes import reverse
+from baqueano.signals import Estimate
+from baqueano.symbolic import function
+
+DT = 0.04
+SMALL, CAR = (0.25, 0.2), (1.0, 0.5)  # radius [m], speed [m/s]
+
+
+def at(eta, tick=0, v=0.0):
+    return Estimate(round(1e9 * DT) * tick, np.array(eta, float), np.array([v, 0.0, 0.0]), np.zeros((6, 6)))
+
+
+def followed(guide, start, ticks=1500):
+    """References of a vehicle that is where it is wanted, to the end."""
+    state, out, here = guide.init(), [], np.array(start, float)
+    for k in range(ticks):
+        state, reference = guide.step(state, at(here, k))
+        out.append(reference)
+        here = reference.eta
+        if reference.done > 0.0:
+            break
+    return state, out
+
+
+def test_the_way_ends_at_its_goal_and_is_no_shorter_than_a_line():
+    rng = np.random.default_rng(0)
+    for _ in range(500):
+        start, goal = rng.uniform(-2.0, 2.0, (2, 3)) * [1.0, 1.0, 3.0]
+        radius_m = rng.uniform(0.1, 1.0)
+        way = shortest(start, goal, radius_m)
+        end, _ = pose_at(start, way, way.length_m, radius_m)
+        np.testing.assert_allclose(end[:2], goal[:2], atol=1e-7)
+        assert abs(np.sin(0.5 * (end[2] - goal[2]))) < 1e-7
+        assert way.length_m >= np.hypot(*(goal - start)[:2]) - 1e-9
+
+
+def test_ways_that_a_pencil_finds():
+    zero, quarter = np.zeros(3), np.array([1.0, 1.0, np.pi / 2])
+    assert shortest(zero, np.array([2.0, 0.0, 0.0]), 0.5).length_m == pytest.approx(2.0)
+    assert shortest(zero, quarter, 1.0).length_m == pytest.approx(np.pi / 2)
+    assert shortest(zero, np.array([0.0, 2.0, np.pi]), 1.0).length_m == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize(("radius_m", "speed_m_s"), [SMALL, CAR], ids=["small", "car"])
+@pytest.mark.parametrize("start", [(0.1, 0.2, 0.5), (-1.0, -0.3, 2.5), (0.0, -0.4, -0.5)])
+def test_it_leads_onto_a_route_within_radius_and_speed(start, radius_m, speed_m_s):
+    route = circle(2.0, speed_m_s)
+    guide = DriveTo.join(route, radius_m=radius_m, speed_m_s=speed_m_s)
+    state, out = followed(guide, start)
+    eta, nu = np.array([r.eta for r in out]), np.array([r.nu for r in out])
+    np.testing.assert_allclose(eta[0], start, atol=1e-9)
+    steps = np.hypot(*np.diff(eta[:, :2], axis=0).T)
+    assert np.max(steps) <= 1.01 * speed_m_s * DT
+    assert np.max(np.abs(nu[:, 2])) <= 1.001 * speed_m_s / radius_m
+    tau_s, v, ahead = state.goal
+    there = [np.interp(tau_s, route.t_s, route.eta[:, i]) for i in range(3)]
+    np.testing.assert_allclose(eta[-1, :2], there[:2], atol=1e-6)
+    assert (v, ahead) == pytest.approx((speed_m_s, 1.0))
+    assert out[-1].done == 1.0
+
+
+def test_the_velocity_is_that_of_its_poses():
+    _, out = followed(DriveTo([[1.0, 0.8, 2.0]]), (0.0, 0.0, 0.0))
+    eta, nu = np.array([r.eta for r in out[1:-1]]), np.array([r.nu for r in out[1:-1]])
+    off = np.abs(np.diff(np.unwrap(eta[:, 2])) / DT - nu[1:, 2])
+    assert np.sum(off > 0.02) <= 2  # where an arc ends
+    assert np.max(np.abs(nu[:, 2])) == pytest.approx(0.2 / 0.25)
+    moved = np.hypot(*np.diff(eta[:, :2], axis=0).T) / DT
+    np.testing.assert_allclose(moved, nu[1:, 0], atol=2e-3)
+
+
+def test_it_begins_at_the_speed_that_the_vehicle_has_and_arrives_at_rest():
+    guide = DriveTo([[2.0, 0.0, 0.0]], speed_m_s=0.5, acceleration_m_s2=0.25)
+    _, first = guide.step(guide.init(), at(np.zeros(3), v=0.4))
+    assert first.nu[0] == pytest.approx(0.4)
+    _, out = followed(guide, np.zeros(3))
+    v = np.array([r.nu[0] for r in out])
+    assert np.max(v) == pytest.approx(0.5)
+    assert np.max(np.abs(np.diff(v))) <= 0.25 * DT + 0.021  # and stops from its slowest speed
+    assert v[-1] == 0.0
+
+
+def test_a_vehicle_that_is_there_has_arrived():
+    guide = DriveTo.join(eight(0.6, 0.2))
+    state, reference = guide.step(guide.init(), at([0.004, 0.004, np.radians(1.0)]))
+    assert reference.done == 1.0
+    assert state.goal[0] == 0.0
+
+
+def test_a_route_that_is_driven_backward_is_reached_backward():
+    route = reverse(line(2.0, 0.2), backing=True)  # from x = 2 to 0, heading along x
+    _, out = followed(DriveTo.join(route), (2.4, 0.1, 0.1))
+    assert all(r.nu[0] <= 0.0 for r in out)
+    assert np.ptp([r.eta[2] for r in out]) < 1.0
+    assert 1.0 <= out[-1].eta[0] <= 2.001
+
+
+def test_it_keeps_every_promise_of_a_guide():
+    assert check_guide(DriveTo([[1.0, 0.5, 1.0]])) == []
+
+
+def test_compiled_and_as_written_it_gives_the_same_reference():
+    guide = DriveTo([[1.0, 0.5, 1.0], [1.5, 0.2, 0.4]], (0.0, 2.0), (0.2, -0.2))
+    state, _ = guide.step(guide.init(), at([0.1, 0.2, 0.7]))
+    for state_k, now in (
+        (guide.init(), at([0.1, 0.2, 0.7])),
+        (state._replace(sigma_m=0.6), at([0.5, 0.2, 0.7], 3)),
+    ):
+        plain = guide.step(state_k, now)[1]
+        other = function(guide.step, state_k, now, backend="python")(state_k, now)[1]
+        np.testing.assert_allclose(other.eta, plain.eta, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(other.nu, plain.nu, rtol=1e-9, atol=1e-12)

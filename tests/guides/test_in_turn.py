@@ -1,0 +1,71 @@
+"""A lead-in and its route, a route and the way back."""
+
+import numpy as np
+import pytest
+
+from baqueano.guides import InTurn, Repeat, RepeatByProgress
+from baqueano.guides.shapes import circle, eight, line
+from tests.guides.test_drive_to import DT, at, followed
+
+
+@pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
+@pytest.mark.parametrize("start", [(0.1, 0.2, 0.5), (-0.5, -0.3, 1.5)])
+def test_the_route_goes_on_where_the_way_meets_it_without_a_jump(kind, start):
+    route = eight(0.6, 0.2)
+    guide = InTurn.led_in(kind.along(route), route)
+    state, out = followed(guide, start)
+    eta = np.array([r.eta for r in out])
+    assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.5 * 0.2 * DT
+    np.testing.assert_allclose(eta[-1, :2], route.eta[-1, :2], atol=1e-6)
+    assert 0.0 < state.first.goal[0] < 6.0 or start[0] < 0.0
+    assert out[-1].done == 1.0
+
+
+@pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
+def test_a_way_that_is_shorter_than_the_route_to_there_leads_on_too(kind):
+    """From inside of a circle: it joins at a time of the route that is later than the time of the drive."""
+    route = circle(0.4, 0.25)
+    state, out = followed(InTurn.led_in(kind.along(route), route, radius_m=0.15), (0.0, 0.2, 0.5))
+    eta = np.array([r.eta for r in out])
+    assert state.first.goal[0] > 1.5
+    assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.5 * 0.25 * DT
+    assert len(out) * DT < route.t_s[-1] + 1.5  # no part twice
+
+
+def test_from_the_start_of_the_route_it_is_the_route_bit_for_bit():
+    route = circle(0.5, 0.2)
+    plain, led = Repeat.along(route, 2), InTurn.led_in(Repeat.along(route, 2), route)
+    state, other = plain.init(), led.init()
+    for k in range(60):
+        here = at(route.eta[0], k)
+        (state, a), (other, b) = plain.step(state, here), led.step(other, here)
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+class Counts:
+    """A guide of one's own that knows no `joined`: along x by the time since its first tick."""
+
+    def init(self):
+        return -1
+
+    def step(self, state, estimate):
+        begun = np.where(state < 0, estimate.t_ns, state)
+        reference = Repeat.along(line(2.0, 0.2)).step(Repeat.along(line(2.0, 0.2)).init(), estimate)[1]
+        x = 0.2e-9 * (estimate.t_ns - begun)
+        return begun, reference._replace(eta=np.array([x, 0.0, 0.0]), done=np.where(x >= 2.0, 1.0, 0.0))
+
+
+def test_a_guide_of_ones_own_begins_where_the_way_meets_its_route():
+    _, out = followed(InTurn.led_in(Counts(), line(2.0, 0.2)), (0.0, 0.2, 0.0))
+    eta = np.array([r.eta for r in out])
+    assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.1 * 0.2 * DT
+    assert eta[-1, 0] == pytest.approx(2.0, abs=0.2 * DT)
+
+
+def test_after_the_route_it_drives_back_to_its_start():
+    route = line(1.0, 0.2)
+    state, out = followed(InTurn.with_way_back(Repeat.along(route), route), np.zeros(3))
+    assert state.over == 1.0
+    assert max(r.eta[0] for r in out) > 1.0
+    np.testing.assert_allclose(out[-1].eta, np.zeros(3), atol=1e-6)
+    assert [r.done for r in out[:-1]] == [0.0] * (len(out) - 1)

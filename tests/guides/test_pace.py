@@ -1,0 +1,53 @@
+"""A guide at another pace: the same path, later."""
+
+import numpy as np
+import pytest
+
+from baqueano.drive.safety.paced_guide import PacedGuide
+from baqueano.guides import Pace, Repeat, RepeatByProgress
+from baqueano.guides.shapes import circle
+from tests.guides.test_drive_to import DT, at
+
+ROUTE = circle(0.5, 0.2)
+
+
+def driven(guide, ticks, wants=None):
+    state, out, here = guide.init(), [], ROUTE.eta[0]
+    for k in range(ticks):
+        if wants and k in wants:
+            guide.want("holder", wants[k])
+        state, reference = guide.step(state, at(here, k))
+        out.append(reference)
+        here = reference.eta
+    return out
+
+
+@pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
+def test_at_full_pace_it_is_the_guide_itself_bit_for_bit(kind):
+    plain, paced = driven(kind.along(ROUTE), 60), driven(Pace(kind.along(ROUTE)), 60)
+    for a, b in zip(plain, paced, strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def test_a_pause_brakes_waits_and_goes_on_from_there():
+    guide = PacedGuide(Repeat.along(ROUTE))
+    out = driven(guide, 400, {80: 0.0, 250: 1.0})
+    v = np.array([r.nu[0] for r in out])
+    way = np.unwrap([r.eta[2] for r in out]) * 0.5
+    assert v[79] == pytest.approx(0.2)
+    assert np.max(np.abs(np.diff(v))) <= 0.2 * DT / guide.block.ramp_s + 1e-9
+    assert np.ptp(way[100:250]) < 1e-9
+    assert np.all(v[100:250] == 0.0)
+    assert v[-1] == pytest.approx(0.2)
+    assert way[-1] == pytest.approx(0.2 * DT * (400 - 170), abs=0.2 * DT * 5)  # nothing is left out
+
+
+def test_the_slowest_pace_that_somebody_wants_is_in_force():
+    guide = PacedGuide(Repeat.along(ROUTE))
+    guide.want("caution", 0.5)
+    guide.want("holder", 0.8)
+    assert guide.wanted == 0.5
+    guide.want("caution", 1.0)
+    assert guide.wanted == 0.8
+    with pytest.raises(ValueError, match="wanted"):
+        guide.want("holder", 2.0)

@@ -1,0 +1,134 @@
+"""Normal equations of many pieces, solved piece by piece, are those solved all at once."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from baqueano.identify import FitOptions, identify
+from baqueano.identify.covariance.information import Information, covariance_of
+from baqueano.identify.data.segments import ThetaLayout, without_starts
+from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _solved, minimise
+from baqueano.identify.residuals import simulation as simulated
+from baqueano.identify.residuals.block_arrow import (
+    BlockArrow,
+    Evaluation,
+    add,
+    diagonal_matrix,
+    places_of,
+    rows_times,
+)
+
+
+def equations(seed, runs, more=0, shared=4, by_run=3, by_piece=6):
+    """(places, arrow, the same as one matrix, g) of random slopes of every piece."""
+    rng = np.random.default_rng(seed)
+    layout = ThetaLayout(shared, by_run, by_piece, runs)
+    places, size = places_of(layout, more), layout.size + more
+    prior = rng.uniform(0.0, 1.0, size)
+    arrow, whole = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
+    unit = 10.0 ** rng.uniform(-4.0, 4.0, size)
+    indices = [np.concatenate([index, layout.size + np.arange(more)]) for index in layout.indices]
+    slopes = [rng.normal(size=(40, len(index))) * unit[index] for index in indices]
+    for H in (arrow, whole):
+        add(H, indices, [J.T @ J for J in slopes])
+    return arrow, whole, rng.normal(size=size) * unit
+
+
+ONE_RUN, TWO_RUNS, WHOLE_RUNS = (0,) * 12, (0,) * 6 + (1,) * 8, tuple(range(9))
+
+
+@settings(max_examples=60)
+@given(
+    seed=st.integers(0, 10**6),
+    runs=st.sampled_from([ONE_RUN, TWO_RUNS, WHOLE_RUNS]),
+    more=st.integers(0, 3),
+    damping=st.sampled_from([RIDGE, 1e-6, 1e-2, 10.0]),
+)
+def test_it_solves_as_the_whole_matrix_does(seed, runs, more, damping):
+    arrow, whole, g = equations(seed, runs, more)
+    assert isinstance(arrow, BlockArrow)
+    index = np.flatnonzero(np.random.default_rng(seed).random(len(g)) < 0.8)
+    scale = whole.diagonal().copy()
+    x, y = (_solved(H, damping, scale, index, g[index]) for H in (arrow, whole))
+    root = np.sqrt(scale[index])  # in units of each entry's own error
+    assert np.max(np.abs(x - y) * root) < 1e-10 * np.max(np.abs(y) * root)
+
+
+@pytest.mark.parametrize("runs", [ONE_RUN, TWO_RUNS, WHOLE_RUNS])
+def test_it_is_the_whole_matrix(runs):
+    arrow, whole, g = equations(1, runs, 2)
+    np.testing.assert_allclose(arrow.dense(), whole, rtol=1e-13)
+    np.testing.assert_allclose(arrow.diagonal(), whole.diagonal(), rtol=1e-13)
+    index = np.array([0, 3, 20])
+    np.testing.assert_allclose(rows_times(arrow, index, g), rows_times(whole, index, g), rtol=1e-10)
+    assert arrow.finite
+    arrow.border[3, 1, 2] = np.nan
+    assert not arrow.finite
+
+
+def test_a_step_that_would_cross_bounds_is_the_same():
+    arrow, whole, g = equations(2, ONE_RUN)
+    root = np.sqrt(whole.diagonal())
+    low, high = -0.02 / root, 0.05 / root
+    movable = np.arange(len(g)) % 7 != 3
+    ends = [
+        _bounded_step(Evaluation(1.0, 5.0 * g, H), root**2, 1e-3, 1.1, movable, np.zeros(len(g)), low, high)
+        for H in (arrow, whole)
+    ]
+    assert np.sum((ends[1] == low) | (ends[1] == high)) > 5
+    np.testing.assert_allclose(ends[0] * root, ends[1] * root, atol=1e-11)
+
+
+def test_a_search_with_starts_that_nothing_shows_ends_where_the_other_does():
+    """The last entry of each piece has no effect, as a start behind a lead has none."""
+    rng, layout = np.random.default_rng(3), ThetaLayout(3, 0, 5, (0,) * 12)
+    slopes = [rng.normal(size=(30, 8)) * [*np.ones(7), 0.0] for _ in layout.runs]
+    z = [rng.normal(size=30) for _ in layout.runs]
+
+    def of(places):
+        def evaluate(theta):
+            cost, g, H = 0.0, np.zeros(len(theta)), diagonal_matrix(np.zeros(len(theta)), places)
+            for J, index, said in zip(slopes, layout.indices, z, strict=True):
+                r = J @ theta[index] - said
+                cost += float(0.5 * r @ r)
+                g[index] += J.T @ r
+            add(H, layout.indices, [J.T @ J for J in slopes])
+            return Evaluation(cost, g, H)
+
+        bounds = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+        return minimise(evaluate, np.ones(layout.size), *bounds, tolerance=1e-18)
+
+    one, other = of(places_of(layout)), of(None)
+    assert one.converged
+    assert other.converged
+    np.testing.assert_allclose(one.theta, other.theta, atol=1e-8)
+    assert np.all(one.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
+
+
+def test_few_pieces_are_solved_at_once():
+    assert places_of(ThetaLayout(3, 3, 6, (0,))) is None
+    assert places_of(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
+    assert places_of(ThetaLayout(3, 3, 0, (0,) * 100)) is None
+
+
+def test_the_errors_of_what_is_shared_are_those_of_the_whole_information():
+    _, whole, _ = equations(4, ONE_RUN)
+    layout = ThetaLayout(4, 3, 6, ONE_RUN)
+    A, B = without_starts(whole, 2.0 * whole, layout)
+    few, channels, told = 10_000, np.zeros((1, 1)), np.arange(layout.starts)
+    small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), told)
+    large = 2.0 * np.linalg.inv(whole)[: layout.starts, : layout.starts] * few / (few - layout.starts)
+    root = np.sqrt(np.diagonal(large))
+    np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
+
+
+def test_a_fit_in_pieces_is_the_same_by_both(case, driven, monkeypatch):
+    """All along a search: the steps, the end, the errors."""
+    run, free = driven(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
+    pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
+    monkeypatch.setattr(simulated, "places_of", lambda layout: None)
+    whole = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
+    assert pieces.evaluations == whole.evaluations
+    np.testing.assert_allclose((pieces.estimate - whole.estimate) / whole.sd, 0.0, atol=1e-5)
+    np.testing.assert_allclose(pieces.cov, whole.cov, rtol=1e-6)

@@ -1,0 +1,307 @@
+"""A vehicle from commands and IMU alone: simulated ones, whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import FitOptions, identify
+from baqueano.identify.covariance.information import Information
+from baqueano.identify.covariance.jackknife import with_blocks
+from baqueano.identify.covariance.scale_uncertainty import of_tolerance, scales_of, zero_of
+from baqueano.identify.imu_only import fit_imu_only, imu_is_all
+from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
+from baqueano.identify.residuals.noise_level import profile_of_slow
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
+from tests.codes import of_code
+
+LONGITUDINAL = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
+YAW = ("model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
+QUIET = {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0}
+EXACT = {"gyro": 0.0, "accel": 0.0}
+
+
+def steps(rng, low, high, hold_s, seconds, rate_hz):
+    """A command that jumps every `hold_s`."""
+    count = int(np.ceil(seconds / hold_s))
+    return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(seconds * rate_hz)]
+
+
+def driven(seed, seconds=60.0, changes=None):
+    """A car whose IMU is shaken the more, the faster it drives; only its IMU is recorded."""
+    file, rng = load("car").with_values({"model.quadratic_drag": 0.0}), np.random.default_rng(seed)
+    u = np.c_[steps(rng, 0.1, 0.55, 2.0, seconds, 50.0), steps(rng, -0.8, 0.8, 1.2, seconds, 50.0)]
+    run = simulate(file.with_values(QUIET | (changes or {})), u, seed)
+    channel = run.sensors["imu"]
+    v = np.abs(np.interp(channel.t_ns, run.truth.t_ns, run.truth.nu[:, 0]))
+    sd = np.stack([0.05 + 0.6 * v, 0.05 + 1.2 * v, 0.02 + 0.03 * v], axis=1)
+    noisy = channel._replace(z=channel.z + sd * rng.normal(size=channel.z.shape))
+    return file, replace(run, sensors={"imu": noisy})
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """One car, and what was found of it."""
+    file, run = driven(3)
+    return file, run, fit_imu_only(run, file, LONGITUDINAL + YAW)
+
+
+def test_a_car_is_found_from_its_commands_and_its_imu(fitted):
+    file, _, fit = fitted
+    assert fit.converged
+    for name in ("throttle_gain", "linear_drag", "steering_gain"):
+        truth = getattr(file.vehicle, name)
+        assert fit.value(f"model.{name}") == pytest.approx(truth, rel=0.08), name
+
+
+def test_what_no_imu_can_know_is_reported(fitted):
+    _, _, fit = fitted
+    assert "identifiability.gyro-scale" in [one.code for one in fit.never]
+    assert "fit.envelope" in [one.code for one in fit.notes]
+
+
+def test_a_scale_that_nobody_measured_widens_the_errors_by_what_it_moves(fitted):
+    file, run, fit = fitted
+    exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
+    wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
+    np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
+    part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / of_tolerance(0.1)
+    moved = []
+    for factor in (1.02, 0.98):
+        scale = file.sensors.imu.gyro_scale * factor
+        other = file.with_values({"sensors.imu.gyro_scale": scale})
+        moved.append(fit_imu_only(run, other, LONGITUDINAL + YAW, tolerance=EXACT).estimate)
+    slope = np.abs(moved[0] - moved[1]) / 0.04
+    gain = fit.names.index("model.steering_gain")
+    assert part[gain] == pytest.approx(slope[gain], rel=0.2)
+    assert np.all(np.abs(part - slope) < 0.2 * slope + 2.0 * exact.sd)
+
+
+def test_a_measured_scale_is_believed_before_a_data_sheet():
+    from baqueano.vehicle_file import Provenance
+
+    file = load("car")
+    np.testing.assert_allclose(scales_of(file, "imu"), np.array([0.02, 0.02, 0.03]) / np.sqrt(3.0))
+    path = "sensors.imu.gyro_scale"
+    known = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
+    assert scales_of(known, "imu")[2] == pytest.approx(0.005 / 1.035)
+    assert scales_of(known, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
+    with pytest.raises(UsageError, check=of_code("tolerance.keys", keys="accel, gyro")):
+        scales_of(file, "imu", {"compass": 0.1})
+
+
+def test_a_zero_that_is_not_known_widens_the_errors_by_what_it_moves(fitted):
+    from baqueano.vehicle_file import Provenance
+
+    file, run, _ = fitted
+    path, origin = "sensors.imu.gyro_bias", Provenance("rest", None, 0.02, "USABLE")
+    at = [file.value(path) + shift for shift in (0.0, 0.005, -0.005)]
+    known, higher, lower = (
+        fit_imu_only(
+            run,
+            file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
+            LONGITUDINAL + YAW,
+            tolerance=EXACT,
+        )
+        for x in at
+    )
+    wide = fit_imu_only(
+        run, file.with_values({path: at[0]}, {path: origin}), LONGITUDINAL + YAW, tolerance=EXACT
+    )
+    part = np.sqrt(np.maximum(wide.sd**2 - known.sd**2, 0.0))
+    slope = 0.02 * np.abs(higher.estimate - lower.estimate) / 0.01
+    offset = known.names.index("model.steering_offset_rad")
+    assert part[offset] > 3.0 * known.sd[offset]
+    assert part[offset] == pytest.approx(slope[offset], rel=0.1)
+
+
+def test_the_zero_of_a_gyro_is_known_as_well_as_it_was_measured():
+    from baqueano.vehicle_file import Provenance
+
+    file, path = load("car"), "sensors.imu.gyro_bias"
+    assert zero_of(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # a data sheet's
+    known = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
+    assert zero_of(known, "imu") == pytest.approx(0.001)
+
+
+def test_a_fit_repeated_from_its_own_answer_stays_where_it_is():
+    file, run = driven(5, 30.0)
+    free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
+    first = fit_imu_only(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
+    again = fit_imu_only(run, first.vehicle_file, free)
+    assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+    assert first.value("model.drivetrain.delay_s") == pytest.approx(
+        0.08, abs=3.0 * first.sd[first.names.index(free[-1])]
+    )
+
+
+def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
+    _, run, fit = fitted
+    inside = fit.envelope
+    assert inside.flags(run) == ()
+    faster = replace(run, applied=run.applied * np.array([1.4, 1.0]))
+    said = inside.flags(faster)
+    assert len(said) == 1
+    assert (said[0].code, said[0].subject) == ("envelope.left", "throttle")
+    with pytest.raises(UsageError, check=of_code("vehicle.commands-differ")):
+        inside.flags(replace(run, applied=run.applied[:, :1]))
+    with pytest.raises(UsageError, check=of_code("runs.no-command")):
+        identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)
+
+
+def test_what_cannot_be_fitted_by_an_imu_is_reported_so(fitted):
+    file, run, _ = fitted
+    with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
+        fit_imu_only(run, file, use=("compass",))
+    with pytest.raises(UsageError, check=of_code("runs.all-still")):
+        fit_imu_only(replace(run, applied=np.zeros_like(run.applied)), file)
+    silent = run.sensors["imu"]._replace(z=run.sensors["imu"].z * np.array([1.0, 1.0, np.nan]))
+    with pytest.raises(UsageError, check=of_code("imu-only.silent-gyro")):
+        fit_imu_only(replace(run, sensors={"imu": silent}), file)
+
+
+def test_a_car_whose_imu_is_all_is_led_by_its_gyro_by_itself(fitted):
+    file, run, fit = fitted
+    again = identify(run, file, LONGITUDINAL + YAW)
+    np.testing.assert_allclose(again.estimate, fit.estimate, rtol=1e-9)
+    assert imu_is_all(file, [run], None, None)
+    assert imu_is_all(file, [run], ("imu",), LONGITUDINAL)
+    assert not imu_is_all(file, [run], ("imu[2]",), None)
+    assert not imu_is_all(file, [run], ("imu", "odometer"), None)
+    assert not imu_is_all(file, [run], None, ("sensors.imu.gyro_scale",))
+    assert not imu_is_all(load("small"), [run], None, None)
+
+
+def test_what_is_asked_for_beside_the_rest_takes_nothing_away():
+    file, run = driven(3, 20.0)
+    plain, beside = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
+    assert "model.drivetrain.delay_s" in plain.names
+    assert set(beside.names) == {*plain.names, "model.motor_drag"}
+
+
+def test_two_wheels_led_by_the_gyro_are_those_of_the_simulation():
+    file, rng = load("case-study-1"), np.random.default_rng(0)
+    limit = file.command.limit
+    forward = steps(rng, 0.1, 0.8, 2.0, 30.0, file.rate_hz) * limit[0]
+    turning = steps(rng, -0.5, 0.5, 1.0, 30.0, file.rate_hz) * limit[2]
+    run = simulate(file, np.stack([forward, np.zeros_like(forward), turning], axis=1), 0)
+    free = ["model.friction.linear", "model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]"]
+    led = identify(run, file, free, use=("imu",), options=FitOptions(gyro_leads=True))
+    truth = np.array([*file.vehicle.friction.linear, *np.diagonal(file.vehicle.actuator_matrix)[[0, 2]]])
+    assert np.all(np.abs(led.estimate[:5] - truth) < 3.0 * led.sd[:5])
+    np.testing.assert_allclose(led.estimate[:5], truth, rtol=0.03)
+
+
+def test_a_led_fit_is_searched_by_the_solver_that_was_given(fitted):
+    class Asked(Exception):
+        pass
+
+    def solver(*args, **how):
+        raise Asked
+
+    file, run, _ = fitted
+    with pytest.raises(Asked):
+        identify(run, file, use=("imu",), solver=solver)
+
+
+def test_what_a_led_fit_would_not_heed_is_refused(fitted):
+    file, run, _ = fitted
+    with pytest.raises(UsageError, check=of_code("imu-only.others", others="clocks, sigma")):
+        identify(
+            run, file, options=FitOptions(gyro_leads=True, sigma={"imu": (1.0, 1.0, 1.0)}, clocks=("imu",))
+        )
+    with pytest.raises(UsageError, check=of_code("imu-only.others", others="segment_s")):
+        fit_imu_only(run, file, options=FitOptions(segment_s=5.0))
+    with pytest.raises(UsageError, check=of_code("imu-only.others", others="residuals")):
+        identify(run, file, residuals=GyroAidedResiduals, options=FitOptions(gyro_leads=True))
+    with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
+        identify(run, file, use=("imu", "odometer"), options=FitOptions(gyro_leads=True))
+    with pytest.raises(UsageError, match="odometer"):
+        identify(run, file, use=("odometer",), options=FitOptions(gyro_leads=True))
+
+
+def test_white_residuals_are_weighed_by_their_scatter_and_coloured_ones_by_less():
+    rng, n = np.random.default_rng(1), 6000
+    white = rng.normal(size=(n, 2))
+    slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
+    left = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
+    has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
+    sigma, profile = profile_of_slow(left, has, v, dt, np.zeros(2))
+    assert sigma[0] == pytest.approx(1.0, abs=0.12)
+    expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over as long as they last
+    assert sigma[1] == pytest.approx(expected, rel=0.15)
+    np.testing.assert_allclose(profile[0], 1.0, atol=1e-9)
+
+
+def test_noise_that_grows_with_speed_is_weighed_by_speed():
+    rng, n = np.random.default_rng(2), 8000
+    v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
+    left = [(v * rng.normal(size=n))[:, None]]
+    sigma, profile = profile_of_slow(left, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
+    ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
+    assert np.all((ratio > 0.8) & (ratio < 1.3))
+    assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
+
+
+def test_blocks_that_agree_with_the_errors_leave_them_as_they_are_and_the_largest_is_reported():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(4, 4))
+    A = root @ root.T + 4.0 * np.eye(4)
+    info = Information(A, A, np.zeros((1, 4)), False, np.zeros(1), 100)
+    kept = np.array([0, 2, 3])
+    at = np.ix_(kept, kept)
+    inverse = np.linalg.inv(A[at])
+    np.testing.assert_allclose(with_blocks(info, kept, inverse).meat, A, rtol=1e-10)
+    np.testing.assert_allclose(with_blocks(info, kept, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10)
+    np.testing.assert_allclose(with_blocks(info, kept, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
+    coloured = info._replace(meat=2.0 * A)
+    np.testing.assert_allclose(with_blocks(coloured, kept, inverse).meat[at], 2.0 * A[at], rtol=1e-10)
+
+
+def test_what_is_slow_in_white_noise_is_found_and_white_noise_alone_is_left_out():
+    rng, n = np.random.default_rng(4), 3000
+    white, slow = rng.normal(size=n), np.zeros(n)
+    assert np.all(slow_part(white) == 0.0)
+    for k in range(1, n):
+        slow[k] = 0.98 * slow[k - 1] + np.sqrt(1.0 - 0.98**2) * rng.normal()
+    found = slow_part(0.5 * white + slow)
+    assert np.std(found - slow) < 0.6 * 0.5
+    assert abs(np.mean((found - slow) * found)) < 0.02  # what it errs by has nothing to do with it
+    np.testing.assert_array_equal(slow_part(white[:20]), white[:20])
+
+
+def test_the_noise_of_the_gyro_draws_neither_lever_nor_speed_towards_zero():
+    off = []
+    for seed in range(4):
+        file, run = driven(seed)
+        fit = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
+        at = [fit.names.index(name) for name in ("sensors.imu.lever_arm_m[0]", "model.throttle_gain")]
+        off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.sd[at])
+    assert np.all(np.abs(np.mean(off, axis=0)) < 3.0 / np.sqrt(4.0)), (
+        off
+    )  # the lever was 4 standard errors short
+
+
+def test_a_vehicle_that_moves_as_commanded_has_nothing_to_lead(tmp_path):
+    text = """format = 1
+name = "cart"
+rate_hz = 50.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+limit = [1.0, 0.0, 1.0]
+[model]
+kind = "kinematic"
+velocity_matrix = [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]
+[sensors.imu]
+kind = "imu"
+rate_hz = 50.0
+accel_noise_std = [0.1, 0.1]
+gyro_noise_std = 0.01
+"""
+    (tmp_path / "cart.toml").write_text(text, encoding="utf-8")
+    file = load(tmp_path / "cart.toml")
+    u = np.tile([0.5, 0.0, 0.3], (200, 1))
+    with pytest.raises(UsageError, check=of_code("imu-only.no-dynamics")):
+        fit_imu_only(simulate(file, u, 0), file)

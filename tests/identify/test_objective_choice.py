@@ -1,0 +1,79 @@
+"""Which cost is believed, and that the sentence says why with its figures."""
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import FitOptions
+from baqueano.identify.covariance.information import Information
+from baqueano.identify.estimation.least_squares import Evaluation, Solution
+from baqueano.identify.estimation.prediction_error import FloorNoise, MaximumLikelihood
+from baqueano.identify.result.objective_choice import LeftOutBlocks, choose_objective
+from tests.codes import of_code
+
+QUIET = np.ones(1)
+
+
+def likely(ratio, autocorrelated=False, floor=(0.04, 0.0)):
+    none = np.zeros((1, 1))
+    info = Information(none, none, none, autocorrelated, np.zeros(1), 100)
+    solution = Solution(np.zeros(1), Evaluation(0.0, none[0], none), True, 0.0, 1, np.zeros(1))
+    noise = FloorNoise(np.array(floor), np.zeros(1))
+    return MaximumLikelihood(solution, np.zeros(1), noise, np.array([0.008, np.nan]), info, ratio, 1)
+
+
+def both(*apart, more=-1.0, scatter=1.0, n=31):
+    """Answers so many errors apart, and n blocks in which that by the innovations costs `more` on average."""
+    blocks = more + scatter * np.linspace(-1.0, 1.0, n)
+    return LeftOutBlocks(blocks, 1000.0, np.array(apart), [f"model.mass_kg{k}" for k in range(len(apart))])
+
+
+def test_over_a_still_floor_the_simulation_is_believed():
+    said = choose_objective(likely(3.0), (0, 2), both(0.1, 0.2), QUIET)
+    assert (said.cost, said.explains, said.contradicted) == ("simulation", False, False)
+    assert said.why.code == "cost.floor-still"
+    assert (said.why.figures["ratio"], said.why.figures["chance"]) == (3.0, "0.22")
+
+
+def test_one_answer_with_the_smaller_error_where_it_was_left_out_is_believed_and_the_floor_has_its_error():
+    said = choose_objective(likely(400.0), (0, 2), both(0.1, 1.5), QUIET)
+    assert (said.cost, said.explains, said.contradicted) == ("innovations", True, False)
+    told = said.why.figures
+    assert (told["floor"], told["chance"], told["apart"]) == ("0.2 ± 0.02 m/s", "< 1e-6", 1.5)
+    assert told["open_loop"].code == "cost.smaller"
+    assert told["open_loop"].figures["percent"] == pytest.approx(3.1)
+
+
+def test_an_error_that_is_larger_by_chance_gains_nothing_and_contradicts_nothing():
+    said = choose_objective(likely(400.0), (0, 2), both(0.1, more=0.05), QUIET)
+    assert (said.cost, said.explains, said.contradicted) == ("simulation", True, False)
+
+
+@pytest.mark.parametrize("found", [both(0.1, more=1.0), both(0.1, 5.0), both(0.1, more=np.nan)])
+def test_a_larger_error_and_two_answers_are_what_the_model_lacks(found):
+    said = choose_objective(likely(400.0), (0, 2), found, QUIET)
+    assert (said.cost, said.explains, said.contradicted) == ("simulation", False, True)
+    assert said.why.code == "cost.neither"
+
+
+def test_no_floor_explains_innovations_that_are_coloured_or_a_sensor_far_above_its_noise():
+    assert not choose_objective(likely(400.0, autocorrelated=True), (0, 2), both(0.1), QUIET).explains
+    assert not choose_objective(likely(400.0), (0, 2), both(0.1), 4.0 * QUIET).explains
+
+
+def test_of_a_run_too_short_to_leave_segments_out_the_simulation_is_believed():
+    said = choose_objective(likely(400.0), (0, 2), None, QUIET)
+    assert (said.cost, said.explains, said.contradicted) == ("simulation", False, False)
+
+
+def test_the_more_parameters_the_further_apart_two_answers_may_be_by_chance():
+    assert both(0.0).limit == pytest.approx(2.750, abs=1e-3)  # of Student's t with 30 degrees
+    assert both(*np.zeros(20)).limit > 3.5
+    assert both().furthest == (0.0, "")
+
+
+def test_a_cost_that_does_not_exist_is_named():
+    with pytest.raises(
+        UsageError, check=of_code("cost.unknown", found="both", known="simulation, innovations")
+    ):
+        FitOptions(cost="both")

@@ -1,0 +1,105 @@
+"""What a terminal shows of a fit is short, marks what should not be believed, and names where the rest is."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from baqueano.diagnostics import Severity, note
+from baqueano.identify import identify
+from baqueano.identify.result.fit_result import marks, verdict_lines
+from baqueano.messages import grouped
+
+MOST = 15  # lines beside the table of parameters and the channels
+
+
+def row(
+    estimate: float | None, sd: float | None, bound: str | None = None, observable: str = "yes"
+) -> dict[str, Any]:
+    return {"estimate": estimate, "sd": sd, "bound": bound, "observable": observable}
+
+
+@pytest.mark.parametrize(
+    ("of", "said"),
+    [
+        (row(9.67, 110.0), "may be 0"),
+        (row(-1.0, 0.52), "may be 0"),
+        (row(-1.0, 0.50), "roughly, ± 98 %"),
+        (row(1.0, 0.26), "roughly, ± 51 %"),
+        (row(1.0, 0.25), ""),
+        (row(0.0, 0.1, "low"), "at its low bound, may be 0"),
+        (row(3.0, 1.0, None, "weak"), "poorly identified, roughly, ± 65 %"),
+        (row(3.0, None), "its error is unknown"),
+        (row(None, None, None, "no"), "not identifiable"),
+    ],
+)
+def test_a_row_whose_interval_holds_zero_or_is_wider_than_its_value_is_marked(of, said):
+    assert marks(of) == said
+
+
+def test_the_table_marks_what_the_rows_say(driven, case):
+    fit = identify(driven(0, 4.0), case)
+    lines = fit.table().splitlines()[1:]
+    doubtful = [row["name"] for row in fit.rows() if row["sd"] and abs(row["estimate"]) < 1.96 * row["sd"]]
+    assert doubtful
+    for name in doubtful:
+        line = next(one for one in lines if one.startswith(name.removeprefix("model.")))
+        assert line.endswith("may be 0)")
+
+
+def said(
+    reasons: list[str], unseen: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
+    reported: bool = False,
+) -> list[str]:  # fmt: skip
+    """The lines of codes without a template, which are their own sentences."""
+    fields = {"reasons": reasons, "unobservable": unseen, "never": never, "notes": notes}
+    told = {name: tuple(map(note, codes)) for name, codes in fields.items()}
+    return verdict_lines(SimpleNamespace(verdict=verdict, **told), reported)
+
+
+WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight")
+
+
+def test_however_much_is_to_be_said_a_screen_holds_it_and_tells_of_the_rest():
+    lines = said(*([f"{kind}.{word}" for word in WORDS] for kind in ("a", "b", "c", "d")))
+    assert len(lines) <= MOST
+    told = sum(line.startswith("- ") for line in lines)
+    assert lines[-1] == f"and {4 * len(WORDS) - told} more: --report fit.html shows all, with figures"
+
+
+def test_the_rest_is_asked_for_or_in_the_report_that_is_written():
+    many = list(WORDS)
+    asked, written = (said(many, [], [], [], reported=reported) for reported in (False, True))
+    assert asked[:-1] == written[:-1]
+    assert asked[-1] == "and 3 more: --report fit.html shows all, with figures"
+    assert written[-1] == "and 3 more: the report shows all, with figures"
+    assert said(["one"], [], [], [], reported=True) == ["WARN: one"]
+
+
+def coloured(i: int, **words: str):
+    return note("any.coloured", Severity.WARNING, subject=f"imu[{i}]", percent=i + 2.5, **words)
+
+
+def test_what_is_reported_of_several_channels_is_reported_once():
+    first = "any.coloured (percent = 2.5)"
+    assert grouped([coloured(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
+    assert grouped([coloured(0), coloured(0)]) == [f"{first} (2 times)"]
+    assert grouped([coloured(0, of_run="a"), coloured(0, of_run="b")]) == [f"a: {first} (2 times)"]
+
+
+def test_what_differs_in_its_words_is_reported_by_itself():
+    differ = [coloured(0, needs="turns"), coloured(1, needs="speed")]
+    assert len(grouped(differ)) == len(grouped([note("any.one"), note("any.other")])) == 2
+
+
+def test_one_reason_stands_beside_the_verdict_and_nothing_is_reported_of_a_rest_that_is_not():
+    assert said(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
+
+
+def test_a_fit_of_too_little_fits_a_screen_and_the_whole_is_kept(driven, case):
+    fit = identify(driven(0, 2.0), case)
+    assert fit.verdict != "USABLE"
+    lines = verdict_lines(fit)
+    assert len(lines) <= MOST
+    assert fit.table().endswith("\n".join(lines))
+    assert len(fit.reasons) + len(fit.unobservable) + len(fit.never) + len(fit.notes) >= len(lines) - 2

@@ -1,0 +1,158 @@
+"""A fit is judged by runs that it has not seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baqueano.errors import UsageError
+from baqueano.identify import FitOptions, identify, random_steps
+from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.validation import Figure, Validation, _against, _ChannelError, validate
+from baqueano.runs.run import Channel, Run
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import parse
+from tests.codes import of_code
+
+KINEMATIC = """
+format = 1
+name = "cart"
+rate_hz = 100.0
+[command]
+names = ["u_x", "u_y", "u_psi"]
+limit = [1.0, 0.0, 1.0]
+[model]
+kind = "kinematic"
+velocity_matrix = [[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]
+[sensors.wheels]
+kind = "wheels"
+track_m = 0.2
+noise_std = 0.01
+"""
+
+
+def run(file, seed, **changes):
+    u = random_steps(file.command.limit, 15.0, file.rate_hz, seed)
+    return simulate(file.with_values(changes), u, seed, name=f"run {seed}")
+
+
+@pytest.fixture(scope="module")
+def fit(small):
+    return identify(run(small, 1), small)
+
+
+def test_a_right_model_explains_an_unseen_run_as_well_as_its_own(fit, small):
+    found = validate(fit, [run(small, 2), run(small, 3)])
+    assert found.verdict == "USABLE"
+    assert [f.run for f in found.figures] == ["run 2"] * 3 + ["run 3"] * 3
+    noise = {f"imu[{k}]": s for k, s in enumerate(fit.sigma["imu"])}
+    for figure in found.figures:
+        assert figure.error == pytest.approx(noise[figure.channel], rel=0.15)
+        assert figure.explained == pytest.approx(figure.on_own_runs, abs=0.1)
+
+
+def test_another_vehicle_is_not_explained(fit, small):
+    turned = -np.asarray(small.value("model.actuator_matrix"))
+    found = validate(fit, run(small, 4, **{"model.actuator_matrix": turned.tolist()}))
+    assert found.verdict == "REFUSED"
+    assert ("validation.worse-than-mean", "imu[2]", "run 4") in [
+        (one.code, one.subject, one.figures.get("run")) for one in found.reasons
+    ]
+    assert "REFUSED" in found.table()
+
+
+def test_a_bias_of_the_unseen_run_is_not_held_against_the_model(fit, small):
+    found = validate(
+        fit, run(small, 5, **{"sensors.imu.gyro_bias": 0.1, "sensors.imu.accel_bias": [1.0, -1.0]})
+    )
+    assert found.verdict == "USABLE"
+
+
+def test_errors_on_unseen_runs_have_their_units(fit, small):
+    found = validate(fit, run(small, 2))
+    assert [f.unit for f in found.figures] == ["m/s²", "m/s²", "rad/s"]
+    assert [row["unit"] for row in found.rows()] == ["m/s²", "m/s²", "rad/s"]
+    assert "rad/s" in found.table()
+
+
+def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
+    with pytest.raises(UsageError, check=of_code("validation.refused-fit")):
+        validate(replace(fit, verdict="REFUSED"), run(small, 2))
+
+
+def test_a_run_that_was_fitted_to_cannot_judge(fit, small):
+    with pytest.raises(UsageError, check=of_code("runs.fitted-to", run="run 1")):
+        validate(fit, run(small, 1))
+
+
+def test_students_quantile_is_that_of_the_tables_also_for_few_degrees_of_freedom():
+    for freedom, said in ((1, 63.657), (2, 9.925), (3, 5.841), (4, 4.604), (7, 3.499), (30, 2.750)):
+        assert students(0.995, freedom) == pytest.approx(said, rel=3e-3)
+        assert students(0.005, freedom) == pytest.approx(-said, rel=3e-3)
+
+
+def told(here, own, noise=None):
+    """What is said of blocks with these logarithms of the mean square; `noise`, else that of the own blocks."""
+    square = np.exp(here).mean()
+    noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
+    figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
+    return _against(figure, _ChannelError(square, 0.0, here, 5.0 * np.arange(len(here))), own)
+
+
+@pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
+def test_blocks_that_scatter_alike_are_distinguished_in_one_case_of_a_hundred_at_most(count, own):
+    """Also where the error is always large enough. More than 36 of 2,000 would come once in 2,000 tests by chance."""
+    rng = np.random.default_rng(0)
+    alarms = [told(rng.normal(size=count), rng.normal(size=own), noise=1e-9) for _ in range(2000)]
+    assert sum(map(len, alarms)) <= 36
+
+
+def test_a_run_that_is_far_off_is_reported_with_few_blocks_too():
+    rng = np.random.default_rng(0)
+    for count, own in ((2, 2), (3, 3), (1, 6)):
+        said = told(8.0 + rng.normal(0.0, 0.3, count), rng.normal(0.0, 0.3, own))
+        assert said[0].code == "validation.off", (count, own)
+
+
+def test_of_a_single_block_on_both_sides_it_is_reported_that_it_tells_nothing_of_chance():
+    assert told(np.array([2.0]), np.array([0.0]))[0].code == "validation.off-perhaps"
+    assert told(np.array([0.5]), np.array([0.0])) == []
+
+
+def test_own_runs_without_a_channel_count_for_nothing_in_it(small):
+    first, second = run(small, 1), run(small, 6)
+    imu = second.sensors["imu"]
+    deaf = imu._replace(z=imu.z * np.array([1.0, 1.0, np.nan]))
+    fit = identify([first, replace(second, sensors={"imu": deaf})], small, options=FitOptions(diagnose=False))
+    found = validate(fit, run(small, 2))
+    own = {f"{c.sensor}[{c.entry}]": c.explained for c in fit.channels if c.run == "run 1"}
+    assert [f.channel for f in found.figures] == ["imu[0]", "imu[1]", "imu[2]"]
+    assert found.figures[2].on_own_runs == pytest.approx(own["imu[2]"])
+    assert "nan" not in found.table()
+
+
+@pytest.mark.parametrize(("backend", "seconds"), [("auto", 4.0), ("numpy", 1.5)])
+def test_a_model_without_anything_of_its_own_in_a_run_is_judged_too(backend, seconds):
+    rng, file = np.random.default_rng(0), parse(KINEMATIC, "cart")
+    runs = []
+    for seed in (1, 2):
+        u = random_steps(file.command.limit, seconds, file.rate_hz, seed)
+        v = u @ [[0.4], [0.0], [0.0]] + u @ [[0.0], [0.0], [3.0]] * [-0.1, 0.1]
+        t_ns = 10_000_000 * np.arange(1, len(u) + 1)
+        wheels = Channel(t_ns, t_ns, v + rng.normal(0.0, 0.01, v.shape))
+        runs.append(Run(f"run {seed}", None, t_ns, u, sensors={"wheels": wheels}))
+    free = ["model.velocity_matrix[0,0]", "model.velocity_matrix[2,2]"]
+    fit = identify(runs[0], file, free, options=FitOptions(backend=backend))
+    assert fit.own_names == ()
+    found = validate(fit, runs[1])
+    assert [f.channel for f in found.figures] == ["wheels[0]", "wheels[1]"]
+    assert min(f.explained for f in found.figures) > 0.9
+
+
+def test_a_figure_that_says_nothing_is_not_reported_with_a_hundred_digits():
+    lost = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
+    table = Validation((lost, lost._replace(noise=1e-9)), (), (), (), "").table()
+    assert "nan" not in table
+    assert "below -100 %" in table
+    assert "over 1000×" in table
+    assert max(map(len, table.splitlines())) < 100

@@ -1,0 +1,70 @@
+"""Places of a route whose path nobody knows are refused; drawn and edited routes have none."""
+
+import numpy as np
+import pytest
+
+from baqueano.guides.route import Route
+from baqueano.guides.shapes import circle, clothoid, eight, line, rectangle, sinuous_circle, slalom
+from baqueano.routes import cut, examine, fastest, join, reverse, scale, smooth
+from baqueano.vehicle_file import load
+
+
+def without(route, first, last):
+    keep = np.r_[0:first, last : len(route.t_s)]
+    return Route(route.t_s[keep], route.eta[keep], route.nu[keep], route.closed)
+
+
+def codes(route):
+    return [one.code for one in examine(route).findings]
+
+
+def test_missing_samples_of_a_line_are_a_gap_where_they_are():
+    (gap,) = examine(without(line(2.0, 0.2), 50, 100)).findings
+    assert gap.code == "route.gap"
+    figures = {"at_m": 0.49, "gap_m": 0.51, "gap_s": 2.55, "count": 1}
+    assert {name: gap.figures[name] for name in figures} == pytest.approx(figures)
+
+
+def test_a_chord_across_a_circle_is_a_gap():
+    lap = circle(0.5, 0.2)
+    (gap,) = examine(without(lap, 200, 920)).findings
+    assert gap.code == "route.gap"
+    assert gap.figures["gap_m"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_poses_too_sparse_for_their_turn_are_a_gap_and_enough_of_them_are_not():
+    lap = circle(0.5, 0.2)
+    for every, found in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
+        assert codes(Route(lap.t_s[::every], lap.eta[::every], lap.nu[::every], True)) == found
+
+
+@pytest.mark.parametrize("name", ["t_s", "eta", "nu"])
+def test_a_number_that_is_none_is_named_by_its_row(name):
+    lap = circle(0.5, 0.2)
+    rows = getattr(lap, name).copy()
+    rows[30:32] = np.nan
+    (one,) = examine(lap._replace(**{name: rows}), load("small")).findings
+    assert (one.code, one.figures) == ("route.no-number", {"row": 31, "count": 2})
+
+
+def test_a_stop_and_a_start_from_rest_are_no_gaps():
+    route = line(1.0, 0.2)
+    t_s = np.append(route.t_s[:50], route.t_s[50:] + 4.0)
+    waits = route._replace(t_s=t_s, nu=np.where(np.arange(101)[:, None] == 49, 0.0, route.nu))
+    assert codes(waits) == []
+    assert codes(fastest(line(2.0, 0.1), load("small"))) == []
+
+
+DRAWN = {
+    "circle": circle(0.5, 0.2), "eight": eight(0.6, 0.2), "rectangle": rectangle(1.2, 0.8, 0.2, 0.2),
+    "line": line(2.0, 0.2), "slalom": slalom(2.0, 0.3, 3, 0.2), "clothoid": clothoid(1.0, 1.5, 0.2),
+    "sinuous": sinuous_circle(0.6, 0.08, 5, 0.2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_drawn_and_edited_routes_have_no_gaps(name):
+    route = DRAWN[name]
+    part = cut(route, 0.1, 0.9)
+    for one in (route, smooth(route), reverse(route), scale(route, 3.0), part, join(part, part)):
+        assert codes(one) == []

@@ -1,0 +1,62 @@
+"""A real car: fitted to one recorded run, judged on the other. Skipped, by name, without the recordings."""
+
+import json
+
+import numpy as np
+import pytest
+
+from baqueano.runs.importing import import_run
+from baqueano.study.cross_validation_cpm import CrossValidation, fit_to, judge
+from baqueano.study.recordings import MAPS
+from baqueano.study.recordings_page import page_of_recordings
+
+
+@pytest.fixture(scope="module")
+def study(cpm_recordings):
+    """Both fits, each judged on the run that it has not seen."""
+    runs = {name[-1]: import_run(name).run for name in MAPS}
+    fitted = {name: fit_to(run) for name, run in runs.items()}
+    ways = (("a", "b"), ("b", "a"))
+    return CrossValidation(fitted, tuple(judge(fitted[a].file, a, runs[b], b) for a, b in ways))
+
+
+def test_a_car_that_was_fitted_to_one_run_moves_like_the_other(study):
+    for one in study.judged:
+        assert one.held_out
+        assert np.all(one.predicted.explained > 0.9), one.row()
+
+
+def test_the_filter_keeps_the_car_within_one_hundredth_of_the_way(study):
+    for one in study.judged:
+        row = one.row()
+        assert row["driven_m"] == pytest.approx(74.6, abs=1.0)
+        assert row["ate_m"] < 0.01 * row["driven_m"]
+        assert np.degrees(row["ate_heading_rad"]) < 10.0
+        assert not row["lost"]
+
+
+def test_the_filter_begins_at_the_first_pose_of_the_camera(study):
+    for one in study.judged:
+        estimate, truth = one.replayed.estimate, one.replayed.truth
+        at = np.argmin(np.abs(truth.t_ns - estimate.t_ns[0]))
+        assert np.hypot(*(estimate.eta[0] - truth.eta[at])[:2]) < 0.05
+        of_filter = [event for event in one.replayed.events if event.source not in ("model", "refused")]
+        assert not of_filter or of_filter[0].t_ns == one.replayed.t_ns[0]
+
+
+def test_both_fits_tell_the_same_car(study):
+    for row in study.parameters():
+        if row["name"].endswith(("throttle_gain", "steering_gain", "yaw_lag_s")):
+            assert row["a"] == pytest.approx(row["b"], rel=0.2), row
+
+
+def test_rows_table_and_page_say_what_was_found(study):
+    assert study.verdict == "WARN"
+    assert [(row["fitted_on"], row["judged_on"]) for row in study.rows()] == [("a", "b"), ("b", "a")]
+    assert json.dumps(study.rows(), allow_nan=False)
+    table = study.table()
+    assert "a → b" in table
+    assert "throttle from -0.41 to 0.57 leaves what the model was fitted to" in table
+    page = page_of_recordings(None, study).html()
+    assert page.count('<svg class="wide"') == 6
+    assert "Fitted on b, judged on a: the path" in page

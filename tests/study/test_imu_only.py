@@ -1,0 +1,121 @@
+"""A real car without its encoder: what is promised of it. Skipped, by name, without the recordings."""
+
+import json
+
+import numpy as np
+import pytest
+
+from baqueano.cli import main
+from baqueano.identify import FitOptions, identify
+from baqueano.runs.importing import import_run
+from baqueano.study.cross_validation_cpm import predicted
+from baqueano.study.imu_only import (
+    BARE,
+    FREE,
+    HELD,
+    MAPS,
+    NAMES,
+    WIDE,
+    drive_of,
+    imu_only_study,
+    of_intervals,
+)
+from baqueano.vehicle_file import load
+
+
+@pytest.fixture(scope="module")
+def study(cpm_recordings):
+    return imu_only_study()
+
+
+def test_the_speed_of_a_run_not_seen_is_nearly_as_good_as_by_the_odometer(study):
+    ratios = [row for row in study.rows() if row["quantity"].startswith("speed error, over")]
+    assert len(ratios) == 4
+    for row in ratios:
+        assert 0.0 < row["value"] <= 1.3, row
+
+
+def test_intervals_hold_what_the_odometer_says_and_are_narrow(study):
+    rows = {row["quantity"]: row for row in study.rows()}
+    assert rows["intervals that hold the odometer's fit"]["ok"]
+    for name, bar in zip(NAMES, WIDE, strict=True):
+        if np.isfinite(bar):
+            assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
+
+
+def test_what_cannot_be_known_is_reported_and_a_run_beyond_is_flagged(study):
+    rows = {row["quantity"]: row for row in study.rows()}
+    assert rows["the gyro's scale is called not identifiable"]["value"] is True
+    assert rows["the run that leaves the envelope is flagged"]["value"] is True
+    assert study.verdict == "USABLE", study.reasons
+
+
+@pytest.mark.parametrize(("run", "changes"), [
+    ("a", {"model.drivetrain.delay_s": 0.0}),
+    ("b", {"model.drivetrain.delay_s": 0.0}),
+])  # fmt: skip
+def test_a_fit_repeated_from_its_own_answer_stays_where_it_is(cpm_recordings, run, changes):
+    recorded, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
+    free = (*FREE, "model.drivetrain.delay_s")
+    first = identify(recorded, car, free, use=("imu",))
+    again = identify(recorded, first.vehicle_file, free, use=("imu",))
+    assert np.nanmax(np.abs(again.estimate - first.estimate) / first.sd) <= 0.3
+
+
+@pytest.mark.parametrize(("run", "other"), [("a", "b"), ("b", "a")])
+def test_innovations_that_the_other_run_contradicts_are_neither_advised_nor_believed(
+    cpm_recordings, run, other
+):
+    """By the IMU alone their speed on the other run is 2.9 and 1.9 times as wrong as that of the simulation error."""
+    recorded, unseen = (import_run(MAPS[name]).run for name in (run, other))
+    car, errors = load("car").with_values(BARE), []
+    for cost in ("simulation", "innovations"):
+        fit = identify(recorded, car, FREE, use=("imu",), options=FitOptions(cost=cost))
+        values = {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
+        errors.append(float(predicted(car.with_values(values), unseen, "auto").rmse[0]))
+        assert not any(one.code in ("cost.innovations", "cost.try-innovations") for one in fit.notes)
+    assert errors[1] > 1.5 * errors[0]
+    assert fit.verdict == "WARN"
+    assert fit.reasons[0].code == "cost.neither"
+
+
+def test_cover_and_width_are_counted_over_all_cases():
+    inside, width = np.ones((4, 5), bool), np.full((4, 5), 0.05)
+    assert all(row["ok"] for row in of_intervals(inside, width))
+    inside[:, 0], width[2, 1] = False, 0.41
+    rows = {row["quantity"]: row for row in of_intervals(inside, width)}
+    held = rows["intervals that hold the odometer's fit"]
+    assert held["value"] == pytest.approx(0.8)
+    assert not held["ok"]
+    assert held["value"] < HELD
+    assert not rows["widest of viscous drag, ± parts"]["ok"]
+    assert rows["widest of gain, ± parts"]["ok"]
+
+
+def test_the_steady_speed_and_its_error_are_those_of_gain_and_friction():
+    from types import SimpleNamespace
+
+    from baqueano.study.imu_only import DRIVE
+
+    rng = np.random.default_rng(0)
+    mean, root = np.array([7.4, 1.8, 0.6, 0.2]), 0.01 * rng.normal(size=(4, 4))
+    cov = root @ root.T
+    fit = SimpleNamespace(
+        names=DRIVE, estimate=mean, cov=cov, sd=np.sqrt(np.diag(cov)),
+        value=lambda name: float(mean[DRIVE.index(name)]),
+    )  # fmt: skip
+    known = drive_of(fit, load("car"))
+    draws = rng.multivariate_normal(mean, cov, size=40_000)
+    speeds = (draws[:, 0] * (0.4 - 0.03) - draws[:, 2]) / draws[:, 1]
+    assert known.value[4] == pytest.approx((7.4 * 0.37 - 0.6) / 1.8)
+    assert known.sd[4] == pytest.approx(np.std(speeds), rel=0.03)
+
+
+def test_the_command_prints_its_rows(study, capsys, monkeypatch):
+    monkeypatch.setattr("baqueano.study.imu_only.imu_only_study", lambda *_: study)
+    with pytest.raises(SystemExit) as end:
+        main(["study", "without-encoders", "--json"])
+    assert end.value.code == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert len(rows) == len(study.rows())
+    assert set(rows[0]) == {"recording", "quantity", "value", "bar", "ok"}

@@ -1,0 +1,43 @@
+"""Sums over lanes are those of each run alone, with its derivatives, by every back end."""
+
+import numpy as np
+import pytest
+
+from baqueano.symbolic import scan, where
+from tests.symbolic.test_scan import BACKENDS
+
+X = np.sin(np.arange(30.0)).reshape(-1, 1) + np.array([0.0, 0.5])
+
+
+def step(p, x, u):
+    """A pendulum that is pushed, with a stop; its two outputs are not of one size."""
+    angle, rate = x
+    rate = rate + 0.1 * (p[1] * u[0] - np.sin(angle) - p[0] * rate + p[2] * u[1])
+    angle = where(angle > 0.8, 0.8 - 0.1 * p[0], angle + 0.1 * rate)
+    return (angle, rate), (angle**2, np.sqrt(1.0 + rate * rate))
+
+
+@pytest.fixture(params=BACKENDS)
+def kernel(request):
+    return scan(step, lambda p: (0.1 * p[0], 0.0), np.zeros(2), np.ones(3), backend=request.param)
+
+
+def test_sums_in_lanes_are_those_of_each_run(kernel):
+    theta = np.random.default_rng(1).uniform(0.5, 3.0, (11, 3))
+    sums, slopes = kernel.batch_sums(X, theta, 2)
+    assert (sums.shape, slopes.shape) == ((11, 2), (11, 2, 2))
+    for k, p in enumerate(theta):
+        y, derivatives = kernel.sensitivities(X, p)
+        np.testing.assert_allclose(sums[k], y.sum(0), rtol=1e-12)
+        np.testing.assert_allclose(slopes[k], derivatives.sum(0)[:, :2], rtol=1e-10, atol=1e-12)
+    assert kernel.batch_sums(X, theta)[1].shape == (11, 2, 0)
+    np.testing.assert_allclose(kernel.batch_sums(X, theta)[0], sums, rtol=1e-12)
+
+
+def test_each_lane_may_have_inputs_and_a_start_of_its_own(kernel):
+    theta, inputs = np.ones((3, 3)), np.stack([X, 2.0 * X, -X])
+    start = (np.array([0.0, 0.1, 0.2]), np.zeros(3))
+    sums, _ = kernel.batch_sums(inputs, theta, 1, carry=start)
+    for k in range(3):
+        _, y = kernel.run(inputs[k], theta[k], carry=(start[0][k], 0.0))
+        np.testing.assert_allclose(sums[k], [np.sum(y[0]), np.sum(y[1])], rtol=1e-12)

@@ -1,0 +1,66 @@
+"""A sentence in the source passes through gettext: it is a template of messages/, a help text, or stands in `_(…)`."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
+SENTENCE = re.compile(r"(?:[A-Za-z']+,? ){3,}[A-Za-z']+")  # four words in a row
+MARKS = {"_", "N_", "parameter", "translated", "marked"}
+HELP = {"help", "epilog", "short_help", "metavar"}
+ELSEWHERE = {"messages", "project"}  # the templates; files that `new` writes, which their own test reads
+OF_DEVELOPERS = {
+    "ValueError",
+    "TypeError",
+    "RuntimeError",
+    "KeyError",
+    "AttributeError",
+    "AssertionError",
+    "NotImplementedError",
+    "OSError",
+}
+TYPED = re.compile(  # lines to type, code, words of NumPy
+    r"^(exec )?baqueano |^sudo |^pip |\.__class__ |^\(\w+, \w+\(t_ns"
+)
+OTHER_TEXT = {  # with text that people read elsewhere, or not at all
+    "cli/__init__.py", "cli/blocks.py", "cli/modelling/runs.py", "cli/robot/settings.py",  # constants: help
+    "drive/verbs.py", "study/paper/case_study.py", "web/lab/identification.py",  # names of files, and units
+    "identify/data/added_channels.py", "runs/importing/sources.py", "study/faults/judged.py",  # in the catalogue
+    "robot/setup/card.py", "robot/setup/install.py", "robot/setup/steps.py", "robot/uno/c_header.py",  # of a robot
+    "runs/container/messages.py", "runs/export.py",  # schemas of topics, heads of files
+    "symbolic/c_code/c_bodies.py", "symbolic/errors.py",  # C, and words of NumPy
+    "vehicle_file/reference.py",  # writes docs/vehicle-file.md
+}  # fmt: skip
+
+
+def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each sentence that nothing translates."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Call):
+            name = ast.unparse(node.func).rpartition(".")[2]
+            if name in MARKS | OF_DEVELOPERS:
+                continue
+            node.keywords = [one for one in node.keywords if one.arg not in HELP]
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            continue  # a docstring
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and SENTENCE.search(node.value):
+            yield node.lineno, node.value
+        yield from sentences(node)
+
+
+def test_a_sentence_is_translated_where_it_is_shown():
+    bare = []
+    for path in sorted(SOURCE.rglob("*.py")):
+        where = path.relative_to(SOURCE)
+        if where.parts[0] in ELSEWHERE or where.as_posix() in OTHER_TEXT:
+            continue
+        found = sentences(ast.parse(path.read_text(encoding="utf-8")))
+        bare += [f"{where}:{line}: {words!r}" for line, words in found if not TYPED.search(words)]
+    assert bare == [], "write a template of messages/, or _(…)"
+
+
+def test_a_sentence_that_nothing_translates_is_found():
+    assert list(sentences(ast.parse('talk(f"the run {name} has gone out of its way")')))
+    assert list(sentences(ast.parse('say("asking what is not there")')))
+    assert not list(sentences(ast.parse('talk(_("the run has gone out of its way"))')))

@@ -1,0 +1,78 @@
+"""A test that judges milliseconds runs while no other process of the run does."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.turns import turn
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="locks of POSIX")
+RUN = """
+import sys, time
+from pathlib import Path
+from tests.turns import turn
+with turn(sys.argv[2] == "alone", sys.argv[1]):
+    print(time.monotonic_ns(), flush=True)
+    sys.stdin.readline()
+    print(time.monotonic_ns(), flush=True)
+"""
+
+
+@pytest.fixture
+def start(tmp_path, monkeypatch):
+    """Start a process that takes its turn until a line comes."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    running = []
+
+    def start(how):
+        running.append(
+            subprocess.Popen(
+                [sys.executable, "-c", RUN, "a-run", how], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                cwd=Path(__file__).parents[1],
+            )
+        )  # fmt: skip
+        return running[-1]
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def waiting(process):
+    """Return the thread that waits for its turn, after a second in which it has none, and what it will read."""
+    line = []
+    reading = threading.Thread(target=lambda: line.append(process.stdout.readline()), daemon=True)
+    reading.start()
+    reading.join(1.0)
+    assert reading.is_alive()
+    return reading, line
+
+
+def test_one_alone_waits_for_those_who_run_and_lets_nobody_pass(start):
+    first, second = start("beside"), start("beside")
+    assert int(first.stdout.readline())
+    assert int(second.stdout.readline())  # both at once
+    alone = start("alone")
+    waits, _ = waiting(alone)
+    kept_out, came = waiting(start("beside"))  # though those who run would let it in
+    for process in (first, second):
+        process.stdin.write("end\n")
+        process.stdin.flush()
+    waits.join(20.0)
+    assert not waits.is_alive()
+    assert kept_out.is_alive()
+    alone.kill()  # a process that dies leaves its turn
+    kept_out.join(20.0)
+    assert int(came[0])
+
+
+def test_without_other_processes_nobody_waits():
+    begun = time.monotonic()
+    with turn(True, ""), turn(True, ""):
+        assert time.monotonic() - begun < 20.0

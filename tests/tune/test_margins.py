@@ -1,0 +1,100 @@
+"""Margins are those of python-control, and of a loop with more delay or gain: it becomes unstable where they say."""
+
+import control
+import numpy as np
+import pytest
+
+from baqueano.symbolic import put
+from baqueano.tune.margins import Linear, linearised, loop_margins, margins, opened
+from baqueano.vehicle_file import load
+from tests.papers_pd import with_papers_pd
+
+DT_S = 0.01
+LOOPS = {  # L(s) of textbooks: k / (s (s + a)), with a lead, conditionally stable
+    "servo": control.tf([20.0], [1.0, 2.0, 0.0]),
+    "lead": control.tf([40.0, 200.0], [1.0, 21.0, 40.0, 0.0]),
+    "conditional": 60.0 * control.tf([1.0, 2.0, 1.0], [1.0, 0.5, 0.0, 0.0]) * control.tf([1.0], [0.05, 1.0]),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("late", [0, 4])
+def test_margins_are_those_of_python_control(name, late):
+    loop = control.ss(LOOPS[name].sample(DT_S)) * control.ss(control.tf([1.0], [1.0] + late * [0.0], DT_S))
+    omega = np.geomspace(0.02, np.pi / DT_S, 4000)
+    response = control.frd(loop(np.exp(1j * omega * DT_S)), omega, smooth=True)
+    gains, phases, _, _, at, _ = control.stability_margins(response, returnall=True)
+    ours = margins(Linear(loop.A, loop.B, loop.C, loop.D, DT_S))
+    above, below = [g for g in gains if g > 1.0], [g for g in gains if g < 1.0]
+    assert ours[0] == pytest.approx(min(above, default=np.inf), rel=1e-3)
+    assert ours[1] == pytest.approx(max(below, default=0.0), rel=1e-3)
+    smallest = np.argmin(np.abs(phases))
+    assert np.degrees(ours[2]) == pytest.approx(phases[smallest], rel=1e-3)
+    assert ours[3] == pytest.approx(np.min(np.radians(phases % 360.0) / at), rel=1e-3)
+
+
+@pytest.fixture(scope="module")
+def plant():
+    file = load("small")
+    return linearised(file, file.controller(), 0.2)[0]
+
+
+def test_the_loop_of_a_vehicle_has_the_margins_of_python_control(plant):
+    for channel in (0, 2):
+        loop = opened(plant, channel)
+        omega = np.geomspace(0.05, np.pi / plant.dt_s, 4000)
+        response = control.frd(loop.at(omega), omega, smooth=True)
+        theirs = control.StateSpace(loop.A, loop.B, loop.C, loop.D, plant.dt_s)
+        np.testing.assert_allclose(
+            loop.at(omega[::200]), theirs(np.exp(1j * omega[::200] * plant.dt_s)), rtol=1e-6
+        )
+        gain, phase, _, _, crossover, _ = control.stability_margins(response)
+        ours = margins(loop)
+        assert ours[0] == pytest.approx(gain, rel=1e-3)
+        assert np.degrees(ours[2]) == pytest.approx(phase, rel=1e-3)
+        assert ours[3] == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
+
+
+def closed_with(loop: Linear, gain: float, ticks: int) -> float:
+    """The largest eigenvalue of the loop with more gain, and more delay."""
+    A, B, C = loop.A, gain * loop.B, loop.C
+    for _ in range(ticks):
+        n = len(A)
+        A = np.block([[A, np.zeros((n, 1))], [C, np.zeros((1, 1))]])
+        B, C = np.vstack([B, [[0.0]]]), np.hstack([np.zeros((1, n)), [[1.0]]])
+    return float(np.max(np.abs(np.linalg.eigvals(A - B @ C))))
+
+
+@pytest.mark.parametrize("channel", [0, 2])
+def test_a_loop_becomes_unstable_at_its_margins(plant, channel):
+    loop = opened(plant, channel)
+    gain, _, _, delay_s = margins(loop)
+    assert closed_with(loop, 0.98 * gain, 0) < 1.0 + 1e-6 < closed_with(loop, 1.02 * gain, 0)
+    ticks = int(delay_s / plant.dt_s)
+    assert closed_with(loop, 1.0, ticks - 1) < 1.0 + 1e-6 < closed_with(loop, 1.0, ticks + 2)
+
+
+EVEN = {
+    "model.drivetrain.gain": [1.0, 1.0],
+    "model.drivetrain.dead_zone_forward": [0.3, 0.3],
+    "model.centre_of_mass_x_m": 0.0,
+}  # the channels are independent
+
+
+def test_a_vehicle_with_more_delay_has_so_much_less_margin():
+    file = load("small").with_values(EVEN)
+    late, controller = file.with_values({"model.drivetrain.delay_s": 0.05}), file.controller()
+    near, far = (loop_margins(each, controller, 0.2)[1].delay_s for each in (file, late))
+    assert near - far == pytest.approx(0.04, abs=1e-3)
+
+
+def test_a_gain_that_shakes_the_vehicle_is_unstable():
+    file = with_papers_pd()
+    calm = put(put(file.controller(), "alpha", 4.0), "beta", 1.0)
+    wild = put(calm, "beta", 200.0)
+    assert all(m.stable for m in loop_margins(file, calm, 0.2))
+    assert not any(m.stable for m in loop_margins(file, wild, 0.2))
+
+
+def test_a_route_that_stands_has_no_margins():
+    assert loop_margins(load("small"), load("small").controller(), 0.0) == ()

@@ -1,0 +1,43 @@
+"""The setting of the chip's filter gives h the low-pass: of the file, and of the vehicle that it simulates."""
+
+import numpy as np
+import pytest
+
+from baqueano.robot.imu.chips import CHIPS
+from baqueano.sensors.imu_filter import low_pass_hz
+from baqueano.simulate.open_loop import simulate
+from baqueano.vehicle_file import load, parse
+
+SETTING, KEY = "robot.imu_filter", "sensors.imu.low_pass_hz"
+
+
+@pytest.mark.parametrize("setting", range(1, 7))
+def test_the_low_pass_of_h_is_as_late_as_the_chip(setting):
+    imu = load("small").with_values({SETTING: setting}).sensors.imu
+    assert imu.low_pass_hz == low_pass_hz(setting)
+    tau_s = CHIPS[0x68].bands[setting].gyro_delay_s
+    assert 0.5 / (np.pi * imu.low_pass_hz) == pytest.approx(tau_s)
+
+
+def test_without_the_key_there_is_no_filter_and_a_low_pass_that_is_written_wins():
+    small = load("small")
+    assert not small.sensors.imu.has_low_pass
+    assert not parse(f"{small.text}\n[robot]\nimu_bus = 1\n", "wired").sensors.imu.has_low_pass
+    file = small.with_values({SETTING: 3, KEY: 44.0})
+    assert file.sensors.imu.low_pass_hz == 44.0
+    assert not file.with_values({KEY: np.inf}).sensors.imu.has_low_pass
+
+
+@pytest.mark.parametrize("named", ["garage", "beside"])
+def test_a_simulation_filters_as_the_file_says(named, tmp_path):
+    truth = "small" if named == "garage" else "body.toml"
+    if named == "beside":
+        load("small").save(tmp_path / truth)
+    load("small").with_values({SETTING: 5, "simulation.truth": truth}).save(tmp_path / "mine.toml")
+    file = load(tmp_path / "mine.toml")
+    assert file.truth.sensors.imu.low_pass_hz == file.sensors.imu.low_pass_hz == low_pass_hz(5)
+    u = np.zeros((100, 3))
+    u[50:, 2] = 0.8
+    slow = simulate(file.truth, u).sensors["imu"].z
+    np.testing.assert_array_equal(slow, simulate(load("small").with_values({SETTING: 5}), u).sensors["imu"].z)
+    assert slow[60, 2] < 0.9 * simulate(load("small"), u).sensors["imu"].z[60, 2]

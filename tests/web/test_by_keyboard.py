@@ -1,0 +1,86 @@
+"""Every screen by keys alone: all is reached, the focus is seen, nothing moves for those who do not want it."""
+
+import time
+
+import pytest
+
+from tests.web.chromium import CHROMIUM
+from tests.web.screens import LIVE, PAGE, RECORDED, opened
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
+
+WATCH = """addEventListener("focusin", ({ target }) => {
+  seen.reached.add(target);
+  if (getComputedStyle(target).outlineStyle === "none") seen.unseen.push(target.outerHTML.slice(0, 120));
+})"""
+WANTED = """[...document.querySelectorAll("button, a, select, input, [tabindex='0']")]
+  .filter((node) => node.checkVisibility() && !node.disabled && node.tabIndex >= 0)"""
+
+
+def walked(tab, screen: str) -> dict[str, list[str]]:
+    """Go through a screen by Tab from its top; return what was not reached, and where no focus was seen."""
+    tab.js("globalThis.seen = { reached: new Set(), unseen: [] }; document.activeElement.blur()")
+    for _ in range(tab.js(f"{WANTED}.length") + 4):
+        tab.press("Tab", "Tab")
+    left = f"{WANTED}.filter((node) => !seen.reached.has(node)).map((node) => node.outerHTML.slice(0, 120))"
+    return {"not reached": tab.js(left), "no focus seen": tab.js("seen.unseen")}
+
+
+def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
+    """Open each screen by its number and go through it; return where something is wrong."""
+    tab.js("globalThis.seen = { reached: new Set(), unseen: [] }")
+    tab.js(WATCH)
+    wrong = {}
+    for k, screen in enumerate(screens, 1):
+        tab.js("document.activeElement.blur()")
+        tab.press(str(k), f"Digit{k}", str(k))
+        tab.wait(f"document.body.dataset.screen === {screen!r}")
+        if screen == "tune":
+            tab.wait(f"Boolean({PAGE}.screens.tune.lap)")
+        if any((found := walked(tab, screen)).values()):
+            wrong[screen] = found
+    return wrong
+
+
+def test_all_of_a_drive_is_reached_by_tab_and_the_focus_is_seen(tab, live):
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    tab.wait(f"{PAGE}.hand.mine")
+    assert not by_keys(tab, LIVE)
+
+
+def test_all_of_a_run_is_reached_by_tab_and_the_focus_is_seen(tab, replay):
+    opened(tab, replay)
+    assert not by_keys(tab, RECORDED)
+
+
+def test_with_reduced_motion_the_map_does_not_glide(tab, live):
+    tab.media(prefers_reduced_motion="reduce")
+    opened(tab, live)
+    tab.js(f"{PAGE}.screen.map.zoom(3)")
+    tab.press("0", "Digit0", "0")
+    tab.js(f"{PAGE}.screen.draw(performance.now())")
+    first = tab.js(f"{PAGE}.screen.map.view.scale")
+    time.sleep(0.4)
+    assert tab.js(f"{PAGE}.screen.map.view.scale") == pytest.approx(first, rel=0.02)
+
+
+@pytest.mark.parametrize("motion", ["reduce", "no-preference"])
+def test_a_lap_of_tune_moves_only_where_motion_is_wanted(tab, live, motion):
+    tab.media(prefers_reduced_motion=motion)
+    opened(tab, live, screen="tune")
+    tab.wait(f"Boolean({PAGE}.screens.tune.lap)")
+    places = tab.js(
+        f"(() => {{ const {{ tune }} = {PAGE}.screens, places = [], draw = tune.map.draw.bind(tune.map);"
+        "tune.map.draw = (scene) => { places.push(scene.vehicles[0].pose.join()); draw(scene); };"
+        "const began = performance.now(); for (const later of [0, 700, 1900]) tune.draw(began + later);"
+        "tune.map.draw = draw; return new Set(places).size; })()"
+    )
+    assert places == (1 if motion == "reduce" else 3)
+    tab.js(f"{PAGE}.screens.tune.downhill()")
+    way = f"JSON.stringify({PAGE}.screens.tune.way?.way)"
+    tab.wait(f"Boolean({PAGE}.screens.tune.way)")
+    if motion == "reduce":  # at the end of the way at once
+        assert tab.js(
+            f"JSON.stringify([{PAGE}.screens.tune.values]) === JSON.stringify(JSON.parse({way}).slice(-1))"
+        )

@@ -1,0 +1,98 @@
+"""`baqueano demo` opens a tab, which sees the whole of it in motion; the browser is a program of the test."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+
+from baqueano.cli.demo import command
+from benchmarks.processes import before_others
+from tests.web.test_serve import START_S
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="DISPLAY and BROWSER")
+OPENS_S = 20.0
+ENDS_S = 600.0  # a demo on a busy machine
+BROWSER = """
+import json, sys, time
+from pathlib import Path
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+address, out = sys.argv[2], Path(sys.argv[1])
+seen = {"opened": time.monotonic(), "address": address, "screens": [], "frames": 0, "ended": ""}
+host = address.split("/")[2]
+with connect(f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None) as line:
+    line.send(json.dumps({"is": "hello", "lang": "en"}))
+    line.send(json.dumps({"is": "take"}))
+    try:
+        for data in line:
+            word = {"is": "frame"} if isinstance(data, bytes) else json.loads(data)
+            seen["frames"] += word["is"] == "frame"
+            screen = (word.get("scene") or {}).get("screen")
+            if screen and seen["screens"][-1:] != [screen]:
+                seen["screens"].append(screen)
+    except ConnectionClosed as error:
+        seen["ended"] = str(error)
+out.write_text(json.dumps(seen))
+"""
+
+
+def demo(tmp_path):
+    """Run the demo with a display and a browser; its end, what the browser saw, and when it began."""
+    script, seen = tmp_path / "browser.py", tmp_path / "seen.json"
+    script.write_text(BROWSER, encoding="utf-8")
+    environment = {
+        **os.environ, "DISPLAY": ":0", "BAQUEANO_BACKEND": "python",
+        "BROWSER": f"{sys.executable} {script} {seen} %s &",
+    }  # fmt: skip
+    environment.pop("CI", None)
+    begun = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, "-m", "baqueano", "demo", "--pace", "50"], cwd=tmp_path, env=environment,
+        timeout=ENDS_S, capture_output=True, text=True,
+    )  # fmt: skip
+    end = time.monotonic() + START_S
+    while not seen.exists():
+        assert time.monotonic() < end, done.stderr
+        time.sleep(0.1)
+    return done, json.loads(seen.read_text()), begun
+
+
+@pytest.mark.alone
+def test_a_demo_opens_a_tab_within_20_s_shows_all_of_it_and_ends_by_itself(tmp_path):
+    with before_others():
+        done, seen, begun = demo(tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert seen["address"].startswith("http://127.0.0.1:")
+    assert seen["opened"] - begun <= OPENS_S
+    assert seen["screens"] == ["drive", "identify", "tuned", "drive"], seen
+    assert seen["frames"] > 20
+    assert (tmp_path / "demo" / "report.html").exists()
+
+
+class Simulated(Exception):
+    """What the demo would do is not done here."""
+
+
+@pytest.mark.parametrize(("words", "opened"), [((), True), (("--page",), True), (("--no-page",), False)])
+def test_a_demo_without_a_page_starts_none(tmp_path, monkeypatch, words, opened):
+    started, process = [], subprocess.Popen
+
+    def starts(command, **how):
+        started.append(command)
+        return process([sys.executable, "-c", ""], **how)
+
+    def simulated(*words):
+        raise Simulated
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.delenv("CI", raising=False)
+    monkeypatch.setattr("baqueano.cli.page.motion.subprocess.Popen", starts)
+    monkeypatch.setattr("baqueano.study.demo.demo", simulated)
+    with pytest.raises(Simulated):
+        command.main(list(words), standalone_mode=False)
+    assert [one[2] for one in started] == (["baqueano.web.lab.playback"] if opened else [])

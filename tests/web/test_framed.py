@@ -1,0 +1,63 @@
+"""A page in the frame of somebody else's page, in a real browser: nobody is led to press what he does not see."""
+
+import threading
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from tests.web.chromium import CHROMIUM, Chromium
+from tests.web.page_client import drive, folder_of
+from tests.web.test_serve import port_of, program
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
+START_S = 60.0
+
+
+@contextmanager
+def stranger(framed):
+    """Serve a page that frames `framed`, and at /plain one that may be framed; its address."""
+
+    class Pages(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            source = "" if self.path == "/plain" else f'<iframe src="{framed or "/plain"}"></iframe>'
+            self.wfile.write(f"<!doctype html><title>stranger</title><p>press here</p>{source}".encode())
+
+        def log_message(self, *words):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Pages)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def framed_in(tab, address):
+    """Return the address that the frame of a page shows in the end."""
+    tab.goto(address)
+    tree = tab.do("Page.getFrameTree")["frameTree"]
+    (child,) = tree["childFrames"]
+    return child["frame"].get("unreachableUrl") or child["frame"]["url"], "unreachableUrl" in child["frame"]
+
+
+def test_a_framed_page_is_refused_by_a_real_browser(tmp_path):
+    folder = folder_of(tmp_path / "runs", circle=drive())
+    with (
+        program("baqueano", "view", "circle", "--runs", str(folder), "--no-browser") as page,
+        Chromium() as chromium,
+    ):
+        ours, tab = f"http://127.0.0.1:{port_of(page)}/", chromium.tab()
+        with stranger("") as address:
+            assert framed_in(tab, address) == (f"{address}plain", False)  # a frame as such is shown
+        with stranger(ours) as address:
+            assert framed_in(tab, address) == (ours, True)
+        assert any("frame-ancestors" in error for error in tab.errors), tab.errors
+        tab.goto(ours)
+        tab.wait("globalThis.baqueano?.page.hello", START_S)  # by itself it is
+        tab.close()

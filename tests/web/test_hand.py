@@ -1,0 +1,174 @@
+"""What a hand does on the page: a game pad, the buttons of a drive, its pace, and each button that breaks something."""
+
+import pytest
+
+from tests.web.chromium import CHROMIUM
+from tests.web.screens import PAGE, opened, until
+from tests.web.scripted import Scripted
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
+
+PAD = """globalThis.gamePad = {
+  connected: true, axes: [0, 0, 0, 0], buttons: Array.from({ length: 16 }, () => ({ pressed: false })),
+};
+navigator.getGamepads = () => [null, globalThis.gamePad]"""
+FAULTS = [  # kind, choice of its list, fields that the ledger must hold
+    ("cut", None, {"of": "imu"}),
+    ("drift", 0, {"of": "imu[2]", "size": 0.15}),
+    ("drift", 2, {"of": "imu[2]", "size": 0.5}),
+    ("spikes", 1, {"of": "imu[0]", "size": 20, "part": 0.02}),
+    ("slip", 0, {"of": "left", "part": 0.3}),
+    ("slip", 2, {"of": "all", "part": 0.3}),
+    ("sag", 1, {"part": 0.7}),
+    ("lose", 1, {"part": 0.6}),
+]
+LAST = f"{PAGE}.ledger.at(-1)"
+
+
+@pytest.fixture
+def driver(tab, live):
+    """A tab that holds the wheel of a vehicle that drives."""
+    opened(tab, live)
+    tab.press("l", "KeyL", "l")
+    tab.wait(f"{PAGE}.hand.mine")
+    return tab
+
+
+@pytest.fixture
+def breaking(driver, live):
+    """The driver's tab at the faults, before anything has happened."""
+    live.put({"is": "ledger", "rows": []})
+    driver.click("#tab-faults")
+    driver.wait(f"{PAGE}.ledger.length === 0")
+    return driver
+
+
+def command(live):
+    beats = live.words("beat")
+    return beats[-1]["u"] if beats else None
+
+
+def test_a_game_pad_drives_beyond_its_dead_zone_and_lets_go_when_it_is_unplugged(driver, live):
+    driver.js(PAD)
+    driver.js("gamePad.axes[1] = -1")
+    until(lambda: command(live) == [0.5, 0, 0])  # half of the command at full stick
+    driver.js("gamePad.axes[2] = -1")  # the right stick turns to the left
+    until(lambda: command(live) == [0.5, 0, 0.5])
+    driver.js("gamePad.axes[2] = 0; gamePad.axes[0] = 0.55")  # the left one turns as well, half as far
+    until(lambda: command(live) == [0.5, 0, pytest.approx(-0.25)])
+    driver.js("gamePad.axes = [0.09, -0.09, 0, 0]")
+    until(lambda: command(live) == [0, 0, 0])
+    driver.js("gamePad.axes[1] = -1")
+    until(lambda: command(live) == [0.5, 0, 0])
+    assert not live.words("give")
+    driver.js("gamePad.connected = false; dispatchEvent(new Event('gamepaddisconnected'))")
+    until(lambda: live.words("give"))
+    assert command(live) == [0, 0, 0]
+
+
+def test_the_second_button_of_a_game_pad_stops_without_the_wheel(tab, live):
+    opened(tab, live)
+    tab.js(PAD)
+    tab.js("gamePad.buttons[0].pressed = true")
+    tab.wait("new Promise((done) => setTimeout(() => done(true), 200))")
+    assert not live.words("stop")
+    tab.js("gamePad.buttons[1].pressed = true")
+    until(lambda: live.words("stop"))
+    tab.wait("document.getElementById('title').textContent === 'STOPPED'")
+    assert len(live.words("stop")) == 1  # of one press
+    assert not live.words("take")
+
+
+def test_pause_go_on_mark_and_end(driver, live):
+    button = "[...document.querySelectorAll('.drive .action')].find((one) => one.code === 'Key{}')"
+    driver.js(f"{button.format('M')}.click()")
+    until(lambda: live.words("mark"))
+    driver.js(f"{button.format('P')}.click()")
+    until(lambda: live.words("pause"))
+    driver.wait(f"{button.format('P')}.textContent.startsWith('Go on')")
+    driver.press("p", "KeyP", "p")  # its key does the same
+    until(lambda: live.words("go") == [{"is": "go"}])
+    driver.wait(f"{button.format('P')}.textContent.startsWith('Pause')")
+    driver.js(f"{button.format('E')}.click()")
+    until(lambda: live.words("end"))
+    assert [len(live.words(word)) for word in ("mark", "pause", "end")] == [1, 1, 1]
+
+
+def test_the_pace_is_a_slider_that_stands_where_the_drive_is(tab):
+    with Scripted("live") as live:
+        live.pace = 4.0  # as in the demo
+        opened(tab, live)
+        says = "document.querySelector('.pace').textContent"
+        assert tab.js(says) == "pace 4×"
+        tab.js("document.querySelector('.pace input').focus()")
+        tab.press("ArrowRight")
+        until(lambda: live.words("pace") == [{"is": "pace", "factor": 8}])
+        for _ in range(5):
+            tab.press("ArrowLeft")
+        until(lambda: live.words("pace")[-1] == {"is": "pace", "factor": 0.25})
+        tab.wait(f"{says} === 'pace ¼×'")
+
+
+def breaker(kind: str) -> str:
+    return f"{PAGE}.screens.faults.breakers.find((one) => one.kind === {kind!r})"
+
+
+@pytest.mark.parametrize(("kind", "choice", "fields"), FAULTS)
+def test_each_button_writes_its_fault_into_the_ledger_and_ends_it(breaking, live, kind, choice, fields):
+    """The script refuses, as the service does, a fault that the package does not know."""
+    if choice is not None:
+        breaking.js(f"{breaker(kind)}.node.querySelector('select').selectedIndex = {choice}")
+    breaking.js(f"{breaker(kind)}.button.click()")
+    breaking.wait(f"{LAST}?.fault.kind === {kind!r} && !{LAST}.over && {PAGE}.ledger.length === 1")
+    fault = breaking.js(f"{LAST}.fault")
+    assert {name: fault[name] for name in fields} == fields
+    breaking.wait(f"{breaker(kind)}.button.getAttribute('aria-checked') === 'true'")
+    assert breaking.js("document.querySelector('.ledger .what b').textContent") == breaking.js(f"{LAST}.what")
+    breaking.js(f"{breaker(kind)}.button.click()")
+    breaking.wait(f"{LAST}.over && {breaker(kind)}.button.getAttribute('aria-checked') === 'false'")
+
+
+def test_the_floor_is_tilted_by_keys_and_made_level_again(breaking, live):
+    breaking.js("document.querySelector('.tilt .pad').focus()")
+    for key in ("ArrowUp", "ArrowRight"):
+        breaking.press(key)
+    breaking.wait(f"{LAST}?.fault.kind === 'tilt' && {PAGE}.ledger.length === 2")
+    assert breaking.js(f"[{LAST}.fault.x, {LAST}.fault.y]") == pytest.approx(
+        [0.00873, 0.00873], abs=1e-4
+    )  # 0.5° each
+    assert breaking.js("document.querySelector('.tilt output').textContent") == "0.7°"
+    breaking.js("document.querySelector('.tilt button').click()")
+    breaking.wait(f"{PAGE}.ledger.length === 3 && {LAST}.fault.x === 0 && {LAST}.fault.y === 0")
+
+
+def test_a_push_by_keys_one_tick_and_the_paces_of_faults(breaking, live):
+    breaking.press("ArrowLeft", shift=True)
+    breaking.wait(f"{LAST}?.fault.kind === 'push'")
+    assert breaking.js(f"[{LAST}.fault.x, {LAST}.fault.y, {LAST}.fault.frame]") == [-0.2, 0, "map"]
+    breaking.press("n", "KeyN", "n")
+    until(lambda: live.words("go") == [{"is": "go", "ticks": 1}])
+    for k, factor in enumerate((0.125, 0.25, 1, 4)):
+        breaking.js(f"document.querySelectorAll('.fault-bar .choices button')[{k}].click()")
+        until(lambda factor=factor: live.words("pace") and live.words("pace")[-1]["factor"] == factor)
+    breaking.js("document.querySelector('.fault-bar .again').click()")
+    until(lambda: live.words("again"))
+    assert live.words("again")[0]["without"] == [1]
+
+
+def test_without_the_wheel_nothing_is_broken(tab, live):
+    opened(tab, live, screen="faults")
+    tab.js(f"{breaker('cut')}.button.click()")
+    tab.wait("document.getElementById('toast').classList.contains('shown')")
+    assert not live.words("shake")
+
+
+@pytest.mark.parametrize(("language", "words"), [("en", "open Wi-Fi"), ("es", "Wi-Fi abierta")])
+def test_a_shared_page_says_its_risk(tab, language, words):
+    with Scripted("live") as live:
+        live.shared = True
+        opened(tab, live, language)
+        assert tab.js("document.getElementById('shared').checkVisibility()")
+        assert words in tab.js("document.getElementById('shared').textContent")
+        live.shared = False
+        opened(tab, live, language)
+        assert not tab.js("document.getElementById('shared').checkVisibility()")

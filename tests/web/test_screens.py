@@ -1,0 +1,73 @@
+"""Every screen in every look: three sizes, two themes, two languages. Nothing is cut, hidden, faint or nameless."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.web.chromium import CHROMIUM, SIZES
+from tests.web.screens import BOXES, LANGUAGES, SEEN, THEMES, each_screen, looked_at, opened, shot
+
+AXE = Path(__file__).parent / "axe" / "node_modules" / "axe-core" / "axe.min.js"
+RULES = """axe.run(document, { resultTypes: ["violations"] }).then(({ violations, passes }) => ({
+  passes: passes.length,
+  violations: violations.map(({ id, help, nodes }) =>
+    `${id}: ${help}: ${nodes.map((one) => one.html.slice(0, 160)).join(" | ")}`),
+}))"""
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
+needs_axe = pytest.mark.skipif(
+    not AXE.is_file() and not os.environ.get("CI"), reason="axe-core is not installed: make browser-tools"
+)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("kind", SEEN)
+def test_every_screen_is_whole(browser, kind, language):
+    """No text cut, none over another, none faint, nothing beyond the edge."""
+    wrong = {}
+    for screen, tab in each_screen(browser, kind, language):
+        for size in SIZES:
+            for theme in THEMES:
+                looked_at(tab, size, theme)
+                shot(tab, kind, screen, size, theme, language)
+                if found := tab.js(BOXES):
+                    wrong[f"{screen} {size} {theme}"] = found
+        looked_at(tab, "laptop", "light")
+    assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
+
+
+@needs_axe
+@pytest.mark.parametrize("kind", SEEN)
+def test_axe_finds_no_violation_on_any_screen(browser, kind):
+    rules, wrong, passes = AXE.read_text(encoding="utf-8"), {}, []
+    for screen, tab in each_screen(browser, kind, "en"):
+        tab.js(f"{rules}\ntrue")
+        for theme in THEMES:
+            looked_at(tab, "laptop", theme)
+            judged = tab.js(RULES)
+            passes.append(judged["passes"])
+            if judged["violations"]:
+                wrong[f"{screen} {theme}"] = judged["violations"]
+    assert not wrong, json.dumps(wrong, indent=1, ensure_ascii=False)
+    assert min(passes) > 15  # rules that had something to judge
+
+
+@pytest.mark.parametrize(
+    ("spoil", "finds"),
+    [
+        ("p.style.top = '70px'; p.style.left = '60px'", "overlap"),
+        ("p.style.top = '300px'; p.style.left = `${innerWidth - 20}px`", "beyond the edge"),
+        ("p.style.top = '-200px'; p.style.color = '#eee'", "faint"),
+        ("p.replaceWith(document.createElement('input'))", "nameless"),
+    ],
+)
+def test_the_check_finds_what_it_is_for(tab, live, spoil, finds):
+    opened(tab, live, screen="runs")
+    tab.js(
+        "(() => { const p = document.createElement('p'); p.textContent = 'a text that stands in the way of another';"
+        f"p.style.position = 'fixed'; p.style.whiteSpace = 'nowrap'; document.body.append(p); {spoil}; }})()"
+    )
+    found = tab.js(BOXES)
+    assert any(one.startswith(finds) for one in found), found

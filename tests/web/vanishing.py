@@ -1,0 +1,55 @@
+"""A line whose packets vanish: nothing comes through any more, and neither end is told."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+
+class Vanishing:
+    """Forward bytes both ways until `unplug`."""
+
+    def __init__(self, port: int) -> None:
+        self._to = port
+        self._plugged = asyncio.Event()
+        self._plugged.set()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._writers: list[asyncio.StreamWriter] = []
+        self.port = 0
+
+    def unplug(self) -> None:
+        """Let all that comes from now on vanish; both ends stay open."""
+        self._plugged.clear()
+
+    async def joined(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Join somebody who comes to the other end."""
+        there, away = await asyncio.open_connection("127.0.0.1", self._to)
+        self._writers += [writer, away]
+        self._tasks += [asyncio.create_task(self._carry(*pair)) for pair in ((reader, away), (there, writer))]
+
+    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(OSError):
+            while data := await reader.read(1 << 16):
+                if not self._plugged.is_set():
+                    await asyncio.Event().wait()  # what was read is lost, and nothing is read any more
+                writer.write(data)
+                await writer.drain()
+
+    async def close(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for writer in self._writers:
+            writer.transport.abort()
+
+
+@asynccontextmanager
+async def vanishing(port: int) -> AsyncIterator[Vanishing]:
+    """Listen for those who speak to a port through such a line."""
+    line = Vanishing(port)
+    server = await asyncio.start_server(line.joined, "127.0.0.1", 0)
+    line.port = server.sockets[0].getsockname()[1]
+    try:
+        yield line
+    finally:
+        server.close()
+        await line.close()
