@@ -1,9 +1,8 @@
 """Precautions of a repetition: checks, a way to its route, and the observers that slow and stop it."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from inspect import signature
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -58,7 +57,7 @@ class Precautions:
     patience_s: float = PATIENCE_S
 
     @classmethod
-    def of(cls, options: Mapping[str, Any]) -> "tuple[Precautions, dict[str, Any]]":
+    def of(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
         """Return the precautions among options, and the other options."""
         own = {field.name for field in fields(cls)}
         mine = {name: value for name, value in options.items() if name in own}
