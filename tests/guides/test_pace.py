@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive.safety.paced_guide import PacedGuide
-from baqueano.guides import Pace, Repeat, RepeatByProgress
+from baqueano.guides import AtPace, Repeat, RepeatByProgress
 from baqueano.guides.shapes import circle
 from tests.guides.test_drive_to import DT, at
 
@@ -24,7 +24,7 @@ def driven(guide, ticks, wants=None):
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 def test_at_full_pace_it_is_the_guide_itself_bit_for_bit(kind):
-    plain, paced = driven(kind.along(ROUTE), 60), driven(Pace(kind.along(ROUTE)), 60)
+    plain, paced = driven(kind.along(ROUTE), 60), driven(AtPace(kind.along(ROUTE)), 60)
     for a, b in zip(plain, paced, strict=True):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 

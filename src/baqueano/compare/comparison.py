@@ -17,7 +17,7 @@ from baqueano.compare import errors, evenness
 from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
 from baqueano.compare.divergence import NoCovariance, diverged_s, no_covariance, until_diverged
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
-from baqueano.compare.laps import Lap, laps_of
+from baqueano.compare.laps import DriveLap, laps_of
 from baqueano.compare.table import WIDTH, table
 from baqueano.contracts.result import Result, shortened
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
@@ -71,7 +71,7 @@ class RunComparison:
     refusals: tuple[
         Refusals, ...
     ] = ()  # how often the estimator refused each number; none: it does not count
-    laps: tuple[Lap, ...] = ()  # of a route that comes back
+    laps: tuple[DriveLap, ...] = ()  # of a route that comes back
 
     @property
     def verdict(self) -> str:

@@ -24,7 +24,7 @@ NEAR_M, NEAR_RAD = 0.02, 0.3
 LEAST_M = 0.3  # of a lap
 
 
-class Lap(NamedTuple):
+class DriveLap(NamedTuple):
     """A lap of a vehicle, by the truth where it is known, else as estimated.
 
     Attributes
@@ -53,7 +53,7 @@ class Lap(NamedTuple):
         return {names.get(name, name): value for name, value in self._asdict().items()}
 
 
-def laps_of(run: "Run") -> tuple[Lap, ...]:
+def laps_of(run: "Run") -> tuple[DriveLap, ...]:
     """Return the laps of a run; none of one whose reference does not come back.
 
     Examples
@@ -79,7 +79,7 @@ def laps_of(run: "Run") -> tuple[Lap, ...]:
         most = float(np.max(d)) if d.size else float("nan")
         times = float(seconds(a, run.t_ns[0])), float(seconds(b, a))
         closure = float(np.hypot(gap[0], gap[1])), float(wrap(gap[2]))
-        laps.append(Lap(k + 1, *times, errors.rms(d), most, *closure))
+        laps.append(DriveLap(k + 1, *times, errors.rms(d), most, *closure))
     return tuple(laps)
 
 

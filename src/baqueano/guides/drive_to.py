@@ -16,7 +16,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
-from baqueano.guides.dubins import Way, pose_at, shorter, shortest
+from baqueano.guides.dubins import DubinsWay, pose_at, shorter, shortest
 from baqueano.guides.route import Route
 from baqueano.parameter import documented, parameter
 from baqueano.signals import Estimate, Reference, seconds
@@ -33,7 +33,7 @@ class DriveToState(NamedTuple):
 
     t_ns: int  # -1 before the first tick
     start: Value  # (3,)
-    way: Way
+    way: DubinsWay
     goal: Value  # (3,): time of the route [s], its speed [m/s], its direction
     sigma_m: float
     v_m_s: float
@@ -86,7 +86,7 @@ class DriveTo:
 
     def init(self) -> DriveToState:
         """Not begun."""
-        nowhere = Way(0.0, np.zeros(3), np.zeros(2))
+        nowhere = DubinsWay(0.0, np.zeros(3), np.zeros(2))
         return DriveToState(-1, np.zeros(3), nowhere, np.zeros(3), 0.0, 0.0)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
@@ -94,7 +94,7 @@ class DriveTo:
         began = state.t_ns >= 0
         start = np.where(began, state.start, estimate.eta)
         planned, goal = self._nearest(estimate.eta)
-        way = Way(*(np.where(began, a, b) for a, b in zip(state.way, planned, strict=True)))
+        way = DubinsWay(*(np.where(began, a, b) for a, b in zip(state.way, planned, strict=True)))
         goal = np.where(began, state.goal, goal)
         dt_s = np.where(began, seconds(estimate.t_ns, state.t_ns), 0.0)
         ahead = goal[2]
@@ -117,7 +117,7 @@ class DriveTo:
         now = DriveToState(estimate.t_ns, start, way, goal, sigma_m, v)
         return now, Reference(estimate.t_ns, eta, nu, done)
 
-    def _nearest(self, eta: Value) -> tuple[Way, Value]:
+    def _nearest(self, eta: Value) -> tuple[DubinsWay, Value]:
         """Return the way to the nearest goal, and what is there.  (1)"""
         ahead = np.where(self.v_m_s < 0.0, -1.0, 1.0)
         back = 0.5 * np.pi * (1.0 - ahead)
@@ -125,11 +125,11 @@ class DriveTo:
         ways = shortest((eta[0], eta[1], eta[2] - back), (x, y, psi - back), self.radius_m)
         off = eta - self.goals[0]
         there = (np.hypot(off[0], off[1]) < NEAR_M) & (np.abs(wrap(off[2])) < NEAR_RAD)
-        best = Way(*(field[..., 0] for field in ways))
+        best = DubinsWay(*(field[..., 0] for field in ways))
         best = best._replace(length_m=np.where(there, 0.0, best.length_m))
         goal = np.array([self.tau_s[0], np.abs(self.v_m_s[0]), ahead[0]])
         for k in range(1, len(self.goals)):
-            way = Way(*(field[..., k] for field in ways))
+            way = DubinsWay(*(field[..., k] for field in ways))
             less = way.length_m < best.length_m
             goal = np.where(less, np.array([self.tau_s[k], np.abs(self.v_m_s[k]), ahead[k]]), goal)
             best = shorter(way, best)

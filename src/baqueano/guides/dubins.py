@@ -23,7 +23,7 @@ FAR_M = 1e9  # of a word that does not exist
 WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # first and last arc; 1 turns left
 
 
-class Way(NamedTuple):
+class DubinsWay(NamedTuple):
     """Two arcs and the line between them."""
 
     length_m: Value
@@ -31,7 +31,7 @@ class Way(NamedTuple):
     turns: Value  # (2,) of the arcs: 1 left, −1 right
 
 
-def shortest(start: Value, goal: Value, radius_m: float) -> Way:
+def shortest(start: Value, goal: Value, radius_m: float) -> DubinsWay:
     """Return the shortest way from a pose (3,) to another; of several goals at once, x, y and ψ of all (3, k), the way
     to each.  (1), (2)"""
     dx, dy = (goal[0] - start[0]) / radius_m, (goal[1] - start[1]) / radius_m
@@ -41,19 +41,19 @@ def shortest(start: Value, goal: Value, radius_m: float) -> Way:
         t, p, q, exists = _word(D, first * (start[2] - towards), first * (goal[2] - towards), first == last)
         length_m = np.where(exists, radius_m * (t + p + q), FAR_M)
         arcs_m = radius_m * np.array([t, p, q])
-        this = Way(length_m, arcs_m, np.array([first + 0.0 * t, last + 0.0 * t]))
+        this = DubinsWay(length_m, arcs_m, np.array([first + 0.0 * t, last + 0.0 * t]))
         best = this if best is None else shorter(this, best)
     assert best is not None
     return best
 
 
-def shorter(one: Way, other: Way) -> Way:
+def shorter(one: DubinsWay, other: DubinsWay) -> DubinsWay:
     """Return the shorter of two ways; the other, of two as long."""
     less = one.length_m < other.length_m
-    return Way(*(np.where(less, a, b) for a, b in zip(one, other, strict=True)))
+    return DubinsWay(*(np.where(less, a, b) for a, b in zip(one, other, strict=True)))
 
 
-def pose_at(start: Value, way: Way, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
+def pose_at(start: Value, way: DubinsWay, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
     """Return the pose (3,) after sigma_m of a way from `start`, the heading continuous, and the curvature there."""
     x, y, psi = start[0], start[1], start[2]
     left_m, kappa = sigma_m, 0.0 * sigma_m

@@ -29,7 +29,7 @@ class PaceState(NamedTuple):
 
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
-class Pace:
+class AtPace:
     """Follow a guide at a pace from 0, at rest, to 1.
 
     Parameters
@@ -46,7 +46,7 @@ class Pace:
     >>> from baqueano.guides import Repeat
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.signals import Estimate
-    >>> guide, here = Pace(Repeat.along(circle(0.5, 0.2)), wanted=0.5), np.zeros(3)
+    >>> guide, here = AtPace(Repeat.along(circle(0.5, 0.2)), wanted=0.5), np.zeros(3)
     >>> state, _ = guide.step(guide.init(), Estimate(0, here, here, np.eye(6)))
     >>> state, reference = guide.step(state, Estimate(2_000_000_000, here, here, np.eye(6)))
     >>> print(reference.nu)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from baqueano.contracts.values import Tree
-from baqueano.guides import Pace
+from baqueano.guides import AtPace
 from baqueano.signals import Estimate, Reference
 from baqueano.supervisor import guarded
 
@@ -20,7 +20,7 @@ class PacedGuide:
     """
 
     def __init__(self, guide: Tree) -> None:
-        self.block = Pace(guarded("guide", guide))
+        self.block = AtPace(guarded("guide", guide))
         self._wants: dict[str, float] = {}
 
     @property
