@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import identify
+from baqueano.identify import excitation, identify
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import gain_changes
 from baqueano.simulate import simulate
+from baqueano.simulate.open_loop import times
+from baqueano.study import counterpart
+from baqueano.study.identification.trials import as_sent, guess, robot
 
 
 def felt(run, change):
@@ -65,3 +68,16 @@ def test_a_turning_command_that_an_imu_off_centre_feels_is_not_swapped(small):
     assert found[0].fix == "--free +sensors.imu.lever_arm_m"
     found = gain_changes.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
     assert [one.code for one in found] == ["file.swapped"]
+
+
+def test_an_imu_3_cm_off_the_centre_that_its_file_has_at_the_centre_is_not_swapped():
+    """A robot of the independent truth; the fit may not move the lever arm."""
+    seed = 700
+    q = robot(seed)
+    file = guess(q)
+    u = as_sent(excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0))
+    shown = counterpart.driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    run = counterpart.recorded(shown, 0, u, file, "off centre", seed)
+    fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
+    assert fit.verdict == "WARN"
+    assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}
