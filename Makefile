@@ -47,10 +47,11 @@ fuzz: $(VENV)/test.stamp
 promises: $(VENV)/test.stamp debian
 	$(BIN)/python -m tests.promises $(BOTH_CORES)
 
-# The sentences of all messages, to be read as a diff.
+# The sentences of all messages, and the pages on the keys of a vehicle file, to be read as a diff.
 golden: $(VENV)/test.stamp
 	REGENERATE=1 $(BIN)/python -m pytest -q tests/test_messages.py
-	git diff --stat tests/messages.golden
+	REGENERATE=1 $(BIN)/python -m pytest -q tests/test_docs.py -k reference_of_the_vehicle_file
+	git diff --stat tests/messages.golden docs
 
 # The entries of other languages, for what the code says now; it lists those that are to be translated.
 catalogues: $(VENV)/test.stamp

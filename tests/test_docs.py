@@ -1,5 +1,6 @@
 """What the documents say is what the code does."""
 
+import os
 import re
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 import baqueano as bq
 from baqueano.cli import VERBS, baqueano, command_of
+from baqueano.language import within
 from baqueano.vehicle_file.reference import reference_table
 
 ROOT = Path(__file__).parents[1]
@@ -14,9 +16,16 @@ DRAWINGS = ("path", "errors", "speed", "commands", "sensors", "estimates", "data
             "search", "corridor")  # fmt: skip
 
 
-def test_reference_of_the_vehicle_file_is_the_one_the_code_gives():
-    """To renew it: write reference_table() into docs/vehicle-file.md, and read the diff."""
-    assert (ROOT / "docs/vehicle-file.md").read_text(encoding="utf-8").strip() == reference_table().strip()
+@pytest.mark.parametrize(
+    ("language", "page"), [("en", "docs/vehicle-file.md"), ("es", "docs/es/vehicle-file.md")]
+)
+def test_reference_of_the_vehicle_file_is_the_one_the_code_gives(language, page):
+    """To renew both pages: `make golden`, and read the diff."""
+    with within(language):
+        table = reference_table()
+    if os.environ.get("REGENERATE"):
+        (ROOT / page).write_text(table, encoding="utf-8")
+    assert (ROOT / page).read_text(encoding="utf-8") == table, "type: make golden, and read the diff"
 
 
 def test_the_ten_lines_of_the_readme_run_and_say_what_they_found(tmp_path, monkeypatch, capsys):

@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 DOCS, SPANISH = ROOT / "docs", ROOT / "docs" / "es"
 FOR_STUDENTS = {
     "README", "first-evening", "architecture", "driving", "build", "robot", "glossary", "own-vehicle", "importing",
-    "page", "routes", "sweep", "controllers", "estimators", "identification",
+    "page", "routes", "sweep", "controllers", "estimators", "identification", "vehicle-file",
 }  # fmt: skip
 needs_sphinx = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),

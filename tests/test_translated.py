@@ -30,7 +30,6 @@ OTHER_TEXT = {  # with text that people read elsewhere, or not at all
     "robot/setup/card.py", "robot/setup/install.py", "robot/setup/steps.py", "robot/uno/c_header.py",  # of a robot
     "runs/container/messages.py", "runs/export.py",  # schemas of topics, heads of files
     "symbolic/c_code/c_bodies.py", "symbolic/errors.py",  # C, and words of NumPy
-    "vehicle_file/reference.py",  # writes docs/vehicle-file.md
 }  # fmt: skip
 
 

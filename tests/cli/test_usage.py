@@ -38,7 +38,7 @@ from baqueano.diagnostics import fault
         ("simulate --vehicles 0", "cli.usage", "x>=1"),
         ("simulate --vehicle small --set model.mass_kg", "vehicle.setting", "model.mass_kg"),
         ("simulate --vehicle small --set model.mas_kg=1", "vehicle.unknown-key", "--set model.mass_kg=1"),
-        ("simulate --vehicle small --set model.mass_kg=-1", "vehicle.set", "0.001 to 100000"),
+        ("simulate --vehicle small --set model.mass_kg=-1", "vehicle.set", "'low': 0.001"),
         ("repeat", "cli.usage", "baqueano repeat --help"),
         ("repeat lab --laps -1", "cli.usage", "x>=0"),
         ("identify", "cli.usage", "baqueano identify --help"),

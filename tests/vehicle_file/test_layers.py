@@ -1,11 +1,13 @@
 """The command line over the file, and a block of one's own in it."""
 
 import sys
+import tomllib
 
 import numpy as np
 import pytest
 
 from baqueano.errors import FileError, UsageError
+from baqueano.language import within
 from baqueano.signals import Command
 from baqueano.vehicle_file import changes, load, override, parse
 from baqueano.vehicle_file.reference import reference_table, rows
@@ -218,5 +220,26 @@ def test_every_key_of_the_documentation_has_a_meaning_and_every_key_is_there():
 def test_the_documentation_is_a_page_of_tables():
     page = reference_table()
     assert '## [model] kind = "planar"' in page
-    assert "| mass_kg | kg |  | 0.001 to 100000 | required | mass m |" in page
+    assert "| `mass_kg` | kg |  | 0.001 to 100000 | required | mass m |" in page
     assert page.count("## [model.drivetrain]") == 1
+
+
+def test_a_default_of_the_documentation_is_toml():
+    found = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
+    assert found["sensors.NAME", "tags", "sees_offset"] == "`true`"
+    assert found["robot", "", "imu_axes"] == '`["x", "y", "z"]`'
+    written = [
+        tomllib.loads(f"key = {default.strip('`')}") for default in found.values() if default[:1] == "`"
+    ]
+    assert len(written) > 100
+
+
+def test_the_documentation_in_spanish_has_the_same_keys_defaults_and_no_english_words():
+    english = rows()
+    with within("es"):
+        spanish, page = rows(), reference_table()
+    assert [row["key"] for row in spanish] == [row["key"] for row in english]
+    assert "| `mass_kg` | kg |  | 0,001 a 100000 | obligatorio | masa m |" in page
+    pairs = list(zip(english, spanish, strict=True))
+    assert [theirs for ours, theirs in pairs if ours["meaning"] == theirs["meaning"] != "√V"] == []
+    assert all(ours["default"] == theirs["default"] for ours, theirs in pairs if ours["default"][:1] == "`")

@@ -73,7 +73,7 @@ class Encoders:
     rate_hz: float = parameter("Hz", "readings a second", low=1e-3, high=1e5, default=50.0)
     radius_scale: np.ndarray = radii()
     noise_std: float = parameter("m/s", "white noise beside the counts", low=0.0, high=100.0, default=0.0)
-    radius_scale_std: float = std_of_scale("each radius_scale")
+    radius_scale_std: float = std_of_scale()
     slip_std: float = slip()
     slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(

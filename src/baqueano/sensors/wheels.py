@@ -37,9 +37,9 @@ def radii() -> Any:
     )  # fmt: skip
 
 
-def std_of_scale(scale: str) -> Any:
+def std_of_scale() -> Any:
     """Return the parameter for the standard deviation of a scale."""
-    return parameter("1", f"how well {scale} is known", low=0.0, high=1.0, default=0.01, role="noise")
+    return parameter("1", "standard deviation of a scale", low=0.0, high=1.0, default=0.01, role="noise")
 
 
 def slip() -> Any:
@@ -86,7 +86,7 @@ class Wheels(SampledSensor):
     radius_scale: np.ndarray = radii()
     noise_std: float = parameter("m/s", "white noise of a wheel", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
-    radius_scale_std: float = std_of_scale("each radius_scale")
+    radius_scale_std: float = std_of_scale()
     slip_std: float = slip()
     slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(
@@ -133,7 +133,7 @@ class Odometer(SampledSensor):
     )  # fmt: skip
     noise_std: float = parameter("m/s", "white noise of the speed", low=0.0, high=100.0, default=0.0)
     delay_s: float = parameter("s", "age of the signal that is read", low=0.0, high=2.0, default=0.0)
-    scale_std: float = std_of_scale("scale")
+    scale_std: float = std_of_scale()
     slip_std: float = slip()
     slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(

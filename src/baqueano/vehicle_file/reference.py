@@ -1,16 +1,23 @@
-"""The keys of a vehicle file as a page of the documentation, from the metadata that the loader checks."""
+"""The keys of a vehicle file as a page of the documentation, from the metadata that the loader checks.
 
+Words pass through the catalogue, so the page exists in each language; numbers of the file stay as TOML has them.
+"""
+
+import json
 from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from baqueano.blocks import ROOMS, resolve
+from baqueano.language import N_, shown_unit
+from baqueano.language import translated as _
+from baqueano.messages import text
 from baqueano.parameter import INF
 from baqueano.vehicle_file.build import ROUTE
 from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Simulation, Top
 from baqueano.vehicle_file.history import Provenance
-from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, keys_of, range_words
+from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, allowed_range, keys_of
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -24,48 +31,59 @@ TABLE_OF = {
     "supervisor": "supervisor",
 }
 PLAIN = {  # keys without a unit: what they mean
-    "format": "version of this layout, 1",
-    "name": "what the vehicle is called",
-    "about": "one line for people",
-    "names": "names of the entries of the command u; of the parameters of the fit; of what an envelope bounds",
-    "unit": "unit of the command; a real robot takes duty, -1 to 1",
-    "kind": 'which block: a short name, or "file.py:Class" for one of yours',
-    "mixing": '"none", or "two_wheels": left = u_x - u_psi, right = u_x + u_psi',
-    "battery": '"steady": battery_v; "logged": in a fit, the voltage in the channel battery of the run',
-    "measurement_model": '"physical", or "paper": h as the paper prints it',
-    "sees_offset": "a reading tells the reader's own place; false: that of the tag",
-    "mode": '"default", or "paper": the filter as the paper prints it',
-    "use": 'sensors that correct the estimate, or numbers of them: "imu[2]"; the others are only recorded',
-    "speed_from": 'accelerometers that may correct the speed: "imu[1]"',
-    "watch": "the sensor that must not be silent",
-    "truth": "the vehicle that a simulation drives: one of the garage, or a file beside this one; else this vehicle",
-    "port": '"auto", or the serial line of the Uno: "/dev/serial/by-id/..."',
-    "imu_axes": 'axes of the chip that point ahead, left and up: ["-y", "x", "z"] if it is turned to the left',
-    "rate_hz": "commands a second",
-    "laps": "times round; 0 is for ever",
-    "waves": "waves of the radius in a lap",
-    "run": "the run that the value was found in",
-    "date": "the day it was found",
-    "sd": "standard deviation; nan where not known",
-    "verdict": "USABLE, WARN or REFUSED; GUESS where nobody measured",
-    "low": "smallest value of each name that the last fit saw",
-    "high": "largest value of each name that the last fit saw",
-    "correlation": "of the parameters of the last fit, lower triangle",
+    "format": N_("version of this layout, 1"),
+    "name": N_("what the vehicle is called"),
+    "about": N_("one line for people"),
+    "names": N_(
+        "names of the entries of the command u; of the parameters of the fit; of what an envelope bounds"
+    ),
+    "unit": N_("unit of the command; a real robot takes duty, -1 to 1"),
+    "kind": N_('which block: a short name, or "file.py:Class" for one of yours'),
+    "mixing": N_('"none", or "two_wheels": left = u_x - u_psi, right = u_x + u_psi'),
+    "battery": N_('"steady": battery_v; "logged": in a fit, the voltage in the channel battery of the run'),
+    "measurement_model": N_('"physical", or "paper": h as the paper prints it'),
+    "sees_offset": N_("a reading tells the reader's own place; false: that of the tag"),
+    "mode": N_('"default", or "paper": the filter as the paper prints it'),
+    "use": N_(
+        'sensors that correct the estimate, or numbers of them: "imu[2]"; the others are only recorded'
+    ),
+    "speed_from": N_('accelerometers that may correct the speed: "imu[1]"'),
+    "watch": N_("the sensor that must not be silent"),
+    "truth": N_(
+        "the vehicle that a simulation drives: one of the garage, or a file beside this one; else this vehicle"
+    ),
+    "port": N_('"auto", or the serial line of the Uno: "/dev/serial/by-id/..."'),
+    "imu_axes": N_(
+        'axes of the chip that point ahead, left and up: ["-y", "x", "z"] if it is turned to the left'
+    ),
+    "rate_hz": N_("commands a second"),
+    "laps": N_("times round; 0 is for ever"),
+    "waves": N_("waves of the radius in a lap"),
+    "run": N_("the run that the value was found in"),
+    "date": N_("the day it was found"),
+    "sd": N_("standard deviation; nan where not known"),
+    "verdict": N_("USABLE, WARN or REFUSED; GUESS where nobody measured"),
+    "low": N_("smallest value of each name that the last fit saw"),
+    "high": N_("largest value of each name that the last fit saw"),
+    "correlation": N_("of the parameters of the last fit, lower triangle"),
 }
 FROM_FILE = {  # keys whose default is elsewhere in the file
-    ("model", "inertia_kg_m2"): "½ m R², from radius_m",
-    ("sensors.NAME", "track_m"): "that of [geometry]",
-    ("model.friction", "track_m"): "that of [geometry], else 0.0",
-    ("estimator", "rate_hz"): "that of the file",
-    ("controller", "limit"): "that of [command]",
-    ("controller", "rate_hz"): "that of the file",
-    ("supervisor", "limit"): "that of [command]",
+    ("model", "inertia_kg_m2"): N_("½ m R², from radius_m"),
+    ("sensors.NAME", "track_m"): N_("that of [geometry]"),
+    ("model.friction", "track_m"): N_("that of [geometry], else 0"),
+    ("estimator", "rate_hz"): N_("that of the file"),
+    ("controller", "limit"): N_("that of [command]"),
+    ("controller", "rate_hz"): N_("that of the file"),
+    ("supervisor", "limit"): N_("that of [command]"),
 }
 GIVEN = {"vehicle", "sensors"}
+INTRODUCTION = N_(
+    "A key that is not required may be left out. Its default stands here as the file has it, with a decimal point."
+)
 
 
 def rows() -> list["TableRow"]:
-    """Return a row for each key: table, kind, key, unit, shape, range, default, meaning."""
+    """Return a row for each key, in the current language: table, kind, key, unit, shape, range, default, meaning."""
     all_rows = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
     all_rows += _rows("robot", "", Hardware) + _rows("simulation", "", Simulation)
     for room, kinds in ROOMS.items():
@@ -81,19 +99,20 @@ def rows() -> list["TableRow"]:
 
 
 def reference_table() -> str:
-    """The rows as Markdown, one table for each table of the file."""
-    lines, title_before = ["# Keys of a vehicle file", ""], ""
+    """Return the rows as Markdown in the current language, one table for each table of the file."""
+    heads = (_("key"), _("unit"), _("shape"), _("range"), _("default"), _("meaning"))
+    lines, title_before = [f"# {_('Keys of a vehicle file')}", "", _(INTRODUCTION)], ""
     for row in rows():
         title = (
             f"[{row['table']}]" + (f' kind = "{row["kind"]}"' if row["kind"] else "")
             if row["table"]
-            else "Top"
+            else _("Above the first table")
         )
         if title != title_before:
-            lines += ["", f"## {title}", "", "| key | unit | shape | range | default | meaning |"]
+            lines += ["", f"## {title}", "", f"| {' | '.join(heads)} |"]
             lines += ["|---|---|---|---|---|---|"]
             title_before = title
-        cells = [row[name] for name in ("key", "unit", "shape", "range", "default", "meaning")]
+        cells = [f"`{row['key']}`", *(row[name] for name in ("unit", "shape", "range", "default", "meaning"))]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 
@@ -112,15 +131,16 @@ def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
 
 def _row(table: str, kind: str, key: Key) -> "JsonObject":
     p = key.parameter
+    elsewhere = FROM_FILE.get((table, key.name))
     return {
         "table": table,
         "kind": kind,
         "key": key.name,
-        "unit": p.unit if p else "",
-        "shape": "" if p is None or p.shape == () else str(p.shape) if p.shape else "list",
+        "unit": shown_unit(p.unit) if p else "",
+        "shape": "" if p is None or p.shape == () else str(p.shape) if p.shape else _("list"),
         "range": _range(key),
-        "default": FROM_FILE.get((table, key.name), _default(key)),
-        "meaning": p.meaning if p else PLAIN.get(key.name, ""),
+        "default": _(elsewhere) if elsewhere else _default(key),
+        "meaning": _(p.meaning if p else PLAIN.get(key.name, "")),
     }
 
 
@@ -129,15 +149,16 @@ def _range(key: Key) -> str:
     if p is None:
         return ""
     if key.name.endswith("_cov"):
-        return "symmetric, no eigenvalue below 0"
-    return "any" if p.low == -INF and p.high == INF else range_words(p)
+        return _("symmetric, no eigenvalue below 0")
+    return _("any") if p.low == -INF and p.high == INF else text(allowed_range(p))
 
 
 def _default(key: Key) -> str:
+    """Return what one would write in the file."""
     if key.default is NO_DEFAULT:
-        return "required"
+        return _("required")
     if key.default is None:
         return ""
-    if isinstance(key.default, np.ndarray):
-        return str(key.default.tolist())
-    return ", ".join(key.default) if isinstance(key.default, tuple) else str(key.default)
+    if isinstance(key.default, float | np.ndarray):
+        return f"`{np.asarray(key.default).tolist()}`"
+    return f"`{json.dumps(key.default)}`"

@@ -214,12 +214,11 @@ def _in_range(sheet: Sheet, path: KeyPath, key: Key, array: np.ndarray) -> bool:
         return False
     outside = (array < p.low) | (array > p.high)
     if np.any(outside):
-        bounds = range_words(p)
         sheet.wrong(
             path,
             "vehicle.out-of-range",
             found=listed(array),
-            expected=bounds,
+            expected=allowed_range(p),
             in_unit=p.unit,
             meaning=p.meaning,
         )
@@ -310,11 +309,13 @@ def _size(shape: tuple[int, ...] | None) -> Diagnostic:
     return note("vehicle.rows", rows=shape[0], columns=shape[1])
 
 
-def range_words(p: "Parameter") -> str:
+def allowed_range(p: "Parameter") -> Diagnostic:
     """The allowed values of a parameter."""
     if p.high == float("inf"):
-        return f"at least {p.low:g}"
-    return f"at most {p.high:g}" if p.low == -float("inf") else f"{p.low:g} to {p.high:g}"
+        return note("vehicle.at-least", low=p.low)
+    if p.low == -float("inf"):
+        return note("vehicle.at-most", high=p.high)
+    return note("vehicle.between", low=p.low, high=p.high)
 
 
 def _text_of(value: object) -> str:
