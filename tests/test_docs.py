@@ -42,12 +42,11 @@ def test_the_ten_lines_of_the_readme_run_and_say_what_they_found(tmp_path, monke
     assert "across the path" in said
 
 
-def test_the_page_on_python_runs_from_its_first_line_to_its_last(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("page", ["docs/python.md", "docs/es/python.md"])
+def test_the_page_on_python_runs_from_its_first_line_to_its_last(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(
-        r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(encoding="utf-8"), re.DOTALL
-    )
-    exec(compile("\n".join(blocks), "python.md", "exec"), {"__name__": "page"})
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    exec(compile("\n".join(blocks), page, "exec"), {"__name__": "page"})
     said = capsys.readouterr().out
     assert "USABLE" in said
     assert "dead reckoning, " in said
@@ -67,10 +66,11 @@ def test_the_page_on_sweeps_shows_code_that_runs_and_names_every_figure(page, tm
     assert "kanayama" in capsys.readouterr().out
 
 
-def test_the_page_on_python_names_every_name_and_every_drawing():
-    page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
-    assert {name for name in bq.__all__ if f"`{name}`" not in page} == set()
-    assert {name for name in DRAWINGS if f"`{name}`" not in page} == set()
+@pytest.mark.parametrize("page", ["docs/python.md", "docs/es/python.md"])
+def test_the_page_on_python_names_every_name_and_every_drawing(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert {name for name in bq.__all__ if f"`{name}`" not in text} == set()
+    assert {name for name in DRAWINGS if f"`{name}`" not in text} == set()
 
 
 def options_of(command):
