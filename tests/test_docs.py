@@ -88,6 +88,7 @@ PAGES = (
         f"docs/{name}.md"
         for name in (
             "architecture",
+            "benchmarks",
             "build",
             "controllers",
             "driving",
@@ -102,6 +103,7 @@ PAGES = (
             "robot",
             "routes",
             "sweep",
+            "vehicle-file",
         )
     ),
 )

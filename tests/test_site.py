@@ -14,7 +14,7 @@ DOCS, SPANISH = ROOT / "docs", ROOT / "docs" / "es"
 FOR_STUDENTS = {
     "README", "first-evening", "architecture", "driving", "build", "robot", "glossary", "own-vehicle", "importing",
     "page", "routes", "sweep", "controllers", "estimators", "identification", "vehicle-file",
-    "python",
+    "python", "benchmarks",
 }  # fmt: skip
 needs_sphinx = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
