@@ -5,6 +5,7 @@ Words pass through the catalogue, so the page exists in each language; numbers o
 
 import json
 from dataclasses import is_dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,30 +39,32 @@ PLAIN = {  # keys without a unit: what they mean
         "names of the entries of the command u; of the parameters of the fit; of what an envelope bounds"
     ),
     "unit": N_("unit of the command; a real robot takes duty, -1 to 1"),
-    "kind": N_('which block: a short name, or "file.py:Class" for one of yours'),
-    "mixing": N_('"none", or "two_wheels": left = u_x - u_psi, right = u_x + u_psi'),
-    "battery": N_('"steady": battery_v; "logged": in a fit, the voltage in the channel battery of the run'),
-    "measurement_model": N_('"physical", or "paper": h as the paper prints it'),
-    "sees_offset": N_("a reading tells the reader's own place; false: that of the tag"),
-    "mode": N_('"default", or "paper": the filter as the paper prints it'),
-    "use": N_(
-        'sensors that correct the estimate, or numbers of them: "imu[2]"; the others are only recorded'
+    "kind": N_('which block: a short name, or `"file.py:Class"` for one of yours'),
+    "mixing": N_('`"none"`, or `"two_wheels"`: `left = u_x - u_psi`, `right = u_x + u_psi`'),
+    "battery": N_(
+        '`"steady"`: `battery_v`; `"logged"`: in a fit, the voltage in the channel `battery` of the run'
     ),
-    "speed_from": N_('accelerometers that may correct the speed: "imu[1]"'),
+    "measurement_model": N_('`"physical"`, or `"paper"`: h as the paper prints it'),
+    "sees_offset": N_("a reading tells the reader's own place; `false`: that of the tag"),
+    "mode": N_('`"default"`, or `"paper"`: the filter as the paper prints it'),
+    "use": N_(
+        'sensors that correct the estimate, or numbers of them: `"imu[2]"`; the others are only recorded'
+    ),
+    "speed_from": N_('accelerometers that may correct the speed: `"imu[1]"`'),
     "watch": N_("the sensor that must not be silent"),
     "truth": N_(
         "the vehicle that a simulation drives: one of the garage, or a file beside this one; else this vehicle"
     ),
-    "port": N_('"auto", or the serial line of the Uno: "/dev/serial/by-id/..."'),
+    "port": N_('`"auto"`, or the serial line of the Uno: `"/dev/serial/by-id/..."`'),
     "imu_axes": N_(
-        'axes of the chip that point ahead, left and up: ["-y", "x", "z"] if it is turned to the left'
+        'axes of the chip that point ahead, left and up: `["-y", "x", "z"]` if it is turned to the left'
     ),
     "rate_hz": N_("commands a second"),
     "laps": N_("times round; 0 is for ever"),
     "waves": N_("waves of the radius in a lap"),
     "run": N_("the run that the value was found in"),
     "date": N_("the day it was found"),
-    "sd": N_("standard deviation; nan where not known"),
+    "sd": N_("standard deviation; `nan` where not known"),
     "verdict": N_("USABLE, WARN or REFUSED; GUESS where nobody measured"),
     "low": N_("smallest value of each name that the last fit saw"),
     "high": N_("largest value of each name that the last fit saw"),
@@ -100,21 +103,29 @@ def rows() -> list["TableRow"]:
 
 def reference_table() -> str:
     """Return the rows as Markdown in the current language, one table for each table of the file."""
-    heads = (_("key"), _("unit"), _("shape"), _("range"), _("default"), _("meaning"))
-    lines, title_before = [f"# {_('Keys of a vehicle file')}", "", _(INTRODUCTION)], ""
-    for row in rows():
-        title = (
-            f"[{row['table']}]" + (f' kind = "{row["kind"]}"' if row["kind"] else "")
-            if row["table"]
-            else _("Above the first table")
-        )
-        if title != title_before:
-            lines += ["", f"## {title}", "", f"| {' | '.join(heads)} |"]
-            lines += ["|---|---|---|---|---|---|"]
-            title_before = title
-        cells = [f"`{row['key']}`", *(row[name] for name in ("unit", "shape", "range", "default", "meaning"))]
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    lines = [f"# {_('Keys of a vehicle file')}", "", _(INTRODUCTION)]
+    for title, group in groupby(rows(), _title):
+        lines += ["", f"## {title}", "", *_markdown(list(group))]
     return "\n".join(lines) + "\n"
+
+
+def _title(row: "TableRow") -> str:
+    if not row["table"]:
+        return _("Above the first table")
+    kind = f' kind = "{row["kind"]}"' if row["kind"] else ""
+    return f"`[{row['table']}]{kind}`"
+
+
+def _markdown(of_table: list["TableRow"]) -> list[str]:
+    """Return the lines of one table, without the columns that nothing fills."""
+    heads = {"key": _("key"), "meaning": _("meaning"), "unit": _("unit"), "shape": _("shape"), "range": _("range"),
+             "default": _("default")}  # fmt: skip
+    used = [name for name in heads if any(row[name] for row in of_table)]
+    lines = [f"| {' | '.join(heads[name] for name in used)} |", "|---" * len(used) + "|"]
+    for row in of_table:
+        cells = [f"`{row['key']}`", *(row[name].replace("|", "\\|") for name in used[1:])]
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
 
 
 def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
