@@ -1,14 +1,15 @@
-"""Consistency of the covariance: errors measured in their own standard deviations.
+"""Consistency of a covariance: errors in their own standard deviations.
 
-    NEES_t = eᵀ P⁻¹ e,   e = estimate − truth, heading wrapped, P its covariance;  mean d if consistent  (1)
-    NIS_t  = yᵀ S⁻¹ y,   y the innovation, S its covariance;  mean m if consistent                       (2)
-    ρ̄ = Σ NEES_t / Σ d,  1 if consistent; where a consistent filter's would lie:  χ²_{Nd}(a/2, 1 − a/2) / Nd  (3)
-    N = n / (1 + 2 Σ_k ρ_k),   ρ the autocorrelation of NEES_t, summed to its first value below 0.05     (4)
+    w_t = L⁻¹ e_t,   P = L Lᵀ;   e = estimate − truth with its heading wrapped, or an innovation, whose P is S    (1)
+    NEES_t or NIS_t = w_tᵀ w_t;   mean d if consistent, d the entries that are known                             (2)
+    ρ̄ = Σ w_tᵀ w_t / Σ d,   1 if consistent; a consistent filter's lies in  χ²_f(a/2, 1 − a/2) / f               (3)
+    f = N (tr Γ_0)² / Σ_k (1 − |k|/N) |Γ_k|²,   Γ_k = mean of w_t w_{t+k}ᵀ, summed until |Γ_k|² < 0.05 |Γ_0|²     (4)
+    N_b = 1/(1 − ρ̄_b)²,   ρ̄_b the part of ρ̄ without w̄, if |w̄|²/(1 − ρ̄_b) is a probable draw of χ²_d            (5)
 
-Bar-Shalom, Li & Kirubarajan 2001, section 5.4. N counts independent samples. Where it is below FEW, the mean of a
-series hides its slow part: then (4) about the mean that is expected, 1, counts too. The interval of ρ̄ is the wider of
-(3) and of a circular block bootstrap (Politis & Romano 1992). Its blocks have at least 2 n/N samples. Over M runs with
-different seeds, (3) with N = M is exact at each time. A block of S of a silent sensor is left out.
+Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4) f/d counts independent samples of Gaussian errors. They are
+correlated about 0, their known mean: an error that lasts for the whole drive is one sample. Such a draw may be small
+by chance; then ρ̄ < 1 though the filter is right. So what ρ̄ lacks counts as lasting, unless that is improbable (5).
+The interval is the wider of (3) and of a circular block bootstrap (Politis, Romano 1992), blocks of ≥ 2 N d/f samples.
 """
 
 from typing import NamedTuple
@@ -19,8 +20,8 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 FALSE_ALARM = 0.05  # a consistent filter is called inconsistent this often
-FEW = 60  # independent samples
 DRAWS, BLOCKS, LEAST = 400, 200, 5  # of the bootstrap, blocks of a draw, and independent samples for it
+FADED = 0.05  # of |Γ_0|²: a correlation that is smaller is chance
 CLOSE = 1.1  # a variance that is right within this factor is right
 FAR = 1.6  # who cannot tell a variance from one that is off by this factor cannot tell
 
@@ -31,8 +32,8 @@ class Band(NamedTuple):
     mean: float  # per degree of freedom: 1 if consistent; NaN if nothing was reported
     low: float
     high: float
-    freedom: int  # d or m, the largest that occurred
-    samples: float  # independent samples counted
+    freedom: int  # d, the largest that occurred
+    samples: float  # independent samples, f/d
 
     @property
     def verdict(self) -> str:
@@ -50,67 +51,69 @@ class Band(NamedTuple):
 NOT_REPORTED = Band(float("nan"), float("nan"), float("nan"), 0, 0.0)
 
 
-def nees(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """(N,) of errors (N, d) with covariances (N, d, d); NaN where not known or P is singular.  (1)"""
-    return _squared(error, cov)
+def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Return w (N, d) of errors (N, d) with covariances (N, d, d).  (1)
+
+    An entry that is not known is left out, as a silent sensor: NaN. A row whose P is singular is NaN."""
+    known, w = (
+        np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2)),
+        np.full(error.shape, np.nan),
+    )
+    for pattern in np.unique(known, axis=0):
+        keep = np.flatnonzero(pattern)
+        rows = np.flatnonzero(np.all(known == pattern, axis=1))
+        rows = rows[np.all(np.isfinite(cov[np.ix_(rows, keep, keep)]), axis=(1, 2))]
+        if not (keep.size and rows.size):
+            continue
+        P = cov[np.ix_(rows, keep, keep)]
+        scale = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 1e-300))
+        R = P / (scale[:, :, None] * scale[:, None, :])  # correlations: metres and radians weigh alike
+        rows, R, scale = (one[np.linalg.eigvalsh(R)[:, 0] > 1e-12] for one in (rows, R, scale))
+        if rows.size:
+            e = error[np.ix_(rows, keep)] / scale
+            w[np.ix_(rows, keep)] = np.linalg.solve(np.linalg.cholesky(R), e[..., None])[..., 0]
+    return w
 
 
-def nis(innovation: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """NIS (N,) and its degrees of freedom (N,) of innovations (N, m); NaN: nothing arrived.  (2)"""
-    came = np.isfinite(innovation)
-    value, freedom = np.full(len(innovation), np.nan), np.sum(came, axis=1)
-    for pattern in np.unique(came, axis=0):
-        rows, keep = np.flatnonzero(np.all(came == pattern, axis=1)), np.flatnonzero(pattern)
-        if keep.size:
-            value[rows] = _squared(innovation[np.ix_(rows, keep)], cov[np.ix_(rows, keep, keep)])
-    return value, freedom
+def squared(w: np.ndarray) -> np.ndarray:
+    """Return NEES or NIS (N,) of whitened errors (N, d); NaN where nothing is known.  (2)"""
+    return np.where(np.any(np.isfinite(w), axis=1), np.nansum(w**2, axis=1), np.nan)
 
 
-def band(squared: np.ndarray, freedom: np.ndarray | int, false_alarm: float = FALSE_ALARM) -> Band:
-    """Return NEES or NIS (N,) with their degrees of freedom (N,) against their band.  (3), (4)"""
-    freedom = np.broadcast_to(freedom, squared.shape)
-    finite = np.isfinite(squared) & (freedom > 0)
-    if not np.any(finite):
+def band(w: np.ndarray, false_alarm: float = FALSE_ALARM) -> Band:
+    """Return the mean of NEES or NIS of whitened errors (N, d), and its band.  (3)-(5)"""
+    w = w[np.any(np.isfinite(w), axis=1)]
+    if not len(w):
         return NOT_REPORTED
-    squared, freedom = squared[finite], freedom[finite].astype(float)
-    ratio, mean = squared / freedom, float(np.sum(squared) / np.sum(freedom))
-    samples = independent(ratio)
-    if samples < FEW:
-        samples = min(samples, independent(ratio, 1.0))
-    low, high = _limits(samples * float(np.mean(freedom)), false_alarm)
+    known, w = np.sum(np.isfinite(w), axis=1).astype(float), np.nan_to_num(w)
+    sums, d = np.sum(w**2, axis=1), float(np.mean(known))
+    mean, samples = float(np.sum(sums) / np.sum(known)), independent(w) / d
+    lasting = float(np.sum(np.mean(w, axis=0) ** 2))
+    lacking = 1.0 - mean + lasting / d
+    if lacking > 0.0 and lasting / lacking > d * _limits(d, false_alarm)[0]:
+        samples = min(samples, 1.0 / lacking**2)  # (5)
+    low, high = _limits(samples * d, false_alarm)
     if samples >= LEAST and mean > 0.0:
-        least, most = _bootstrap(squared, freedom, round(2.0 * len(ratio) / samples), false_alarm)
+        least, most = _bootstrap(sums, known, round(2.0 * len(w) / samples), false_alarm)
         low, high = min(low, mean / most), max(high, mean / max(least, 1e-300))
-    return Band(mean, low, high, int(np.max(freedom)), samples)
+    return Band(mean, low, high, int(np.max(known)), samples)
 
 
-def band_over_runs(
-    squared: np.ndarray, freedom: int, false_alarm: float = FALSE_ALARM
-) -> tuple[np.ndarray, Band]:
-    """Mean over M independent runs, per degree of freedom, at each of N times (N,), and the band of each.
-    (3)
-
-    squared (M, N). `Band.mean` is the mean over all; judge by the share of times inside the band.
-    """
-    mean = np.mean(squared, axis=0) / freedom
-    runs = squared.shape[0]
-    low, high = _limits(runs * freedom, false_alarm)
-    return mean, Band(float(np.mean(mean)), low, high, freedom, float(runs))
-
-
-def independent(series: np.ndarray, mean: float | None = None) -> float:
-    """Return how many independent samples a correlated series (N,) is worth, about a `mean` that is known or its
-    own.  (4)"""
-    n = len(series)
-    x = series - (np.mean(series) if mean is None else mean)
-    power = float(x @ x)
-    if n < 3 or power == 0.0:
-        return float(n)
+def independent(w: np.ndarray) -> float:
+    """Return the degrees of freedom f of the sum of squares of errors (N, d) with mean 0.  (4)"""
+    n = len(w)
+    power = float(np.sum(w**2)) / n
+    if power == 0.0:
+        return float(w.size)
     length = 1 << (2 * n - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(x, length)) ** 2
-    rho = np.fft.irfft(spectrum, length)[1:n] / power
-    end = int(np.argmax(rho < 0.05)) if np.any(rho < 0.05) else len(rho)
-    return max(1.0, n / (1.0 + 2.0 * float(np.sum(rho[:end]))))
+    spectra = np.fft.rfft(w, length, axis=0).T
+    squares = np.zeros(n)
+    for one in spectra:
+        for other in spectra:
+            squares += (np.fft.irfft(np.conj(one) * other, length)[:n] / n) ** 2
+    rho, left = squares / squares[0], 1.0 - np.arange(n) / n
+    end = int(np.argmax(rho < FADED)) if np.any(rho < FADED) else n
+    return n * power**2 / squares[0] / (1.0 + 2.0 * float(np.sum(rho[1:end] / left[1:end])))
 
 
 def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
@@ -125,11 +128,9 @@ def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return out
 
 
-def _bootstrap(
-    squared: np.ndarray, freedom: np.ndarray, length: int, false_alarm: float
-) -> tuple[float, float]:
+def _bootstrap(sums: np.ndarray, known: np.ndarray, length: int, false_alarm: float) -> tuple[float, float]:
     """Return the interval of Σ NEES / Σ d by drawing blocks of `length` samples with replacement."""
-    n = len(squared)
+    n = len(sums)
     length = min(max(length, 1, n // BLOCKS), max(n // 4, 1))
     first = np.random.default_rng(0).integers(0, n, (DRAWS, n // length))
 
@@ -138,7 +139,7 @@ def _bootstrap(
         return np.sum(total[first + length] - total[first], axis=1)
 
     low, high = np.quantile(
-        block_sums(squared) / block_sums(freedom), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm]
+        block_sums(sums) / block_sums(known), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm]
     )
     return float(low), float(high)
 
@@ -151,21 +152,3 @@ def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
         raise UsageError(fault("lab.scipy-for-bands", "pip install scipy")) from error
     low, high = chi2.ppf([0.5 * false_alarm, 1.0 - 0.5 * false_alarm], freedom)
     return float(low / freedom), float(high / freedom)
-
-
-def _squared(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """eᵀ P⁻¹ e (N,), by Cholesky's condition on each P; NaN where P is not positive definite."""
-    out = np.full(len(error), np.nan)
-    good = np.all(np.isfinite(error), axis=1) & np.all(np.isfinite(cov), axis=(1, 2))
-    if not np.any(good):
-        return out
-    scale = np.sqrt(np.maximum(np.diagonal(cov[good], axis1=1, axis2=2), 1e-300))
-    R = cov[good] / (scale[:, :, None] * scale[:, None, :])  # correlations: metres and radians weigh alike
-    y = error[good] / scale
-    definite = np.linalg.eigvalsh(R)[:, 0] > 1e-12
-    value = np.full(len(y), np.nan)
-    value[definite] = np.sum(
-        y[definite] * np.linalg.solve(R[definite], y[definite][..., None])[..., 0], axis=1
-    )
-    out[good] = value
-    return out

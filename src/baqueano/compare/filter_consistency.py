@@ -21,7 +21,7 @@ from baqueano.messages import text
 from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:
-    from baqueano.contracts.values import JsonObject, TableRow, Tree
+    from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs.run import Run
 
 STATES = {
@@ -137,7 +137,7 @@ class FilterConsistency:
 def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency:
     """Return what a run says of its filter; only alignment "none" leaves a NEES of the pose."""
     log, truth = run.estimate, run.truth
-    series: dict[str, tuple[np.ndarray, Tree]] = {}
+    errors: dict[str, np.ndarray] = {}  # whitened
     states: dict[str, Band] = dict.fromkeys(STATES, NOT_REPORTED)
     channels: tuple[Band, ...] = ()
     correlations, limit = np.zeros(0), float("nan")
@@ -148,25 +148,24 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         ])  # fmt: skip
         e[:, 2] = wrap(e[:, 2])
         e[:, :3] = e[:, :3] if alignment == "none" else np.nan
-        series["nees_pose"] = consistency.nees(e[:, :3], log.cov[:, :3, :3]), 3
-        series["nees_velocity"] = consistency.nees(e[:, 3:], log.cov[:, 3:, 3:]), 3
+        errors["nees_pose"] = consistency.whitened(e[:, :3], log.cov[:, :3, :3])
+        errors["nees_velocity"] = consistency.whitened(e[:, 3:], log.cov[:, 3:, 3:])
         for k, name in enumerate(STATES):
-            one = slice(k, k + 1)
-            squared = consistency.nees(e[:, one], log.cov[:, one, one])
+            one = consistency.whitened(e[:, [k]], log.cov[:, [[k]], [k]])
             states[name] = (
-                consistency.band(squared, 1) if np.nanmax(squared, initial=0.0) > 0.0 else NOT_REPORTED
+                consistency.band(one) if np.nanmax(np.abs(one), initial=0.0) > 0.0 else NOT_REPORTED
             )
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
         y, S = log.innovation, log.innovation_cov
-        series["nis"] = consistency.nis(y, S)
-        variance = np.diagonal(S, axis1=1, axis2=2)
-        channels = tuple(consistency.band(one, 1) for one in (y**2 / variance).T)
+        errors["nis"] = consistency.whitened(y, S)
+        deviations = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
+        channels = tuple(consistency.band(one[:, None]) for one in (y / deviations).T)
         correlations = consistency.whiteness(y, S)
         arrived = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
         limit = float(1.96 / np.sqrt(arrived)) if arrived else limit
-    names = [name for name, (squared, _) in series.items() if np.isfinite(squared).any()]
+    names = [name for name, w in errors.items() if np.isfinite(w).any()]
     bands = dict.fromkeys(JOINT, NOT_REPORTED)
-    bands |= {name: consistency.band(*series[name], FALSE_ALARM / len(names)) for name in names}
+    bands |= {name: consistency.band(errors[name], FALSE_ALARM / len(names)) for name in names}
     return FilterConsistency(
         **bands, states=states, channels=channels, correlations=tuple(correlations.tolist()),
         correlation_limit=limit,

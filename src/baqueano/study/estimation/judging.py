@@ -52,8 +52,8 @@ def judged(
         at = np.searchsorted(log.t_ns, run.t_ns)
         ours = EstimatedPath(log.eta[at], log.nu[at, 0])
         errors = beside(run.t_ns, ours, reference, run.truth)
-        speed = (ours.speed - true_speed(run.t_ns, run.truth)) ** 2 / log.cov[at, 3, 3]
-        consistency = filter_consistency(again), band(speed, 1)
+        speed = (ours.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[at, 3, 3])
+        consistency = filter_consistency(again), band(speed[:, None])
         out.append(
             JudgedEstimate(
                 f"{subject.name}, {sensors}",
