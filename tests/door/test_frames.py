@@ -89,9 +89,9 @@ def test_ticks_come_once_and_in_order_for_any_turns_of_the_door(driven):
             drive.make()
             if (line := drive.frame(shown, (0,))) is not None:
                 seen += json.loads(line)["x"]
-            shown = drive.made
+            shown = drive.row_count
     drive.make()
-    seen += rows_of(drive, shown, (0,))["x"] if drive.made > shown else []
+    seen += rows_of(drive, shown, (0,))["x"] if drive.row_count > shown else []
     np.testing.assert_allclose(np.ravel(seen), [r.tick.t_ns * 1e-9 for r in listening.records], rtol=1e-6)
 
 
@@ -103,7 +103,7 @@ def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(driven):
         frames.look(listening.records[k % len(listening.records)])
     drive.make()
     frame = rows_of(drive)
-    assert frame["n"] + len(frame["x"]) == drive.made == 3 * RING
+    assert frame["n"] + len(frame["x"]) == drive.row_count == 3 * RING
     assert len(frame["x"]) <= RING
 
 
@@ -133,7 +133,7 @@ def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
     for _ in range(150):
         for record in listening.records[:40]:
             door.frames.look(record)
-        while count < door.frames.drive()[0].looked:
+        while count < door.frames.drive()[0].tick_count:
             said = healthy.hear()
             count = said["n"] + len(said["x"]) if said["is"] == "frame" else count
         most = max(most, *(guest.waiting for guest in door._guests))
@@ -161,7 +161,7 @@ def test_the_last_rows_come_before_the_end_though_a_state_goes_out_with_it(door,
         door.frames.begin(file, "simulated", estimator=listening.estimator)
         for record in listening.records:
             door.frames.look(record)
-        door._told.extend([{"is": "state", "state": "READY"}, {"is": "done", "id": str(turn), "run": None}])
+        door._outbox.extend([{"is": "state", "state": "READY"}, {"is": "done", "id": str(turn), "run": None}])
         door._ring()
         heard = []
         while not heard or heard[-1]["is"] != "done":
