@@ -48,8 +48,11 @@ IMPORT = re.compile(
     r"^from baqueano\.robot\.setup\.machine import .*\n", re.MULTILINE
 )  # of what stands before it
 NO_WORDS = "WORDS: dict[str, str] = {}"
-QUERY = 'python3 -c "import sys, os, pwd; print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
-MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to ASK
+PROBE = (
+    'python3 -c "import sys, os, pwd; '
+    'print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
+)
+MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to PROBE
 Say = Callable[[str], object]
 
 
@@ -63,7 +66,7 @@ class TargetMachine(NamedTuple):
 
 def machine_at(host: str) -> TargetMachine:
     """RobotUnreachable where ssh does not get there, UsageError for a machine that cannot be a vehicle."""
-    output, code = run(ssh(host, QUERY))
+    output, code = run(ssh(host, PROBE))
     words = output.decode(errors="replace").split()
     if code or not re.fullmatch(MACHINE, " ".join(words)):
         raise RobotUnreachable(fault("setup.no-answer", f"ssh {host}", host=host))
