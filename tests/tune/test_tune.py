@@ -65,7 +65,7 @@ def test_a_search_without_gradients_finds_nothing_better(small, tuned):
     from scipy.optimize import differential_evolution
 
     drive = rehearse(small, ROUTE, **PAPERS)
-    bounds = list(zip(drive.asked.low, drive.asked.high, strict=True))
+    bounds = list(zip(drive.space.low, drive.space.high, strict=True))
     other = differential_evolution(drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8)
     assert tuned.cost <= other.fun * (1 + 1e-4)
 
