@@ -56,7 +56,7 @@ def test_what_was_interrupted_on_a_cluster_goes_on_there(address, alone, tmp_pat
             raise KeyboardInterrupt
 
     part = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=until_two)
-    assert (len(part.drives), part.asked, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
+    assert (len(part.drives), part.requested, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert len(before) == 2
     assert rows_of(bq.sweep(small, **ASKED, cluster=address, keep=tmp_path)) == alone

@@ -13,8 +13,8 @@ from baqueano.sweep.cell import SweepBlocks
 from baqueano.sweep.drawing import page_of_sweep
 from baqueano.sweep.figures import figures_of, joined
 from baqueano.sweep.grid import sweep as one_process
-from baqueano.sweep.kept import digest
 from baqueano.sweep.result import SweepResult
+from baqueano.sweep.stored_drives import digest
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
 
@@ -97,7 +97,7 @@ def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(asked
             raise KeyboardInterrupt
 
     part = one_process(**asked, processes=1, keep=tmp_path, each=until_two)
-    assert (len(part.drives), part.asked, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
+    assert (len(part.drives), part.requested, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
     kept = sorted(tmp_path.glob("*.json"))
     assert len(kept) == 2
     kept[0].write_text(
