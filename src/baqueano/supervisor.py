@@ -283,7 +283,7 @@ def _as_written(block: Tree) -> Tree:
 
 
 def _to_blame(block: Tree, files: Container[str | None]) -> Tree:
-    """Return the innermost part of a block whose file an error came through; the block itself if it has none."""
+    """Return the innermost part of a block whose file an error came through; the block itself if it lacks parts."""
     block = _as_written(block)
     inside = [_to_blame(getattr(block, name), files) for name in optional.of(block, "goes_around")]
     return next((part for part in inside if _file_of(part) in files), block)

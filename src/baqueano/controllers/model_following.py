@@ -6,8 +6,8 @@
     v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law of each       (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
-(5) inverts friction, actuator matrix, unequal wheels and dead zone, so that the feedback (4) stays weak, and the same
-gains suit a small robot and a car. Where a wheel cannot do both, the turn goes before the speed. Delay and lag of the
+(5) inverts friction, actuator matrix, unequal wheels and dead zone, so that the feedback (4) stays weak. The same gains
+suit a small robot and a car. Where a wheel cannot do both, the turn goes before the speed. Delay and lag of the
 motors are not inverted, which would amplify noise: the vehicle follows its reference T = delay + lag + λ later, and
 (1) predicts over T. (5) is one Newton step a tick, exact where the model is linear in its effort. The model must be an
 identified one: a guessed dead zone gives a wrong speed. Source of (5): computed torque, Slotine and Li, Applied

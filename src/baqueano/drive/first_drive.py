@@ -47,7 +47,7 @@ class Pulse(NamedTuple):
     u: np.ndarray  # (n,)
     v: float  # the largest speed, signed [m/s]
     turn: float  # [rad]
-    seen_v: float  # v in standard deviations
+    v_significance: float  # v in standard deviations
     significance: float  # the larger of v and turn in standard deviations
 
 
@@ -154,7 +154,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
     >>> drive.wiring, drive.still, round(drive.gain_along, 1), round(drive.gain_about, 1)
     ((), (), 1.0, 1.0)
     """
-    return felt(careful_drive(vehicle_file, **options), vehicle_file)
+    return estimate_first_drive(careful_drive(vehicle_file, **options), vehicle_file)
 
 
 def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
@@ -189,7 +189,7 @@ def two_wheels(vehicle_file: VehicleFile) -> bool:
     return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
 
 
-def felt(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
+def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     """Estimate the numbers of a first drive from commands and IMU."""
     ways = directions(vehicle_file)
     pulses = pulses_of(run)
@@ -218,9 +218,9 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
         rows = slice(a, min(last, len(log.t_ns)))
         nu, var = log.nu[rows], np.maximum(np.diagonal(log.cov[rows], axis1=1, axis2=2), 1e-18)
         turned = log.eta[rows, 2] - log.eta[max(a - 1, 0), 2]
-        seen_v = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
-        significance = max(seen_v, float(np.max(np.abs(turned) / np.sqrt(var[:, 2]))))
-        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turned), seen_v, significance))
+        v_significance = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
+        significance = max(v_significance, float(np.max(np.abs(turned) / np.sqrt(var[:, 2]))))
+        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turned), v_significance, significance))
     return tuple(out)
 
 
@@ -231,8 +231,8 @@ def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray)
     for name, sign in (("dead_zone_forward", 1.0), ("dead_zone_backward", -1.0)):
         now = np.broadcast_to(getattr(drivetrain, name), channel.shape[1])
         size = np.where(sign * channel > 1e-9, sign * channel, np.nan) * between(at)[:, None]
-        felt_at = [np.min(c[np.isfinite(c)], initial=np.inf) for c in size.T]
-        new = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(now, felt_at, strict=True)]
+        onset = [np.min(c[np.isfinite(c)], initial=np.inf) for c in size.T]
+        new = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(now, onset, strict=True)]
         if np.any(now > 0.0):
             changes[f"model.drivetrain.{name}"] = [float(x) for x in new]
     return vehicle_file.with_values(changes) if changes else vehicle_file
@@ -299,7 +299,7 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn * np.sign(p.u @ forward) * side
                 both[wheel] += p.v * p.turn * side  # v goes with the turn: the large pulses count most
-                var[wheel] += (p.turn * p.v / max(p.seen_v, 1e-9)) ** 2
+                var[wheel] += (p.turn * p.v / max(p.v_significance, 1e-9)) ** 2
     if not np.all(turn != 0.0):
         return ()
     if np.any(np.abs(both) < SURE * np.sqrt(var)):

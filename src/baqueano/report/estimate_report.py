@@ -66,8 +66,8 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
     of the run `beside` it, whichever there are."""
     lines: dict[str, np.ndarray] = {}
     band, end = None, None
-    if run.asked is not None and len(run.asked.t_ns) > 1:
-        lines["reference"] = run.asked.eta[:, :2]
+    if run.guide_reference is not None and len(run.guide_reference.t_ns) > 1:
+        lines["reference"] = run.guide_reference.eta[:, :2]
     if run.truth is not None:
         lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
     if run.estimate is not None:

@@ -136,7 +136,7 @@ def driving(run: Run, judged: dict) -> list[Section]:
 def speed(run: Run) -> Drawing | None:
     """The forward speed against its reference; None of a run that holds none."""
     curves = {}
-    for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.asked)):
+    for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.guide_reference)):
         if log is not None and np.isfinite(log.nu[:, 0]).any():
             curves[name] = seconds(log.t_ns, run.t_ns[0]), log.nu[:, 0]
     if not curves:

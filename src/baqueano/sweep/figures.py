@@ -91,7 +91,7 @@ def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[n
 def _of_drive(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
     """Return times and errors of the vehicle, and the single figures of its path."""
     log: Tree = run.truth if run.truth is not None else run.estimate
-    ref = run.asked
+    ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not np.ptp(ref.eta[:, :2], axis=0).any():
         return {}, {}
     over = ref.t_ns[ref.done > 0.0]

@@ -6,8 +6,8 @@
 
 With FEWEST drives or more a drive is a block, of which each has its own noise: (2) is then the error of a mean. Of
 fewer drives, blocks are pieces of TIMES correlation times or more, and the interval holds for these drives, not for
-others. With fewer than FEWEST blocks the interval is NaN. A bootstrap of so few blocks is too narrow. Source of (2), the
-delete-one jackknife: Künsch, Annals of Statistics, 1989.
+others. With fewer than FEWEST blocks the interval is NaN. A bootstrap of so few blocks is too narrow. Source of (2),
+the delete-one jackknife: Künsch, Annals of Statistics, 1989.
 """
 
 from collections.abc import Sequence

@@ -207,7 +207,7 @@ class TracedScan(Scan):
         self, step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: np.ndarray | None, backend: str
     ) -> None:
         super().__init__(step, carry, inputs, theta)
-        self.asked = backend
+        self.requested_backend = backend
         start = None if self.carry_function else self._flat_start(None)  # it may depend on θ
         candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
         self.trace, self.symmetric = self._traced(candidates)
@@ -304,7 +304,11 @@ class TracedScan(Scan):
         with self.trace.graph.lock:
             if key not in self.summing:
                 program = summed(assembly.program, slopes)
-                self.summing[key] = assembly, program, Runner(program, self.asked)  # the id stays taken
+                self.summing[key] = (
+                    assembly,
+                    program,
+                    Runner(program, self.requested_backend),
+                )  # the id stays taken
         return self.summing[key][1:]
 
     def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:
@@ -326,7 +330,7 @@ class TracedScan(Scan):
                 if key not in self.runners:
                     trace = self.trace if symmetric else self._traced(set())[0]
                     assembly = assemble(trace, keep_all, given_start)
-                    self.runners[key] = assembly, Runner(assembly.program, self.asked)
+                    self.runners[key] = assembly, Runner(assembly.program, self.requested_backend)
         return self.runners[key]
 
     def _prepared(self, keep_all: bool, carry: Tree, flat: np.ndarray | None = None) -> Tree:

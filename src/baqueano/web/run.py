@@ -90,7 +90,7 @@ async def show_vehicle(
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
-    described, over = (asyncio.create_task(event.wait()) for event in (live.known, live.over))
+    described, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
         greeting_s = GREETING_S if robot is None else QUIET_S  # a robot says what it is with its first drive

@@ -140,9 +140,9 @@ def _row(ledger: Ledger, row: LedgerRow) -> JsonObject:
     until_s = None if row.until_s == float("inf") else row.until_s
     return {
         "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "over": row.until_s <= ledger.now_s,
-        "fault": row.fault.to_json(), "what": row.said,
+        "fault": row.fault.to_json(), "what": row.message,
         "noticed": [
-            {"who": note(f"ledger.who-{one.who}"), "after_s": one.after_s, "said": one.said} for one in row.noticed
+            {"who": note(f"ledger.who-{one.who}"), "after_s": one.after_s, "said": one.message} for one in row.noticed
         ],
         "silent": [note(f"ledger.who-{who}") for who in row.silent()], "nobody": ledger.nobody(row),
     }  # fmt: skip

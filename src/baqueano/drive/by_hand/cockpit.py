@@ -194,11 +194,11 @@ class Cockpit(Observer):
         over too soon for a reason."""
         by_pad = self._pad is not None and self._pad.holds
         short = None
-        if by_pad or not self._held.nudges:
+        if by_pad or not self._key_hold.nudges:
             short = short_of_motion(self._drivetrain, self.status.wanted)
         if short is None:
             return ""
-        more = _("push further, or press +") if by_pad else _(MORE[self._held.way])
+        more = _("push further, or press +") if by_pad else _(MORE[self._key_hold.way])
         return _(
             "{channel:.2f} is below the dead zone of {dead_zone:.2f}: nothing moves; {more}",
             channel=short.channel, dead_zone=short.dead_zone, more=more,
@@ -224,8 +224,8 @@ class Cockpit(Observer):
         if alive:
             self._line.change(WINDOW_ON, WINDOW_OFF)
         self._plain = RELEASES if alive and releases else REPEATS
-        self._held = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
-        self.status.way = HOW[self._held.way]
+        self._key_hold = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
+        self.status.way = HOW[self._key_hold.way]
         if not alive:
             self.say(_("this terminal does not confirm that it is alive: each key counts for a short time"))
 
@@ -253,7 +253,7 @@ class Cockpit(Observer):
     def _hear(self, event: KeyEvent, now_s: float) -> None:
         if event.kind == ALIVE:
             self._life.answered(now_s)
-        self._held.hear(event, now_s)
+        self._key_hold.hear(event, now_s)
         if event.kind != PRESS:
             return
         match event.key:
@@ -274,14 +274,14 @@ class Cockpit(Observer):
         """Between latched set-points and keys that are held; nothing is wanted at first."""
         if not self._life.answers:
             return
-        self._held.let_go()
-        self._held.way = self._plain if self._held.way == LATCHED else LATCHED
-        self.status.way = HOW[self._held.way]
+        self._key_hold.let_go()
+        self._key_hold.way = self._plain if self._key_hold.way == LATCHED else LATCHED
+        self.status.way = HOW[self._key_hold.way]
 
     def _wanted(self, now_s: float) -> tuple[float, float]:
         if self._pad is not None and self._pad.holds:
             return self._pad.wanted()
-        return self._held.wanted(now_s)
+        return self._key_hold.wanted(now_s)
 
     def _draw(self, now_s: float) -> None:
         if now_s - self._drawn_s < DRAW_S:
