@@ -82,7 +82,7 @@ def own_class(module: str = "__main__") -> type:
     class Steady(ModelFollower):
         k: float = parameter("1/s", "turn per error of the course", low=0.0, high=20.0, default=1.0)
 
-        def wants(self, memory, now):
+        def velocity_law(self, memory, now):
             return memory, (now.nu_f[0] + now.e[0], now.nu_f[2] + self.k * (now.e_chi + 4.0 * now.e[1]))
 
     Steady.__module__ = module

@@ -231,8 +231,8 @@ class Door:
         try:
             if len(line) > LONG:  # to decode it holds up every thread: not where it would be refused
                 self.operator.may_ask(guest)
-            message = json.loads(line)
-            self._do(guest, message, message["do"])
+            request = json.loads(line)
+            self._do(guest, request, request["do"])
         except BaqueanoError as error:
             self._refuse(guest, error.diagnostic, error.exit_code)
         except Invalid as error:
@@ -244,40 +244,40 @@ class Door:
         """`why` is for ends of another version, which know no codes."""
         guest.say({"is": "no", "why": text(about), "about": about, "code": code})
 
-    def _do(self, guest: Guest, message: "JsonObject", word: str) -> None:
+    def _do(self, guest: Guest, request: "JsonObject", word: str) -> None:
         words: dict[str, Callable[[], object]] = {
-            "mission": lambda: self._ask(guest, message),
-            "hand": lambda: self.operator.want(guest, message["u"]),
+            "mission": lambda: self._ask(guest, request),
+            "hand": lambda: self.operator.want(guest, request["u"]),
             "beat": lambda: self.operator.sign_of_life(guest),
             "mark": lambda: self.operator.mark(guest),
-            "ping": lambda: guest.say({"is": "pong", "token": message.get("token")}),
+            "ping": lambda: guest.say({"is": "pong", "token": request.get("token")}),
             "end": lambda: self.operator.end(guest),
-            "stop": lambda: self._stop(guest, _reason(message.get("why"))),
+            "stop": lambda: self._stop(guest, _reason(request.get("why"))),
             "clear": lambda: setattr(self.operator, "clear_asked", True),
             "runs": lambda: guest.send_line(self._files.list()),
-            "fetch": lambda: self._files.fetch(guest, str(message["run"]), self._stays),
-            "watch": lambda: self._watch(guest, message),
-            "set": lambda: self._set(guest, message),
+            "fetch": lambda: self._files.fetch(guest, str(request["run"]), self._stays),
+            "watch": lambda: self._watch(guest, request),
+            "set": lambda: self._set(guest, request),
         }
         if word in self._words:
-            if (answer := self._words[word](guest, message)) is not None:
+            if (answer := self._words[word](guest, request)) is not None:
                 guest.say(answer)
         elif word in words:
             words[word]()
         else:
             raise Invalid(fault("door.unknown-word", found=repr(word), known=[*words, *self._words]))
 
-    def _ask(self, guest: Guest, message: "JsonObject") -> None:
+    def _ask(self, guest: Guest, request: "JsonObject") -> None:
         """A mission of another version would end with words that nobody there understands."""
-        if (theirs := message.get("door", 1)) != VERSION:
+        if (theirs := request.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(theirs), ours=VERSION))
-        name, attended = str(message.get("id", ""))[:LONGEST_ID], bool(message.get("attended", True))
-        mission = str(message["mission"]) if "mission" in message else json.dumps(message)
-        self.operator.ask(guest, mission, attended, name, HIDDEN_S if message.get("by") == "page" else None)
+        name, attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
+        mission = str(request["mission"]) if "mission" in request else json.dumps(request)
+        self.operator.ask(guest, mission, attended, name, HIDDEN_S if request.get("by") == "page" else None)
 
-    def _set(self, guest: Guest, message: "JsonObject") -> None:
-        self.operator.change(guest, str(message["path"]), message["value"])
+    def _set(self, guest: Guest, request: "JsonObject") -> None:
+        self.operator.change(guest, str(request["path"]), request["value"])
         guest.say({"is": "heard", "do": "set"})
 
     def _stop(self, guest: Guest, why: Diagnostic) -> None:
@@ -286,9 +286,9 @@ class Door:
         if guest in self._until:
             self._until[guest] = time.monotonic() + STOPPED_S
 
-    def _watch(self, guest: Guest, message: "JsonObject") -> None:
+    def _watch(self, guest: Guest, request: "JsonObject") -> None:
         """Frames of the ticks from now on; `hz` 0 ends them."""
-        hz, names = float(message["hz"]), message.get("fields")
+        hz, names = float(request["hz"]), request.get("fields")
         guest.hz, guest.drive = (min(hz, MOST_HZ) if hz > 0.0 else 0.0), -1
         guest.names = None if names is None else tuple(map(str, names))
         drive, _ = self.frames.drive()

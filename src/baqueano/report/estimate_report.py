@@ -140,7 +140,7 @@ def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarra
     return seconds(log.t_ns, run.t_ns[0]), np.column_stack([off, log.nu[:, 0] - nu_true[:, 0]])
 
 
-def knows(corridor: FilterConsistency, run: Run) -> list[Section]:
+def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]:
     """Return the sentence on the filter's own covariance, its figures and its innovations, where there are any."""
     rows, log = corridor.figures(), run.estimate
     caption = _(

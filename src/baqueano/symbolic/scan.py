@@ -169,18 +169,21 @@ class Scan(ABC):
         Also the derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes)."""
 
     def _theta(self, theta: Tree, many: bool = False) -> np.ndarray:
-        wanted = "(L, p)" if many else "(p,)"
+        expected = "(L, p)" if many else "(p,)"
         if self.parameters is None:
             if theta is not None:
                 raise Invalid(fault("engine.no-theta"))
             return np.zeros(0)
         if theta is None:
-            raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=wanted))
+            raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=expected))
         theta = np.ascontiguousarray(theta, dtype=float)
         if theta.ndim != 1 + many or theta.shape[-1] != self.parameters:
             raise Invalid(
                 fault(
-                    "engine.theta-shape", found=str(theta.shape), expected=wanted, parameters=self.parameters
+                    "engine.theta-shape",
+                    found=str(theta.shape),
+                    expected=expected,
+                    parameters=self.parameters,
                 )
             )
         return theta

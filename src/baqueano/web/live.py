@@ -24,7 +24,7 @@ from baqueano.web.guard import LONGEST, Role, finite, mission_of
 from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
 from baqueano.web.sentence import described, ledger_rows
-from baqueano.web.service import Spoken
+from baqueano.web.service import DoorLink
 from baqueano.web.visitor import Visitor, packed
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ COMMANDS = 8
 class Live:
     """A vehicle that is watched by many and driven by one."""
 
-    def __init__(self, link: Spoken, visitors: Callable[[], Iterable[Visitor]]) -> None:
+    def __init__(self, link: DoorLink, visitors: Callable[[], Iterable[Visitor]]) -> None:
         self._link, self._visitors = link, visitors
         self.identifying = Identifying(self._all)
         self.feed, self.lease, self.foxglove = Feed(), Lease(), Foxglove(self._about)

@@ -131,13 +131,13 @@ def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
 
     before = {}
 
-    def handler(number: int, frame: FrameType | None) -> None:
+    def stop_by_signal(number: int, frame: FrameType | None) -> None:
         terminated = number == signal.SIGTERM
         stop(because(StopReason.PROGRAM_ENDED if terminated else StopReason.TERMINAL_CLOSED))
 
     for name in ("SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
-            before[name] = signal.signal(getattr(signal, name), handler)
+            before[name] = signal.signal(getattr(signal, name), stop_by_signal)
     try:
         yield
     finally:

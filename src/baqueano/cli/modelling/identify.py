@@ -125,7 +125,7 @@ def command(
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused
 
-    _meant(parameter_history, choose, with_validation=bool(held_out))
+    _check_options(parameter_history, choose, with_validation=bool(held_out))
     _named(table)
     lap = _lap(how["route"])
     recorded, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
@@ -179,7 +179,7 @@ def command(
     options.kept(fitted, update)
 
 
-def _meant(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
+def _check_options(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
     """UsageError where one option would make another do nothing."""
     from baqueano.errors import UsageError
 

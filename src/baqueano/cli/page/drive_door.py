@@ -167,14 +167,14 @@ class DriveDoor:
         self.frames.look(record, truth, late_ms=self.pace.late_ms)
 
     def _ticks(self, rate_hz: float, ticking: Iterator[int] | None) -> Iterator[int]:
-        def wanted() -> bool:
+        def interrupted() -> bool:
             self.publish()
             operator = self.operator
             return (
                 operator.done or operator.why(self.by_hand) is not None or ours()
             )  # the last: Ctrl-C was pressed
 
-        for t_ns in self.pace.ticks(rate_hz, wanted):
+        for t_ns in self.pace.ticks(rate_hz, interrupted):
             if self.operator.done:
                 raise KeyboardInterrupt
             yield t_ns if ticking is None else next(ticking)

@@ -64,24 +64,26 @@ class MissionPlan:
 
 
 @contextmanager
-def planned(request: str, file: "VehicleFile", routes: "StoredRoutes", seed: int) -> Iterator[MissionPlan]:
+def planned(
+    mission_json: str, file: "VehicleFile", routes: "StoredRoutes", seed: int
+) -> Iterator[MissionPlan]:
     """The plan of a mission in JSON, whole or by name; UsageError or FileError if it is not a mission."""
     try:
-        message = json.loads(request)
-        whole = "format" in message
-        seed = int(message.get("seed", seed))
-        kind = str(message["kind"])
-        shake, hurry_s = message.pop("shake", []), _number(message, "hurry_s", 0.0)
+        request = json.loads(mission_json)
+        whole = "format" in request
+        seed = int(request.get("seed", seed))
+        kind = str(request["kind"])
+        shake, hurry_s = request.pop("shake", []), _number(request, "hurry_s", 0.0)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
     if not isinstance(shake, list) or len(shake) > MOST_FAULTS:
         raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
     faults = tuple(Fault.of_words(one) for one in shake)
     if not whole:
-        yield replace(_named(kind, message, file, routes, seed), shake=faults, hurry_s=hurry_s)
+        yield replace(_named(kind, request, file, routes, seed), shake=faults, hurry_s=hurry_s)
         return
     beside = ("seed", "shake", "hurry_s")
-    mission = Mission.of_json(json.dumps({k: v for k, v in message.items() if k not in beside}))
+    mission = Mission.of_json(json.dumps({k: v for k, v in request.items() if k not in beside}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
         file = unpacked(mission, Path(folder))
         yield MissionPlan(mission, file, seed=seed, shake=faults, hurry_s=hurry_s)
@@ -133,14 +135,14 @@ class StoredRoutes:
 
 
 def _named(
-    kind: str, message: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int
+    kind: str, request: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int
 ) -> MissionPlan:
     match kind:
         case "teach":
-            keep = str(message.get("name") or "lesson")
+            keep = str(request.get("name") or "lesson")
             routes.path(keep)  # a wrong name is refused before anything moves
-            if (drawn := message.get("shape")) is None:
-                closed = message.get("closed")
+            if (drawn := request.get("shape")) is None:
+                closed = request.get("closed")
                 return MissionPlan(
                     Mission("teach"),
                     file,
@@ -149,38 +151,38 @@ def _named(
                     seed=seed,
                 )
             route = shape(
-                str(drawn), _number(message, "size_m", SIZE_M), _number(message, "speed_m_s", SPEED_M_S)
+                str(drawn), _number(request, "size_m", SIZE_M), _number(request, "speed_m_s", SPEED_M_S)
             )
             return MissionPlan(Mission("teach", route=route), file, keep, keep, bool(route.closed), seed)
         case "repeat":
-            name = str(message.get("route", ""))
-            laps = max(0, round(_number(message, "laps", 1)))
-            mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_blocks(message))
+            name = str(request.get("route", ""))
+            laps = max(0, round(_number(request, "laps", 1)))
+            mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_blocks(request))
             return MissionPlan(mission, file, name, seed=seed)
         case "experiment":
             from baqueano.identify.design.signals import excitation
 
-            length_s = min(_number(message, "seconds", SECONDS), MOST_SECONDS)
-            signal = str(message.get("signal", "random_steps")).replace("-", "_")
+            length_s = min(_number(request, "seconds", SECONDS), MOST_SECONDS)
+            signal = str(request.get("signal", "random_steps")).replace("-", "_")
             u = excitation(signal, file.command.limit, length_s, file.rate_hz, seed)
             return MissionPlan(Mission("experiment", u=u), file, seed=seed)
     return MissionPlan(Mission(kind), file, seed=seed)
 
 
-def _blocks(message: JsonObject) -> dict[str, str]:
+def _blocks(request: JsonObject) -> dict[str, str]:
     """Return the blocks of a repetition that are not those of the file."""
-    blocks = message.get("blocks", {})
+    blocks = request.get("blocks", {})
     named = isinstance(blocks, dict) and set(blocks) <= set(ROOMS)
     if not named or not all(isinstance(kind, str) for kind in blocks.values()):
         raise UsageError(fault("mission.damaged", kind="TypeError", error="blocks"))
     return dict(blocks)
 
 
-def _number(message: JsonObject, name: str, usual: float) -> float:
+def _number(request: JsonObject, name: str, usual: float) -> float:
     try:
-        value = float(message.get(name, usual))
+        value = float(request.get(name, usual))
     except (TypeError, ValueError):
         value = float("nan")
     if not np.isfinite(value):
-        raise UsageError(fault("door.not-a-number", name=name, found=repr(message.get(name))))
+        raise UsageError(fault("door.not-a-number", name=name, found=repr(request.get(name))))
     return value

@@ -75,12 +75,12 @@ class SimulatedService:
     def words(self) -> dict[str, Word]:
         """Return the words that the door does not know by itself."""
         return {
-            "pause": lambda guest, message: self._while_holding(guest, self.pace.pause),
-            "go": lambda guest, message: self._while_holding(guest, lambda: self.pace.go(int(message.get("ticks", 0)))),
-            "pace": lambda guest, message: self._while_holding(guest, lambda: self.pace.set(float(message["factor"]))),
-            "routes": lambda guest, message: {"is": "routes", "routes": self.routes.rows()},
-            "shake": lambda guest, message: self._while_holding(guest, lambda: self.shaken.take(message)),
-            "again": lambda guest, message: self._while_holding(guest, lambda: self.shaken.again(guest, message)),
+            "pause": lambda guest, request: self._while_holding(guest, self.pace.pause),
+            "go": lambda guest, request: self._while_holding(guest, lambda: self.pace.go(int(request.get("ticks", 0)))),
+            "pace": lambda guest, request: self._while_holding(guest, lambda: self.pace.set(float(request["factor"]))),
+            "routes": lambda guest, request: {"is": "routes", "routes": self.routes.rows()},
+            "shake": lambda guest, request: self._while_holding(guest, lambda: self.shaken.take(request)),
+            "again": lambda guest, request: self._while_holding(guest, lambda: self.shaken.again(guest, request)),
         }  # fmt: skip
 
     def run(self) -> None:
@@ -107,33 +107,33 @@ class SimulatedService:
             machine.go("ready")
         self.publish()
 
-    def take(self, request: str, attended: bool, name: str = "") -> None:
+    def take(self, mission_json: str, attended: bool, name: str = "") -> None:
         """Drive a mission, and tell how the one of this name ended; nothing that is wrong with it ends the service."""
         self._drives += 1
         done: JsonObject = {"is": "done", "id": name, "run": None}
-        why, code = outcome_of(lambda: self._drive_mission(request, attended, done))
+        why, code = outcome_of(lambda: self._drive_mission(mission_json, attended, done))
         self._plan = self._record = self._run = None
         self.publish(at_once=True)
         self.operator.free()
         self.tell({"why": why, "code": code} | done)
         self.shaken.ask_again()
 
-    def _drive_mission(self, request: str, attended: bool, done: JsonObject) -> None:
+    def _drive_mission(self, mission_json: str, attended: bool, done: JsonObject) -> None:
         """Drive a mission as far as it comes; `done` is told of it then."""
         self.file = refreshed(self.file)
-        with planned(request, self.file, self.routes, self.seed + self._drives - 1) as plan:
+        with planned(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
             try:
                 by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
                 self.machine.go("manual" if by_hand else "mission")
                 self._plan, self._run = plan, path.name
                 self.publish(at_once=True)
-                why, code = outcome_of(lambda: self._driven(plan, request, attended, path))
-                meant = why is None or code or self.operator.done
+                why, code = outcome_of(lambda: self._driven(plan, mission_json, attended, path))
+                regular_end = why is None or code or self.operator.done
                 late = self.operator.why(
                     attended=False
                 )  # said while the drive was prepared, or its run closed
-                stopped = late if meant else why
+                stopped = late if regular_end else why
                 self.machine.go("done" if stopped is None else "stop", stopped)
                 self.operator.forget(stopped)
                 done |= {"run": path.name if path.exists() else None, "why": why, "code": code}
@@ -142,7 +142,7 @@ class SimulatedService:
             finally:
                 release(path)
 
-    def _driven(self, plan: MissionPlan, request: str, attended: bool, path: Path) -> Diagnostic | None:
+    def _driven(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
         """Return why the vehicle was stopped, None if nothing stopped it."""
         truth, start = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
@@ -154,7 +154,7 @@ class SimulatedService:
         observers = (
             watching,
             Adjusting(self.operator, self.tell, plan.mission.blocks),
-            self.shaken.begin(plan, world, request, attended),
+            self.shaken.begin(plan, world, mission_json, attended),
         )
         try:
             perform(

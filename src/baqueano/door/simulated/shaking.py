@@ -41,9 +41,9 @@ class FaultWords:
         self._by_hand = False
         self._again: tuple[object, JsonObject, bool, float] | None = None
 
-    def begin(self, plan: "MissionPlan", world: "ShakenWorld", request: str, attended: bool) -> Observer:
+    def begin(self, plan: "MissionPlan", world: "ShakenWorld", mission_json: str, attended: bool) -> Observer:
         """A drive begins; its observer."""
-        mission = {k: v for k, v in json.loads(request).items() if k != "hurry_s"} | {"seed": plan.seed}
+        mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
         self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
         self._world, self._last = world, (mission, attended, world)
         return _LedgerKeeper(self, plan, world)
@@ -52,28 +52,28 @@ class FaultWords:
         """The drive is over."""
         self._world = None
 
-    def take(self, message: JsonObject) -> None:
+    def take(self, request: JsonObject) -> None:
         """Let a fault begin or end. UsageError where nothing drives, or for a wrong fault."""
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
-        if "over" in message:
-            world.over(int(message["over"]))
+        if "over" in request:
+            world.over(int(request["over"]))
         else:
-            world.shake({name: value for name, value in message.items() if name not in ("do", "is", "at_s")})
+            world.shake({name: value for name, value in request.items() if name not in ("do", "is", "at_s")})
 
-    def again(self, guest: object, message: JsonObject) -> None:
+    def again(self, guest: object, request: JsonObject) -> None:
         """Ask for the last mission again. UsageError where nothing was driven, or a hand drove it."""
         if self._last is None:
             raise UsageError(fault("shake.no-mission"))
         if self._by_hand:
             raise UsageError(fault("shake.by-hand"))
         mission, attended, world = self._last
-        without = {int(n) for n in message["without"]} if message.get("without") is not None else None
+        without = {int(n) for n in request["without"]} if request.get("without") is not None else None
         faults = [
             one.to_json() for number, one in enumerate(world.faults, 1)
             if without is not None and number not in without
         ]  # fmt: skip
-        hurry = {"hurry_s": max(0.0, float(message.get("from_s", 0.0)))}
+        hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
         self._again = guest, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
         if self._operator.taken:
             self._operator.end(guest)

@@ -81,7 +81,7 @@ class Cockpit(Observer):
         self._limit = np.where(np.isfinite(limit), limit, 1.0)
         n = len(self._limit)
         self.status = screen.Status(
-            name, wanted=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share,
+            name, requested=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share,
             hold=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
@@ -120,13 +120,13 @@ class Cockpit(Observer):
             raise KeyboardInterrupt
         now_s = self._now()
         self._listen(now_s)
-        ahead, left = (0.0, 0.0) if self._stop or self._ended else self._wanted(now_s)
+        ahead, left = (0.0, 0.0) if self._stop or self._ended else self._direction(now_s)
         u = np.zeros(len(self._limit))
         u[0], u[-1] = ahead, left
-        self.status.wanted = u * self.status.share * self._limit * self.near  # (1)
+        self.status.requested = u * self.status.share * self._limit * self.near  # (1)
         self.status.still = self._still()
         self._draw(now_s)
-        return self.status.wanted.copy()
+        return self.status.requested.copy()
 
     @property
     def near(self) -> float:
@@ -186,7 +186,7 @@ class Cockpit(Observer):
         """Return the request to the motors where the driver wants straight on, for the screen."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:
-            straight = s.wanted[0] != 0.0 and s.wanted[-1] == 0.0
+            straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
 
     def _still(self) -> str:
@@ -195,7 +195,7 @@ class Cockpit(Observer):
         by_pad = self._pad is not None and self._pad.holds
         short = None
         if by_pad or not self._key_hold.nudges:
-            short = short_of_motion(self._drivetrain, self.status.wanted)
+            short = short_of_motion(self._drivetrain, self.status.requested)
         if short is None:
             return ""
         more = _("push further, or press +") if by_pad else _(MORE[self._key_hold.way])
@@ -278,10 +278,10 @@ class Cockpit(Observer):
         self._key_hold.way = self._plain if self._key_hold.way == LATCHED else LATCHED
         self.status.way = HOW[self._key_hold.way]
 
-    def _wanted(self, now_s: float) -> tuple[float, float]:
+    def _direction(self, now_s: float) -> tuple[float, float]:
         if self._pad is not None and self._pad.holds:
-            return self._pad.wanted()
-        return self._key_hold.wanted(now_s)
+            return self._pad.direction()
+        return self._key_hold.direction(now_s)
 
     def _draw(self, now_s: float) -> None:
         if now_s - self._drawn_s < DRAW_S:

@@ -85,7 +85,7 @@ class KeyHold:
         elif event.kind in (PRESS, REPEAT):
             self._again(event.key, now_s)
 
-    def wanted(self, now_s: float) -> tuple[float, float]:
+    def direction(self, now_s: float) -> tuple[float, float]:
         """(ahead, to the left) at this time [s]."""
         if self.way == LATCHED:
             return self._set

@@ -172,15 +172,17 @@ class _Growing:
         blocks = room_for(blocks, terms)
         records = records_of(runs, blocks, only, options)
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
-        wanted = free_parameters(blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths})
+        candidates = free_parameters(
+            blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths}
+        )
         u = np.concatenate([r.u for r in records])
-        blocks, wanted = enable_parameters(blocks, wanted, file.rate_hz, u, past_of(runs))
+        blocks, candidates = enable_parameters(blocks, candidates, file.rate_hz, u, past_of(runs))
         records = with_voltage(records, runs, blocks)
-        self.paths = [one.path for one in wanted]
-        shape = shape_of(blocks, wanted, records, options)
+        self.paths = [one.path for one in candidates]
+        shape = shape_of(blocks, candidates, records, options)
         rest = [begins_at_rest(run, blocks.sensors) for run in runs]
         every = HeldOut(blocks, shape, records, rest, len(validation_runs), how.options.backend)
-        theta, every.low, every.high = first_theta(blocks, wanted, shape, records, FitOptions())
+        theta, every.low, every.high = first_theta(blocks, candidates, shape, records, FitOptions())
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are none
         if LAG in self.paths:

@@ -246,13 +246,13 @@ class Mpu6050:
 
     def _remembers(self, now: int) -> bool:
         """Return True if the chip still has its registers; else it is being started again."""
-        wanted = bytes(self._registers())
-        stored = self.device.read(SMPLRT_DIV, len(wanted))
+        expected = bytes(self._registers())
+        stored = self.device.read(SMPLRT_DIV, len(expected))
         control, power = self.device.read(USER_CTRL, 2)
-        if stored == wanted and power == PLL_X and control & FIFO_ON == self._control:
+        if stored == expected and power == PLL_X and control & FIFO_ON == self._control:
             return True
         lost = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.tell(now, lost, power=power, found=stored.hex(), expected=wanted.hex())
+        self._watch.tell(now, lost, power=power, found=stored.hex(), expected=expected.hex())
         self._restart(now, quietly=True)
         self._start_reported = True
         return False

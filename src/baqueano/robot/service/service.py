@@ -203,9 +203,9 @@ class Service:
             self.journal.end()
             self.health.limits = self.hardware
             self.patience(HANGING_S)
-        meant = why is None or code or self.operator.done
+        regular_end = why is None or code or self.operator.done
         late = self.operator.why(attended=False)  # said while the drive was prepared, or its run closed
-        stopped = late if meant else why
+        stopped = late if regular_end else why
         self.machine.go("done" if stopped is None else "stop", stopped)
         self.operator.forget(stopped)
         self._run = self._mission = None

@@ -208,7 +208,7 @@ class Uno:
         question: Any,
         answer: type[Reply],
         wait: Callable[[float], object] = time.sleep,
-        meant: Callable[[Reply], bool] = lambda reply: True,
+        accepts: Callable[[Reply], bool] = lambda reply: True,
     ) -> Reply:
         """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
         none comes within ANSWER_S."""
@@ -222,7 +222,7 @@ class Uno:
             wait(0.002)
             self.pump()
             answered = self._replies.pop(answer, answered)
-            if answered is not None and meant(answered):
+            if answered is not None and accepts(answered):
                 return answered
         if answered is not None:
             raise RobotUnreachable(fault("uno.refused-number", question=str(question), said=str(answered)))

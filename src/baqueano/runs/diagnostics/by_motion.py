@@ -175,16 +175,16 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
     if not max(np.std(predicted), np.std(a[:, 1])) > FELT_M_S2 or not np.isfinite(a).all():
         return []
     of_speed = {1.0 / r: line for r, line in _lines("speed", speed).items()} if speed else {}
-    meant = [_lines("acceleration", x) | of_speed, _lines("acceleration", y) | of_speed]
+    lines_by_axis = [_lines("acceleration", x) | of_speed, _lines("acceleration", y) | of_speed]
     if motion.run.truth is None:
         in_g = _lines("acceleration", y, "g")
         for r, line in _lines("angular rate", gyro, "rad/s", "deg/s").items():
-            meant[1] |= {1.0 / r: line} | {
+            lines_by_axis[1] |= {1.0 / r: line} | {
                 one / r: note("recording.list", first=line, then=more)
                 for one, more in in_g.items()
                 if r > 1.0
             }
-    channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in meant]
+    channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in lines_by_axis]
     along, across = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
     if along.code == "swapped":
         first, second = along.relation.correlation, across.relation.correlation
