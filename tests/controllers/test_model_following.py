@@ -131,7 +131,7 @@ def test_the_garages_vehicle_drives_evenly(shape, perfect):
     assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
 
 
-def test_it_bears_a_tenth_of_a_second_of_delay_that_nobody_told_it():
+def test_it_bears_an_unmodelled_delay_of_a_tenth_of_a_second():
     route, across = SHAPES["sinuous"](0.2), []
     for delay_s in (0.01, 0.11):
         late = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
@@ -251,7 +251,7 @@ def test_a_law_of_ones_own_is_a_controller():
     assert pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).error < 0.05
 
 
-def test_a_follower_without_a_law_says_what_to_write():
+def test_a_follower_without_a_law_names_the_method_to_write():
     with pytest.raises(NotImplementedError, match=r"write velocity_law\(memory, now\)"):
         settled(ModelFollower(SMALL.vehicle, limit=np.ones(3)), [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0])
 

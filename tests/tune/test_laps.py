@@ -17,7 +17,7 @@ def laps():
     return simulated_laps(load("small"), ROUTE)
 
 
-def test_a_lap_costs_what_tune_says(laps):
+def test_the_cost_of_a_lap_equals_that_of_tune(laps):
     own = laps.space.before
     lap, tuned = laps.lap(own), rehearse(load("small"), ROUTE)
     assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(tuned.cost(own), rel=1e-9)
@@ -37,13 +37,13 @@ def test_the_slope_is_that_of_differences(laps, price):
 def test_a_descent_goes_down_step_by_step_within_the_bounds(laps):
     space = laps.space
     start = space.low + 0.05 * (space.high - space.low)
-    found = descend(lambda g: laps.cost_and_gradient(g, 0.1), start, space.low, space.high)
-    costs = [laps.cost_and_gradient(g, 0.1)[0] for g in found.way]
+    descent = descend(lambda g: laps.cost_and_gradient(g, 0.1), start, space.low, space.high)
+    costs = [laps.cost_and_gradient(g, 0.1)[0] for g in descent.way]
     assert np.all(np.diff(costs) <= 1e-12)
-    assert costs[0] == pytest.approx(found.costs[0])
-    assert costs[-1] == pytest.approx(found.cost)
-    assert np.all(found.gains >= space.low)
-    assert np.all(found.gains <= space.high)
+    assert costs[0] == pytest.approx(descent.costs[0])
+    assert costs[-1] == pytest.approx(descent.cost)
+    assert np.all(descent.gains >= space.low)
+    assert np.all(descent.gains <= space.high)
 
 
 def test_another_controller_has_its_own_gains():

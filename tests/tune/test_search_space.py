@@ -1,4 +1,4 @@
-"""Gains of any controller: entries of arrays, classes of one's own, and what the vehicle file then says."""
+"""Gains of any controller: entries of arrays, classes of one's own, and the vehicle file with them."""
 
 import numpy as np
 import pytest

@@ -77,7 +77,7 @@ def test_tuned_gains_drive_better_than_those_of_the_file(tuned):
     assert tuned.verdict in (Verdict.USABLE, Verdict.WARN)
 
 
-def test_what_it_says_has_a_row_per_gain_and_the_history_of_the_search(tuned):
+def test_the_result_has_a_row_per_gain_and_the_history_of_the_search(tuned):
     rows = tuned.rows()
     assert [row["name"] for row in rows] == ["alpha", "beta", "gamma"]
     assert all(row["low"] <= row["value"] <= row["high"] for row in rows)
