@@ -110,12 +110,12 @@ def _silent(over: threading.Event) -> bool:
         return False
     if not stat.S_ISFIFO(kind) and not stat.S_ISSOCK(kind):
         return False
-    heard_s = float("inf")
+    last_beat_s = float("inf")
     while not over.is_set():
         if select.select([STDIN], [], [], LOOK_S)[0]:
             if not os.read(STDIN, 4096):
                 return True
-            heard_s = time.monotonic()
-        elif time.monotonic() - heard_s > SILENCE_S:
+            last_beat_s = time.monotonic()
+        elif time.monotonic() - last_beat_s > SILENCE_S:
             return True
     return False

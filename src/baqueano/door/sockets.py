@@ -253,7 +253,7 @@ class Door:
             "ping": lambda: guest.say({"is": "pong", "token": request.get("token")}),
             "end": lambda: self.operator.end(guest),
             "stop": lambda: self._stop(guest, _reason(request.get("why"))),
-            "clear": lambda: setattr(self.operator, "clear_asked", True),
+            "clear": lambda: setattr(self.operator, "clear_requested", True),
             "runs": lambda: guest.send_line(self._files.list()),
             "fetch": lambda: self._files.fetch(guest, str(request["run"]), self._stays),
             "watch": lambda: self._watch(guest, request),

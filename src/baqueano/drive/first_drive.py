@@ -22,7 +22,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import CarefulController
 from baqueano.diagnostics import Diagnostic, fault, joined
-from baqueano.drive.first_drive_pulses import GROWTH, SEEN, STEP, Careful
+from baqueano.drive.first_drive_pulses import GROWTH, SIGNIFICANT, STEP, Careful
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
@@ -97,7 +97,7 @@ class FirstDrive(Result):
     @property
     def moved(self) -> int:
         """Pulses that moved the vehicle."""
-        return sum(p.significance > SEEN for p in self.pulses)
+        return sum(p.significance > SIGNIFICANT for p in self.pulses)
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per pulse."""
@@ -106,7 +106,7 @@ class FirstDrive(Result):
                 "command": " ".join(f"{x:g}" for x in p.u),
                 "v_m_s": p.v,
                 "turn_rad": p.turn,
-                "moved": p.significance > SEEN,
+                "moved": p.significance > SIGNIFICANT,
             }
             for p in self.pulses
         ]
@@ -278,7 +278,7 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
     for a, b in zip(begin, end, strict=True):
         rows = slice(a, b + round(AFTER_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
         simulated.append([_largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])])
-    significant, gains, left = np.array([p.significance > SEEN for p in pulses], bool), [], 0.0
+    significant, gains, left = np.array([p.significance > SIGNIFICANT for p in pulses], bool), [], 0.0
     for x, y in zip(
         np.reshape(simulated, (-1, 2)).T, ([p.v for p in pulses], [p.turn for p in pulses]), strict=True
     ):
@@ -295,7 +295,7 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
     turn, both, var = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
         for wheel, forward in enumerate((ways[0], ways[2])):
-            if p.significance > SEEN and _along(p.u, forward):
+            if p.significance > SIGNIFICANT and _along(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn * np.sign(p.u @ forward) * side
                 both[wheel] += p.v * p.turn * side  # v goes with the turn: the large pulses count most
@@ -316,7 +316,7 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
 
 def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
     """The smallest part of `way` (n,) that moved the vehicle, NaN if none did."""
-    return min(_levels([p for p in pulses if p.significance > SEEN], way), default=float("nan"))
+    return min(_levels([p for p in pulses if p.significance > SIGNIFICANT], way), default=float("nan"))
 
 
 def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:

@@ -97,7 +97,7 @@ class SimulatedService:
     def idle(self) -> None:
         """Look at stops and their end while nothing drives."""
         machine = self.machine
-        cleared, self.operator.clear_asked = self.operator.clear_asked, False
+        cleared, self.operator.clear_requested = self.operator.clear_requested, False
         if (stopped := self.operator.why(attended=False)) is not None:
             self.operator.forget(stopped)
             machine.go("stop", stopped)

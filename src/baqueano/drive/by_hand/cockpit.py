@@ -90,8 +90,8 @@ class Cockpit(Observer):
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
         self._begun_s = now()
         self._stop: Diagnostic | None = None
-        self._ended, self._told_stop = False, False
-        self._marks, self._new_marks, self._said_marks = 0, 0, 0
+        self._ended, self._stop_sent = False, False
+        self._marks, self._new_marks, self._sent_marks = 0, 0, 0
 
     def __enter__(self) -> "Cockpit":
         self._line = terminal() if self._given is None else self._given
@@ -115,8 +115,8 @@ class Cockpit(Observer):
 
     def __call__(self) -> np.ndarray:
         """The command (n,) wanted now.  KeyboardInterrupt once the driver has ended the drive."""
-        untold = self._new_marks and self._said_marks < self._marks
-        if self._ended and not untold:
+        unsent = self._new_marks and self._sent_marks < self._marks
+        if self._ended and not unsent:
             raise KeyboardInterrupt
         now_s = self._now()
         self._listen(now_s)
@@ -150,10 +150,10 @@ class Cockpit(Observer):
 
     def words(self) -> list[TableRow]:
         """Return the driver's messages to the vehicle besides the command, since the last call."""
-        commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._said_marks)
-        self._said_marks = self._marks
-        if self._stop and not self._told_stop:
-            self._told_stop = True
+        commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._sent_marks)
+        self._sent_marks = self._marks
+        if self._stop and not self._stop_sent:
+            self._stop_sent = True
             commands.append({"do": "stop", "why": self._stop})
         return commands
 

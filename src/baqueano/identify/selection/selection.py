@@ -162,7 +162,7 @@ class _Growing:
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = how
-        self.how, self.said_least, self.terms, self.say = how, least, terms, say
+        self.how, self.least_paths, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
@@ -253,7 +253,7 @@ class _Growing:
         near, close_s = {}, NEAR / bare.rate_hz
         if DELAY in taken:
             near = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
-        return self.how.fit(file, [*self.said_least, *taken], {p: values[p] for p in self.said_least}, near)
+        return self.how.fit(file, [*self.least_paths, *taken], {p: values[p] for p in self.least_paths}, near)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """The model with `terms`, its noise found anew."""

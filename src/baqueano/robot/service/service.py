@@ -133,7 +133,7 @@ class Service:
     def _cleared(self) -> bool:
         """Return True if a stop is over. After a request each look clears the latch of the Uno, until telemetry
         shows that it is gone: a frame may be lost."""
-        clear_requested, self.operator.clear_asked = self.operator.clear_asked, False
+        clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         trouble = self.uno.trouble
         gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
         self._clearing = clear_requested or (self._clearing and not gone)

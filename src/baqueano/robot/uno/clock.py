@@ -45,10 +45,10 @@ class UnoClock:
         self._last_us = max(self._last_us, now)
         return now
 
-    def answered(self, sent_ns: int, device_us: int, heard_ns: int) -> None:
+    def answered(self, sent_ns: int, device_us: int, received_ns: int) -> None:
         """Add a ping. `device_us` as `unwrapped` gives it."""
-        self._answers.append(PongTimes(device_us, (sent_ns + heard_ns) // 2, heard_ns - sent_ns))
-        while heard_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
+        self._answers.append(PongTimes(device_us, (sent_ns + received_ns) // 2, received_ns - sent_ns))
+        while received_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()
         parts: dict[int, PongTimes] = {}
         for answer in self._answers:

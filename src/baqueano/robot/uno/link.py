@@ -45,7 +45,7 @@ KEPT = 2000  # telemetry that nobody asked for: 20 s
 ANSWER_S = 1.0  # within which a question outside a drive is answered
 ASK_AGAIN_S = 0.2
 SILENCE_US = 500_000  # in which fewer than 128 frames are sent
-HEARD_S = 0.01  # within which what is sent is heard: telemetry of later shows it
+ARM_DELAY_S = 0.01  # within which what is sent is heard: telemetry of later shows it
 ARMING_S = 0.2  # for which arming is said again, before it is a trouble
 MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
 LASTING = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # until telemetry no longer says them
@@ -361,7 +361,7 @@ class Uno:
                 self.trouble = stop(StopReason.UNO_DEAD_MAN, silent_ms=state.drive_age_ms)
         elif self._armed and self._confirmed:
             self.trouble = stop(StopReason.UNO_DISARMED)
-        elif self._armed and t_ns - self._armed_ns > HEARD_S * 1e9:
+        elif self._armed and t_ns - self._armed_ns > ARM_DELAY_S * 1e9:
             self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
             if t_ns - self._unarmed_ns > ARMING_S * 1e9:
                 self.trouble = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_S)
