@@ -8,7 +8,8 @@ r_a of the accelerometer, over two windows of τ that follow one another,
     φ = Σ w A B / Σ w (B² − 6 q/τ²),   q the variance of white noise in r_v, w = 1/mean A² of each τ     (2)
 
 φ is 1 where the accelerometer measures all of it, 0 where only the wheels do; its own noise does not change the mean.
-An accelerometer does not measure a slope. Its push goes with the heading, so what cos ψ, sin ψ and their integrals explain leaves B.
+An accelerometer does not measure a slope. Its push goes with the heading, so what cos ψ, sin ψ and their integrals
+explain leaves B.
 The upper end of the 95 % interval counts, of blocks drawn with replacement: what is not clearly contradicted stays.
 """
 
