@@ -19,7 +19,7 @@ def benches(smallest: bool) -> list[Bench]:
     """Time of all laps; the costs are the same."""
     file, count = load("case-study-1"), 16 if smallest else 10_000
     laps = simulated_laps(file, ROUTE)
-    low, high = laps.asked.low, np.minimum(laps.asked.high, [200.0, 200.0, 20.0])
+    low, high = laps.space.low, np.minimum(laps.space.high, [200.0, 200.0, 20.0])
     gains = np.random.default_rng(1).uniform(low, high, (count, 3))
     theta, m, I = peers.parameters()
     start = compose(ROUTE.eta[0], np.array([-ASIDE_M, ASIDE_M, 0.0]))

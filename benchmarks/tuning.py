@@ -28,8 +28,8 @@ def benches(smallest: bool) -> list[Bench]:
 
     file = load("case-study-1")
     rehearsal = rehearse(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)
-    low, high = rehearsal.asked.low, rehearsal.asked.high
-    fixed = {name: (l, h) for name, l, h in zip(rehearsal.asked.names, low, high, strict=True)}
+    low, high = rehearsal.space.low, rehearsal.space.high
+    fixed = {name: (l, h) for name, l, h in zip(rehearsal.space.names, low, high, strict=True)}
     found = ours(file, duration_s, fixed)
     theta, m, I = peers.parameters()
     weights, limit, ticks = found.weights, file.command.limit, round(duration_s * file.rate_hz)

@@ -53,8 +53,8 @@ def current() -> str:
     >>> current()
     'en'
     """
-    wanted = _reader.get() or _chosen or os.environ.get(VARIABLE) or _of_the_system()
-    language = wanted.partition("_")[0].partition(".")[0].lower()
+    tag = _reader.get() or _chosen or os.environ.get(VARIABLE) or _of_the_system()
+    language = tag.partition("_")[0].partition(".")[0].lower()
     return language if language in LANGUAGES else "en"
 
 

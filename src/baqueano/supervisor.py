@@ -44,7 +44,7 @@ class SupervisorState(NamedTuple):
 
     stopped: float  # 1.0 for good, once there was a reason
     reason: float  # index into REASONS
-    heard_ns: int  # when the IMU last spoke; -1 before the first tick
+    imu_ns: int  # when the IMU last spoke; -1 before the first tick
 
 
 @documented
@@ -78,7 +78,7 @@ class Supervisor:
         self, state: SupervisorState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[SupervisorState, Command]:
         """The command (n,) that may reach the motors."""
-        heard_ns: Value = np.where((self._has(tick) > 0.0) | (state.heard_ns < 0), tick.t_ns, state.heard_ns)
+        imu_ns: Value = np.where((self._has(tick) > 0.0) | (state.imu_ns < 0), tick.t_ns, state.imu_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
         numbers = np.concatenate([eta, nu, cov.reshape(-1)])
         faults = (  # in the order of REASONS
@@ -87,7 +87,7 @@ class Supervisor:
             np.hypot(*np.minimum(np.abs(nu[:2]), SQUARABLE)) > self.max_speed_m_s,
             np.abs(nu[2]) > self.max_yaw_rate_rad_s,
             position_std(cov) > self.max_position_std_m,
-            seconds(tick.t_ns, heard_ns) > self.imu_timeout_s,
+            seconds(tick.t_ns, imu_ns) > self.imu_timeout_s,
         )
         reason: Value = 0.0
         for code in range(len(faults), 0, -1):
@@ -95,7 +95,7 @@ class Supervisor:
         reason = np.where(state.stopped > 0.0, state.reason, reason)
         stopped: Value = np.where(reason > 0.0, 1.0, 0.0)
         u = np.where(stopped > 0.0, 0.0, np.clip(command.u, -self.limit, self.limit))
-        return SupervisorState(stopped, reason, heard_ns), Command(command.t_ns, u)
+        return SupervisorState(stopped, reason, imu_ns), Command(command.t_ns, u)
 
     def _has(self, tick: Tick) -> Value:
         return getattr(tick.sensors, self.watch).has if self.watch in tick.sensors._fields else 1.0
@@ -283,7 +283,7 @@ def _as_written(block: Tree) -> Tree:
 
 
 def _to_blame(block: Tree, files: Container[str | None]) -> Tree:
-    """Return the innermost part of a block whose file an error came through; the block itself if it has none."""
+    """Return the innermost part of a block whose file an error came through; the block itself if it lacks parts."""
     block = _as_written(block)
     inside = [_to_blame(getattr(block, name), files) for name in optional.of(block, "goes_around")]
     return next((part for part in inside if _file_of(part) in files), block)

@@ -157,6 +157,6 @@ def test_white_innovations_are_white_and_slow_ones_are_not():
     assert np.all(consistency.whiteness(slow, S) > 0.9)
 
 
-def test_without_scipy_the_message_says_what_to_type(without_scipy):
+def test_without_scipy_the_message_gives_the_command_to_type(without_scipy):
     with refused("lab.scipy-for-bands", UsageError):
         consistency._limits(10.0, 0.05)

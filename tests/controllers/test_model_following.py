@@ -131,7 +131,7 @@ def test_the_garages_vehicle_drives_evenly(shape, perfect):
     assert sign_changes(run.t_ns, run.sent[:, 0]) == 0.0
 
 
-def test_it_bears_a_tenth_of_a_second_of_delay_that_nobody_told_it():
+def test_it_bears_an_unmodelled_delay_of_a_tenth_of_a_second():
     route, across = SHAPES["sinuous"](0.2), []
     for delay_s in (0.01, 0.11):
         late = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
@@ -222,7 +222,7 @@ def test_the_gain_of_the_regulator_solves_the_riccati_equation_of_scipy():
 
     law, v, w, dt = SMALL.controller("lqr"), 0.25, 0.4, 0.01
     now = Tracking(np.zeros(3), 0.0, np.array([v, 0.0, w]), w / v, 1.0, dt)
-    step = function(law.wants, law.memory(), now)
+    step = function(law.velocity_law, law.memory(), now)
     P = law.memory()
     for _ in range(3000):
         P, _ = step(P, now)
@@ -240,7 +240,7 @@ def test_the_gain_of_the_regulator_solves_the_riccati_equation_of_scipy():
 class ByHeading(ModelFollower):
     """A student's law in four lines."""
 
-    def wants(self, memory, now):
+    def velocity_law(self, memory, now):
         return memory, (now.nu_f[0], now.nu_f[2] + 3.0 * now.e_chi)
 
 
@@ -251,8 +251,8 @@ def test_a_law_of_ones_own_is_a_controller():
     assert pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0]).error < 0.05
 
 
-def test_a_follower_without_a_law_says_what_to_write():
-    with pytest.raises(NotImplementedError, match=r"write wants\(memory, now\)"):
+def test_a_follower_without_a_law_names_the_method_to_write():
+    with pytest.raises(NotImplementedError, match=r"write velocity_law\(memory, now\)"):
         settled(ModelFollower(SMALL.vehicle, limit=np.ones(3)), [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0])
 
 

@@ -38,8 +38,8 @@ def drive(controller, file, route, start, seconds, speed=0.0):
         t_s, t_ns = k / HZ, round(k * 1e9 / HZ)
         eta = np.array([np.interp(t_s, route.t_s, column) for column in route.eta.T])
         nu = np.array([np.interp(t_s, route.t_s, column) for column in route.nu.T])
-        believed = Estimate(t_ns, motion.eta, motion.nu, np.eye(6))
-        state, command = controller.step(state, Reference(t_ns, eta, nu, 0.0), believed)
+        estimate = Estimate(t_ns, motion.eta, motion.nu, np.eye(6))
+        state, command = controller.step(state, Reference(t_ns, eta, nu, 0.0), estimate)
         motion, _ = vehicle.step(motion, command.u, 1.0 / HZ, np.zeros(3))
         poses.append(motion.eta)
         commands.append(command.u)
@@ -76,7 +76,7 @@ def test_it_drives_a_vehicle_of_ones_own_which_it_never_met():
     assert np.ptp(u, axis=0).min() > 0.05  # all three wheels
 
 
-def test_no_motor_is_asked_for_more_than_it_has():
+def test_no_command_exceeds_the_limit_of_its_motor():
     _, u = drive(law(), SMALL, line(4.0, 2.0), (0.0, 0.1, 0.5), 2.0)
     wheels = np.abs(u[:, 0]) + np.abs(u[:, 2])
     assert np.max(wheels) <= 1.0 + 1e-9
@@ -130,9 +130,9 @@ def test_a_tick_in_which_the_solver_fails_stands_in_the_run(monkeypatch):
 
     monkeypatch.setattr(BoundedProgram, "solve", fails_twice)
     run = repeat(SMALL, line(1.0, 0.2), controller=Mpc, duration_s=1.0)
-    found = [event for event in run.events if event.source == "controller"]
-    assert [(one.diagnostic.code, one.level) for one in found] == [("mpc.old-plan", "warning")] * 2
-    assert np.diff([one.t_ns for one in found]) == pytest.approx(20e9 / SMALL.rate_hz)
+    events = [event for event in run.events if event.source == "controller"]
+    assert [(one.diagnostic.code, one.level) for one in events] == [("mpc.old-plan", "warning")] * 2
+    assert np.diff([one.t_ns for one in events]) == pytest.approx(20e9 / SMALL.rate_hz)
     assert stop_of(run) is None
 
 
@@ -149,7 +149,7 @@ AS_WRITTEN = ("simulate.as-written", {"room": "controller", "block": "Mpc"})
     ],
     ids=["simulate_loop", "tune", "forecast", "study driving"],
 )
-def test_what_needs_a_compiled_step_refuses_it_and_says_what_to_type(use, code, figures):
+def test_a_use_that_needs_a_compiled_step_refuses_it_and_gives_the_command_to_type(use, code, figures):
     with refused(code, UsageError, **figures):
         use(SMALL.with_values({"controller.kind": "mpc"}), circle(0.3, 0.2))
 
@@ -160,7 +160,7 @@ def test_as_it_is_written_a_loop_is_simulated_with_it():
     assert run.truth.nu[-1, 0] > 0.02
 
 
-def test_without_its_solver_it_says_what_to_type(monkeypatch):
+def test_without_its_solver_it_gives_the_command_to_type(monkeypatch):
     monkeypatch.setitem(sys.modules, "osqp", None)
     ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
     with refused("mpc.no-solver", UsageError):

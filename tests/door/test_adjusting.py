@@ -62,7 +62,7 @@ def test_a_gain_counts_from_the_next_tick_and_is_an_event_of_the_run():
         ("controller.k_x", 10**400, "door.not-a-number"),
     ],
 )
-def test_what_cannot_be_set_changes_nothing_and_is_reported(path, value, code):
+def test_a_change_that_is_not_allowed_is_reported_and_changes_nothing(path, value, code):
     own = load("small").controller()
     one = Adjustable(own)
     with refused(code):
@@ -70,7 +70,7 @@ def test_what_cannot_be_set_changes_nothing_and_is_reported(path, value, code):
     assert one.block is own
 
 
-def test_a_refused_change_ends_no_drive():
+def test_a_refused_change_does_not_end_the_drive():
     _, run, told = driven(("supervisor.imu_timeout_s", 99.0), ("controller.k_x", "x"))
     _, same, _ = driven()
     np.testing.assert_array_equal(run.requested, same.requested)
@@ -100,7 +100,7 @@ def test_a_pace_pauses_the_guide_and_goes_on_and_stands_in_the_run():
 
 
 @pytest.mark.parametrize("value", [1.5, -0.1, float("nan"), "slow", None])
-def test_a_pace_that_is_none_is_refused_and_the_drive_goes_on(value):
+def test_a_wrong_pace_is_refused_and_the_drive_goes_on(value):
     _, run, told = driven(("guide.pace", value))
     assert [message["said"].code for message in told] == ["door.guide-pace"]
     assert run.reference.done[-1] == 1.0

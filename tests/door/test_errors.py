@@ -12,7 +12,7 @@ KINDS = [AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop]
 
 
 def vehicle(**said):
-    """One that says this."""
+    """A service that answers with this error."""
     return Remote(io.BytesIO(), io.BytesIO(json.dumps(said).encode() + b"\n"), "rover")  # type: ignore[arg-type]
 
 

@@ -1,4 +1,4 @@
-"""A door that holds: a stop is read before all else, guests, lines and memory are bounded, whatever is said."""
+"""A door that holds: a stop is read before all else, guests, lines and memory are bounded for any input."""
 
 import json
 import socket
@@ -52,7 +52,7 @@ def turns(door, monkeypatch):
 
 
 class Flood(threading.Thread):
-    """Somebody who says a word without end, and reads what is answered."""
+    """A guest that sends a word again and again, and reads the answers."""
 
     def __init__(self, person, word=RUNS):
         super().__init__(daemon=True)
@@ -91,7 +91,7 @@ def test_rt15_a_stop_is_taken_before_the_lines_of_five_who_flood_the_door(door, 
         flood.end()
 
 
-def test_a_stop_is_taken_before_the_lines_that_its_own_guest_said_earlier(door, come, turns):
+def test_a_stop_is_taken_before_earlier_lines_of_its_own_guest(door, come, turns):
     one = come()
     one.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.why(False) is not None)
@@ -129,8 +129,8 @@ def test_no_beat_behind_a_long_mission_is_dropped_and_a_second_mission_is():
     with ours, theirs:
         ours.setblocking(False)
         guest, mission = Guest(ours), b'{"do": "mission", "mission": "' + b"7" * LONG + b'"}\n'
-        said = mission + BEAT * 100 + mission + BEAT * 100
-        sender = threading.Thread(target=theirs.sendall, args=(said,))
+        lines = mission + BEAT * 100 + mission + BEAT * 100
+        sender = threading.Thread(target=theirs.sendall, args=(lines,))
         sender.start()
         until(lambda: not list(guest.receive()) and len(guest.lines) + guest.dropped == 202)
         sender.join()
@@ -170,7 +170,7 @@ def test_at_most_so_many_guests_and_a_stop_is_received_though_all_places_are_tak
     assert more[0].file.readline() == b""
 
 
-def test_lines_without_an_end_are_held_by_one_guest_at_a_time(door, come):
+def test_one_guest_at_a_time_may_have_a_line_without_an_end(door, come):
     people = [come() for _ in range(12)]
     for one in people:
         one.line.settimeout(20.0)

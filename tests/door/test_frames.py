@@ -80,7 +80,7 @@ def test_a_row_holds_the_numbers_of_its_tick(driven):
 
 def test_ticks_come_once_and_in_order_for_any_turns_of_the_door(driven):
     file, listening, _ = driven
-    drive, frames, shown, seen = DriveRows(file), Frames(), 0, []
+    drive, frames, shown, rows = DriveRows(file), Frames(), 0, []
     frames._drive = drive
     rng = np.random.default_rng(0)
     for record in listening.records:
@@ -88,11 +88,11 @@ def test_ticks_come_once_and_in_order_for_any_turns_of_the_door(driven):
         if rng.random() < 0.3:
             drive.make()
             if (line := drive.frame(shown, (0,))) is not None:
-                seen += json.loads(line)["x"]
-            shown = drive.made
+                rows += json.loads(line)["x"]
+            shown = drive.row_count
     drive.make()
-    seen += rows_of(drive, shown, (0,))["x"] if drive.made > shown else []
-    np.testing.assert_allclose(np.ravel(seen), [r.tick.t_ns * 1e-9 for r in listening.records], rtol=1e-6)
+    rows += rows_of(drive, shown, (0,))["x"] if drive.row_count > shown else []
+    np.testing.assert_allclose(np.ravel(rows), [r.tick.t_ns * 1e-9 for r in listening.records], rtol=1e-6)
 
 
 def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(driven):
@@ -103,7 +103,7 @@ def test_what_the_ring_has_lost_shows_as_a_gap_in_the_count(driven):
         frames.look(listening.records[k % len(listening.records)])
     drive.make()
     frame = rows_of(drive)
-    assert frame["n"] + len(frame["x"]) == drive.made == 3 * RING
+    assert frame["n"] + len(frame["x"]) == drive.row_count == 3 * RING
     assert len(frame["x"]) <= RING
 
 
@@ -133,18 +133,18 @@ def test_frames_for_one_who_does_not_read_wait_one_at_a_time(door, driven):
     for _ in range(150):
         for record in listening.records[:40]:
             door.frames.look(record)
-        while count < door.frames.drive()[0].looked:
-            said = healthy.hear()
-            count = said["n"] + len(said["x"]) if said["is"] == "frame" else count
+        while count < door.frames.drive()[0].tick_count:
+            message = healthy.hear()
+            count = message["n"] + len(message["x"]) if message["is"] == "frame" else count
         most = max(most, *(guest.waiting for guest in door._guests))
     assert most < 2 * RING * 400  # of 6,000 rows of 300 bytes
     assert len(door._guests) == 2
     ends = []
     while not ends or ends[-1] < count:
-        said = sleeper.hear()
-        if said["is"] == "frame":
-            assert said["n"] >= (ends[-1] if ends else 0)
-            ends.append(said["n"] + len(said["x"]))
+        message = sleeper.hear()
+        if message["is"] == "frame":
+            assert message["n"] >= (ends[-1] if ends else 0)
+            ends.append(message["n"] + len(message["x"]))
     assert len(ends) < 100
     for one in (sleeper, healthy):
         one.close()
@@ -161,27 +161,27 @@ def test_the_last_rows_come_before_the_end_though_a_state_goes_out_with_it(door,
         door.frames.begin(file, "simulated", estimator=listening.estimator)
         for record in listening.records:
             door.frames.look(record)
-        door._told.extend([{"is": "state", "state": "READY"}, {"is": "done", "id": str(turn), "run": None}])
+        door._outbox.extend([{"is": "state", "state": "READY"}, {"is": "done", "id": str(turn), "run": None}])
         door._ring()
-        heard = []
-        while not heard or heard[-1]["is"] != "done":
-            heard.append(person.hear())
-        begin = next(k for k, m in enumerate(heard) if m["is"] == "fields")
-        assert sum(len(m["x"]) for m in heard[begin:] if m["is"] == "frame") == len(listening.records)
+        messages = []
+        while not messages or messages[-1]["is"] != "done":
+            messages.append(person.hear())
+        begin = next(k for k, m in enumerate(messages) if m["is"] == "fields")
+        assert sum(len(m["x"]) for m in messages[begin:] if m["is"] == "frame") == len(listening.records)
     person.close()
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_who_watches_hears_the_vehicle_the_columns_and_then_every_tick(door, driven):
+def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, driven):
     file, listening, _ = driven
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     person, other = Person(door.path), Person(door.path)
     person.say(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
     other.say(do="watch", hz=5)
-    said = [person.hear() for _ in range(3)]
-    assert [m["is"] for m in said] == ["vehicle", "fields", "route"]
-    assert said[1]["names"] == ["t", "eta.x"]
-    assert said[1]["units"] == ["s", "m"]
+    messages = [person.hear() for _ in range(3)]
+    assert [m["is"] for m in messages] == ["vehicle", "fields", "route"]
+    assert messages[1]["names"] == ["t", "eta.x"]
+    assert messages[1]["units"] == ["s", "m"]
     assert [other.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for record in listening.records:
         door.frames.look(record)
@@ -222,12 +222,12 @@ def test_what_is_reported_wakes_the_door_and_is_encoded_once(door, monkeypatch):
 
 @pytest.mark.parametrize("hz", ["a", None, [], float("nan")])
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
-def test_a_watch_of_nonsense_ends_nothing(door, hz):
+def test_a_watch_with_a_wrong_rate_ends_nothing(door, hz):
     person = Person(door.path)
     person.say(do="watch", hz=hz)
     person.say(do="ping", token=1)
-    said = person.hear()
-    assert said["is"] in ("no", "pong")
-    if said["is"] == "no":
+    message = person.hear()
+    assert message["is"] in ("no", "pong")
+    if message["is"] == "no":
         assert person.hear()["token"] == 1
     person.close()

@@ -37,7 +37,7 @@ def test_rt15_a_stop_under_the_flood_of_five_is_a_zero_command_within_50_ms(time
     assert min(times.flooded) <= bench.MOST_STOP_MS, times
 
 
-def test_what_is_told_arrives_within_5_ms(times):
+def test_a_message_arrives_within_5_ms(times):
     assert min(quantile(one, 0.95) for one in times.told) <= bench.MOST_TOLD_MS, times.told
     assert min(median(one) for one in times.told_flooded) <= bench.MOST_TOLD_MS, times.told_flooded
 

@@ -30,7 +30,7 @@ def test_a_stop_that_comes_while_another_reason_is_dealt_with_stays():
 def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
     operator, rung = Operator(), []
 
-    def told_to_end(number, frame):
+    def on_alarm(number, frame):
         operator.stop(stop(StopReason.SERVICE_ENDED))
         rung.append(number)
 
@@ -42,7 +42,7 @@ def test_a_signal_in_the_middle_of_any_word_waits_for_no_lock(word, args):
             signal.raise_signal(signal.SIGTERM)
         return ring
 
-    before = signal.signal(signal.SIGTERM, told_to_end), signal.signal(signal.SIGALRM, hung), sys.gettrace()
+    before = signal.signal(signal.SIGTERM, on_alarm), signal.signal(signal.SIGALRM, hung), sys.gettrace()
     signal.setitimer(signal.ITIMER_REAL, PATIENCE_S)
     sys.settrace(ring)
     try:

@@ -76,10 +76,10 @@ def test_the_end_of_somebody_elses_drive_is_not_taken_for_ones_own(vehicle, miss
         while remote.inbox.qsize() < 3:
             assert time.monotonic() < end
             time.sleep(0.005)
-        said = []
-        run = remote.perform(mission, tmp_path / "here.mcap", say=said.append)
+        events = []
+        run = remote.perform(mission, tmp_path / "here.mcap", say=events.append)
         assert len(run.t_ns) == 5
-        assert said == []
+        assert events == []
 
 
 @pytest.mark.parametrize("theirs", [None, 1, 3])

@@ -60,8 +60,8 @@ class Child:
 
     def drive(self, beat=None, **mission):
         self.say(do="mission", door=VERSION, id="one", **mission)
-        said = self.until(lambda m: m["is"] == "done", beat or {"do": "beat"})
-        return said[-1], said
+        messages = self.until(lambda m: m["is"] == "done", beat or {"do": "beat"})
+        return messages[-1], messages
 
     def close(self):
         self.process.stdin.close()
@@ -217,7 +217,7 @@ def test_a_slow_computer_stretches_time_and_leaves_no_tick_out():
     assert pace.late_ms < 150.0
 
 
-def test_paused_time_stands_until_it_is_wanted():
+def test_paused_time_stands_until_the_drive_is_interrupted():
     clock, wanted = Time(), []
     pace = PacedClock(1.0, lambda: clock.now_s, clock.sleep)
     pace.pause()
@@ -230,7 +230,7 @@ def test_paused_time_stands_until_it_is_wanted():
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, float("nan"), 2 * FASTEST])
-def test_a_pace_of_nonsense_is_refused(factor):
+def test_a_pace_that_is_not_a_number_is_refused(factor):
     with refused("door.pace"):
         PacedClock().set(factor)
 
@@ -262,8 +262,8 @@ def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, f
     child.say(do="shake", kind="cut", of="gps")
     refusal = child.until(lambda m: m["is"] == "no")[-1]
     assert refusal["about"]["code"] == "shake.of"
-    said = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["noticed"])
-    tilt, push = said[-1]["rows"]
+    messages = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["noticed"])
+    tilt, push = messages[-1]["rows"]
     assert (tilt["fault"]["kind"], push["what"]["code"]) == ("tilt", "shake.push")
     assert push["noticed"][0]["who"]["code"] in ("ledger.who-nis", "ledger.who-gate")
     child.say(do="shake", over=1)
@@ -272,15 +272,15 @@ def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, f
     done = child.until(lambda m: m["is"] == "done")[-1]
     shaken = read_run(folder / "runs" / done["run"])
     child.say(do="again", from_s=push["t_s"], without=[2])
-    said = child.until(lambda m: m["is"] == "done")
-    assert (said[-1]["id"], said[-1]["code"]) == ("again", 0)
-    twin = read_run(folder / "runs" / said[-1]["run"])
+    messages = child.until(lambda m: m["is"] == "done")
+    assert (messages[-1]["id"], messages[-1]["code"]) == ("again", 0)
+    twin = read_run(folder / "runs" / messages[-1]["run"])
     kept = [e.diagnostic.code for e in twin.events if e.source == "shake"]
     assert kept == ["shake.tilt"]
     first = int(np.searchsorted(shaken.t_ns, round(push["t_s"] * 1e9) + 1))
     np.testing.assert_array_equal(twin.truth.eta[:first], shaken.truth.eta[:first])
     assert np.any(twin.truth.eta[first:] != shaken.truth.eta[first : len(twin.truth.eta)])
-    assert len(truths(said, names)) > 0.5 * len(twin.t_ns)
+    assert len(truths(messages, names)) > 0.5 * len(twin.t_ns)
 
 
 def test_the_faults_of_a_mission_and_again_without_any_while_it_drives(child, folder):
@@ -314,8 +314,8 @@ def test_the_faults_of_a_mission_and_again_without_any_while_it_drives(child, fo
 )
 def test_what_is_not_a_fault_now_is_refused(child, word, code):
     child.say(**word, id="bad")
-    said = child.until(lambda m: m["is"] == "no" or (m["is"] == "done" and m["id"] == "bad"))[-1]
-    assert (said.get("about") or said["why"])["code"] == code
+    message = child.until(lambda m: m["is"] == "no" or (m["is"] == "done" and m["id"] == "bad"))[-1]
+    assert (message.get("about") or message["why"])["code"] == code
 
 
 def test_a_drive_by_hand_is_not_driven_again(child):
@@ -324,7 +324,7 @@ def test_a_drive_by_hand_is_not_driven_again(child):
         lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.1, {"do": "hand", "u": [0.3, 0.0, 0.0]}
     )
     child.say(do="again")
-    said = child.until(lambda m: m["is"] == "no", {"do": "beat"})[-1]
-    assert said["about"]["code"] == "shake.by-hand"
+    message = child.until(lambda m: m["is"] == "no", {"do": "beat"})[-1]
+    assert message["about"]["code"] == "shake.by-hand"
     child.say(do="end")
     child.until(lambda m: m["is"] == "done", {"do": "beat"})

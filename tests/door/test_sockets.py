@@ -82,20 +82,20 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
         mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json(),
         attended=False,
     )
-    found = []
-    until(lambda: found.append(door.operator.next()) or found[-1] is not None)
-    what, attended, _ = found[-1]
+    requests = []
+    until(lambda: requests.append(door.operator.next()) or requests[-1] is not None)
+    what, attended, _ = requests[-1]
     assert Mission.of_json(what).kind == "experiment"
     assert not attended
-    wanted = []
+    commands = []
 
     def arrived():  # said again and again: a set-point is one for 0.4 s only
         person.say(do="hand", u=[0.1, 0.0, 0.2])
-        wanted.append(door.operator.command(3))
-        return wanted[-1].any()
+        commands.append(door.operator.command(3))
+        return commands[-1].any()
 
     until(arrived)
-    np.testing.assert_allclose(wanted[-1], [0.1, 0.0, 0.2])
+    np.testing.assert_allclose(commands[-1], [0.1, 0.0, 0.2])
 
 
 def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, people):
@@ -173,7 +173,7 @@ def test_rt14_a_mission_whose_holder_has_gone_is_not_taken_over_by_the_next(door
         b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file system's names
     ],
 )
-def test_fi6_nonsense_is_answered_and_ends_nothing(door, person, line):
+def test_fi6_a_wrong_line_is_answered_and_ends_nothing(door, person, line):
     door.operator.hold(next(iter(until_guest(door))))  # whose set-points are read
     person.line.sendall(line + b"\n")
     assert person.hear()["is"] == "no"
@@ -181,7 +181,7 @@ def test_fi6_nonsense_is_answered_and_ends_nothing(door, person, line):
     assert person.hear() == {"is": "runs", "runs": []}
 
 
-def test_anyone_who_comes_is_reported_the_last_state_at_once(door, people):
+def test_a_new_guest_receives_the_last_state_at_once(door, people):
     door.tell({"is": "state", "state": "READY"})
     door.tell({"is": "state", "state": "MISSION"})
     door.tell({"is": "event", "text": "nothing more is told while a mission is prepared"})
@@ -196,16 +196,16 @@ def test_a_stop_is_acknowledged_once_the_operator_has_it(door, person):
 
 def test_a_mission_of_another_version_is_refused_in_words_that_it_understands_too(door, person):
     person.say(do="mission", mission="{}", id="one")
-    said = person.hear()
-    assert (said["is"], said["code"], said["about"]["code"]) == ("no", 2, "door.version")
-    assert isinstance(said["why"], str)
+    message = person.hear()
+    assert (message["is"], message["code"], message["about"]["code"]) == ("no", 2, "door.version")
+    assert isinstance(message["why"], str)
     assert door.operator.next() is None
 
 
 @pytest.mark.parametrize(
     "why", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
 )
-def test_a_stop_stops_whatever_its_reason_is(door, person, why):
+def test_a_stop_stops_for_any_reason(door, person, why):
     person.say(do="stop", why=why)
     assert person.hear() == {"is": "heard", "do": "stop"}
     assert door.operator.why(False).code == StopReason.STOPPED_BY
@@ -221,11 +221,11 @@ def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
     data = np.random.default_rng(0).bytes(1_000_000)
     (tmp_path / "a.mcap").write_bytes(data)
     person.say(do="fetch", run="a.mcap")
-    found, left = b"", 1
+    content, left = b"", 1
     while left:
-        said = person.hear()
-        found, left = found + base64.b64decode(said["data"]), said["left"]
-    assert found == data
+        message = person.hear()
+        content, left = content + base64.b64decode(message["data"]), message["left"]
+    assert content == data
 
 
 def test_a_run_of_a_power_cut_without_a_byte_is_fetched(door, person, tmp_path):

@@ -153,7 +153,7 @@ def test_a_guide_inside_of_another_is_named_and_its_text_is_kept(
 class Telling(Repeat):
     """Tells that it has its own state."""
 
-    def says(self, state):
+    def diagnostic(self, state):
         return note("drive.on-mark") if isinstance(state, RepeatState) else None
 
 

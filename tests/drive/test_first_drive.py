@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive import first_drive, first_drive_pulses, rough
-from baqueano.drive.first_drive import directions, felt, pulses_of
+from baqueano.drive.first_drive import directions, estimate_first_drive, pulses_of
 from baqueano.drive.first_drive_pulses import PAUSE_S, PULSE_S, STEP, Careful
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
@@ -94,7 +94,7 @@ def test_a_vehicle_that_does_not_move_is_reported_and_full_command_is_the_end(sm
 
 
 def test_a_drive_that_was_over_before_full_command_does_not_blame_the_motors(first, small):
-    found = felt(first.run.cut(0.0, 10.0), small)
+    found = estimate_first_drive(first.run.cut(0.0, 10.0), small)
     assert found.still
     assert {one.code for one in found.still} == {"first-drive.ended-early"}
     assert found.still[0].figures["command"] == "the left wheel forward"

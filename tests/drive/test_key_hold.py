@@ -25,35 +25,35 @@ def hold(held, key, from_s, to_s, delay_s=0.5, gap_s=0.033, jitter=lambda: 0.0):
 def test_a_key_with_releases_counts_from_press_to_release_however_long():
     held = KeyHold(RELEASES)
     press(held, "w", 0.0)
-    assert held.wanted(0.0) == (1.0, 0.0)
-    assert held.wanted(60.0) == (1.0, 0.0)
+    assert held.direction(0.0) == (1.0, 0.0)
+    assert held.direction(60.0) == (1.0, 0.0)
     press(held, "left", 60.0)
-    assert held.wanted(60.0) == (1.0, 1.0)
+    assert held.direction(60.0) == (1.0, 1.0)
     held.hear(KeyEvent(RELEASE, "w"), 61.0)
-    assert held.wanted(61.0) == (0.0, 1.0)
+    assert held.direction(61.0) == (0.0, 1.0)
 
 
 def test_keys_are_let_go_when_the_window_loses_the_keyboard():
     held = KeyHold(RELEASES)
     press(held, "w", 0.0)
     held.hear(KeyEvent(LEFT_WINDOW), 1.0)
-    assert held.wanted(1.0) == (0.0, 0.0)
+    assert held.direction(1.0) == (0.0, 0.0)
 
 
 def test_a_tap_is_a_nudge_and_ends():
     held = KeyHold(REPEATS)
     press(held, "w", 0.0)
-    assert held.wanted(0.1) == (NUDGE, 0.0)
-    assert held.wanted(FIRST_S + 0.001) == (0.0, 0.0)
+    assert held.direction(0.1) == (NUDGE, 0.0)
+    assert held.direction(FIRST_S + 0.001) == (0.0, 0.0)
 
 
 def test_a_held_key_drives_in_full_from_its_first_repeat_and_ends_soon_after_the_last():
     held = KeyHold(REPEATS)
     press(held, "w", 0.0)
     press(held, "w", 0.5)
-    assert held.wanted(0.5) == (1.0, 0.0)
-    assert held.wanted(0.5 + GAP_S - 0.001) == (1.0, 0.0)
-    assert held.wanted(0.5 + GAP_S + 0.001) == (0.0, 0.0)
+    assert held.direction(0.5) == (1.0, 0.0)
+    assert held.direction(0.5 + GAP_S - 0.001) == (1.0, 0.0)
+    assert held.direction(0.5 + GAP_S + 0.001) == (0.0, 0.0)
 
 
 def test_it_learns_the_delay_and_the_gap_of_this_keyboard():
@@ -87,7 +87,7 @@ def test_a_hold_over_a_wi_fi_does_not_break_off(delay_s, rate_hz):
         ended = False
         for before, after in pairwise(heard):
             press(held, "w", before)
-            ended = ended or held.wanted(after - 1e-6) == (0.0, 0.0)
+            ended = ended or held.direction(after - 1e-6) == (0.0, 0.0)
         broken += ended
     assert broken <= 2
 
@@ -96,15 +96,15 @@ def test_a_key_that_was_held_goes_on_with_a_newer_one_and_ends_with_it():
     held = KeyHold(REPEATS)
     hold(held, "w", 0.0, 1.0)
     hold(held, "a", 1.0, 2.0)
-    assert held.wanted(2.0) == (1.0, 1.0)
-    assert held.wanted(2.3) == (0.0, 0.0)
+    assert held.direction(2.0) == (1.0, 1.0)
+    assert held.direction(2.3) == (0.0, 0.0)
 
 
 def test_the_opposite_key_takes_the_place_of_the_first():
     held = KeyHold(REPEATS)
     hold(held, "w", 0.0, 1.0)
     press(held, "s", 1.0)
-    assert held.wanted(1.0) == (-NUDGE, 0.0)
+    assert held.direction(1.0) == (-NUDGE, 0.0)
 
 
 def test_latched_presses_move_a_set_point_that_holds():
@@ -112,9 +112,9 @@ def test_latched_presses_move_a_set_point_that_holds():
     for _ in range(3):
         press(held, "up", 0.0)
     press(held, "7", 0.0)
-    assert held.wanted(100.0) == pytest.approx((4 * STEP, STEP))
+    assert held.direction(100.0) == pytest.approx((4 * STEP, STEP))
     for _ in range(30):
         press(held, "up", 0.0)
-    assert held.wanted(0.0)[0] == 1.0
+    assert held.direction(0.0)[0] == 1.0
     press(held, "x", 0.0)
-    assert held.wanted(0.0) == (0.0, 0.0)
+    assert held.direction(0.0) == (0.0, 0.0)

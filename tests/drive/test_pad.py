@@ -56,14 +56,14 @@ def test_it_drives_only_while_a_front_button_is_held(plugged):
     one = opened(plugged(kernel))
     kernel.change(AHEAD, (ABS, 0, 32767))
     assert one.read() == []
-    assert one.wanted() == (0.0, 0.0)
+    assert one.direction() == (0.0, 0.0)
     kernel.change((KEY, LEFT_FRONT, 1))
     assert one.read() == [LEFT_FRONT]
-    assert one.wanted() == (1.0, -1.0)
+    assert one.direction() == (1.0, -1.0)
     assert one.hint == "pad drives"
     kernel.change((KEY, LEFT_FRONT, 0))
     one.read()
-    assert one.wanted() == (0.0, 0.0)
+    assert one.direction() == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_ranges_and_rest_are_those_that_the_kernel_tells(plugged, low, high, fla
     one = opened(plugged(kernel))
     kernel.change((KEY, LEFT_FRONT, 1), (ABS, 1, value))
     one.read()
-    assert one.wanted() == pytest.approx((part, 0.0), abs=2e-3)
+    assert one.direction() == pytest.approx((part, 0.0), abs=2e-3)
 
 
 def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plugged):
@@ -93,7 +93,7 @@ def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plugged
     one = opened(plugged(kernel))
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
     one.read()
-    assert one.wanted()[0] == 1.0
+    assert one.direction()[0] == 1.0
     for k in range(40):  # more than the kernel keeps
         kernel.change((ABS, 0, 100 * k))
     kernel.change((ABS, 1, 0), (KEY, EAST, 1))
@@ -104,7 +104,7 @@ def test_lost_events_are_asked_for_anew_and_until_then_it_drives_nothing(plugged
     kernel.waiting = whole[1:]
     assert one.read() == [EAST], "the stop that was pressed unseen"
     assert one.holds
-    assert one.wanted() == (0.0, 0.0)
+    assert one.direction() == (0.0, 0.0)
 
 
 def test_a_front_button_that_was_let_go_unseen_is_let_go(plugged):
@@ -126,7 +126,7 @@ def test_a_pad_that_is_unplugged_is_gone_for_good(plugged):
     kernel.unplug()
     assert one.read() == []
     assert one.gone
-    assert one.wanted() == (0.0, 0.0)
+    assert one.direction() == (0.0, 0.0)
 
 
 def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middle(plugged):
@@ -144,7 +144,7 @@ def test_a_pad_that_is_plugged_in_again_with_its_stick_ahead_waits_for_the_middl
     one.read()
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
     one.read()
-    assert one.wanted() == (1.0, 0.0)
+    assert one.direction() == (1.0, 0.0)
 
 
 def test_an_axis_that_has_not_moved_yet_is_not_a_wish(plugged):
@@ -152,12 +152,12 @@ def test_an_axis_that_has_not_moved_yet_is_not_a_wish(plugged):
     one = opened(plugged(kernel))
     kernel.change((KEY, 0x124, 1))
     one.read()
-    assert one.wanted() == (0.0, 0.0), "value 0 of 0 … 255 is one end of its way"
+    assert one.direction() == (0.0, 0.0), "value 0 of 0 … 255 is one end of its way"
     kernel.change((KEY, 0x124, 0), (ABS, 0, 128), (ABS, 1, 127))
     one.read()
     kernel.change((KEY, 0x124, 1), (ABS, 0, 0))
     one.read()
-    assert one.wanted() == (0.0, 1.0)
+    assert one.direction() == (0.0, 1.0)
 
 
 def test_the_pad_is_found_among_the_devices_by_what_it_can_do(plugged):

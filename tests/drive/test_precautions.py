@@ -103,7 +103,7 @@ def watched(caution, rows):
     for t_s, degraded in rows:
         why = caution.why(round(1e9 * t_s))
         caution.look(record(t_s, degraded=degraded))
-        out.append((caution._guide.wanted, why))
+        out.append((caution._guide.pace, why))
     return out
 
 
@@ -146,7 +146,7 @@ def test_an_uncertain_position_is_a_doubt():
     caution, cov = begun(0.5), np.diag([0.4**2, 0.0, 0.0, 0.0, 0.0, 0.0])
     for t_s in (0.0, WAIT_S):
         caution.look(record(t_s, cov=cov))
-    assert caution._guide.wanted == 0.0
+    assert caution._guide.pace == 0.0
     assert caution.why(round(1e9 * (WAIT_S + STAND_S))).figures["cause"].code == "caution.uncertain"
 
 

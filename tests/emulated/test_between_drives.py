@@ -69,7 +69,7 @@ def test_a_folder_that_takes_no_run_ends_the_mission_and_not_the_service(service
 
 def cleared(service, robot, times):
     """Somebody says so, once, and it looks so often."""
-    service.operator.clear_asked = True
+    service.operator.clear_requested = True
     looked(service, robot, times)
 
 

@@ -81,7 +81,7 @@ def test_rt9_a_bus_held_in_a_drive_stops_it_is_freed_while_it_stands_and_it_is_r
     assert service.machine.state is DoorState.STOPPED, (
         "a stop is latched: somebody has to look at the vehicle"
     )
-    service.operator.clear_asked = True
+    service.operator.clear_requested = True
     looked_on(service, robot, 1.0)
     assert service.machine.state is DoorState.READY
     done, run = drive(service, spin(1.0))

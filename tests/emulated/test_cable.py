@@ -98,7 +98,7 @@ def test_rt10_a_line_that_was_pulled_in_a_drive_is_opened_by_itself_and_drives_o
             time.sleep(0.01)
         assert read_run(tmp_path / "runs" / done["run"]).notes == ()
         put_back(live, name)
-        service.operator.clear_asked = True
+        service.operator.clear_requested = True
         looked(service, lambda: service.machine.state is DoorState.READY)
         assert uno.statistics.resets == 1
         uno.arm()

@@ -173,7 +173,7 @@ def test_an_uno_that_was_reset_meanwhile_has_no_name(robot):
 
 
 def test_the_imus_figures_are_those_of_the_chip(on_bus):
-    found = by_name(doctor.feels(on_bus.imu, on_bus.wait))
+    found = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait))
     assert "MPU-6050" in found["IMU"].figure
     assert found["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
     assert found["IMU rate"].verdict == "ok"
@@ -191,7 +191,7 @@ def test_the_imus_figures_are_those_of_the_chip(on_bus):
 
 def test_the_imus_rate_is_reported_as_well_as_it_is_known(tmp_path, monkeypatch):
     on_bus = OnBus(tmp_path, monkeypatch, clock_ppm=8_000)
-    check = by_name(doctor.feels(on_bus.imu, on_bus.wait, 4.0))["IMU rate"]
+    check = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 4.0))["IMU rate"]
     assert check.verdict == "ok"
     rate, error, _, off, stamp_ms, failed, lost = map(float, re.findall(r"[-+]?\d+(?:\.\d+)?", check.figure))
     assert abs(rate - 200 * 1.008) <= error + 0.01
@@ -211,7 +211,7 @@ def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
             for _ in range(3 * 14):
                 on_bus.chip.fifo.popleft()
 
-    check = by_name(doctor.feels(on_bus.imu, wait, 4.0))["IMU rate"]
+    check = by_name(doctor.imu_checks(on_bus.imu, wait, 4.0))["IMU rate"]
     assert not due
     assert check.verdict == "warn"
     assert int(re.findall(r"\d+", check.figure)[-1]) >= 1
@@ -219,14 +219,14 @@ def test_samples_that_the_imu_lost_are_seen_by_its_clock(on_bus):
 
 def test_an_imu_in_motion_a_silent_one_and_a_wrong_scale_are_reported(on_bus):
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 6.0 + t_ns % 7), (0.0, 0.0, 0.0))
-    found = by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.5))
+    found = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))
     assert found["IMU noise"].verdict == "warn"
     assert "moved during the self-test" in found["IMU self-test"].figure
     on_bus.chip.motion = lambda t_ns: ((0.0, 0.0, 7.0), (0.0, 0.0, 0.0))
     on_bus.wait(0.2)
-    assert by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.5))["IMU scale"].remedy == "Replace the IMU"
+    assert by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.5))["IMU scale"].remedy == "Replace the IMU"
     on_bus.imu.read = lambda: []
-    assert by_name(doctor.feels(on_bus.imu, on_bus.wait, 0.1))["IMU rate"].figure == "no sample in 0.1 s"
+    assert by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.1))["IMU rate"].figure == "no sample in 0.1 s"
 
 
 def test_a_pi_without_an_imu_is_bad_and_a_laptop_has_none(tmp_path):

@@ -177,6 +177,6 @@ def test_straight_on_is_held_and_a_turn_is_the_drivers_alone(driver):
     assert np.max(np.abs(straight[:, 2])) < 0.25
     assert np.all(turning[:, 2] == 0.8)
     moving = [m for m in at.service.told if m["is"] == "state" and m.get("requested", (0.0,))[0]]
-    at.cockpit.status.wanted = np.array([0.8, 0.0, 0.0])
+    at.cockpit.status.requested = np.array([0.8, 0.0, 0.0])
     at.cockpit.show(moving[3])
     assert at.cockpit.status.hold == moving[3]["requested"][2] != 0.0

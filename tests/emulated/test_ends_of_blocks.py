@@ -61,7 +61,7 @@ def test_a_block_that_would_end_the_program_ends_its_mission_alone(
     assert not robot.board.moving
     assert (run is not None) == (place == "line")
     assert not service.journal.path.exists()
-    service.operator.clear_asked = True
+    service.operator.clear_requested = True
     for _ in range(3):
         service.idle()
         robot.wait(0.05)

@@ -72,7 +72,7 @@ def cleared(service, robot):
     assert service.machine.state is DoorState.STOPPED
     looked(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "it is latched"
-    service.operator.clear_asked = True
+    service.operator.clear_requested = True
     looked(service, robot, 20)
     return service.machine.state is DoorState.READY
 

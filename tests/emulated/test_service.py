@@ -33,7 +33,7 @@ def test_rt15_a_stop_by_anyone_is_latched_until_somebody_clears_it(service, robo
     again, _ = drive(service, spin())
     assert again["why"] == TEACHER
     assert again["run"] is None
-    service.operator.clear_asked = True
+    service.operator.clear_requested = True
     for _ in range(3):
         service.idle()
         robot.wait(0.05)

@@ -92,7 +92,7 @@ def test_rt2_a_computer_that_stood_still_longer_than_the_dead_man_drives_no_furt
     assert service.machine.state is DoorState.STOPPED
     looked(service, robot, 5)
     assert service.machine.state is DoorState.STOPPED, "it is latched"
-    service.operator.clear_asked = True
+    service.operator.clear_requested = True
     looked(service, robot, 20)
     done, _ = drive(service, spin(0.5))
     assert done["why"] is None, "a person looked at it, and it drives again"

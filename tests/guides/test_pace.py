@@ -42,12 +42,12 @@ def test_a_pause_brakes_waits_and_goes_on_from_there():
     assert way[-1] == pytest.approx(0.2 * DT * (400 - 170), abs=0.2 * DT * 5)  # nothing is left out
 
 
-def test_the_slowest_pace_that_somebody_wants_is_in_force():
+def test_the_slowest_requested_pace_is_in_force():
     guide = PacedGuide(Repeat.along(ROUTE))
     guide.want("caution", 0.5)
     guide.want("holder", 0.8)
-    assert guide.wanted == 0.5
+    assert guide.pace == 0.5
     guide.want("caution", 1.0)
-    assert guide.wanted == 0.8
-    with pytest.raises(ValueError, match="wanted"):
+    assert guide.pace == 0.8
+    with pytest.raises(ValueError, match="pace"):
         guide.want("holder", 2.0)

@@ -54,7 +54,7 @@ def test_the_circle_has_its_yaw_rate_and_the_rectangle_its_length():
     assert ROUTES["rectangle"].t_s[-1] * 0.25 == pytest.approx(2.0 * (1.6 + 0.6) + 2.0 * np.pi * 0.2)
 
 
-def test_the_sinuous_circle_swings_as_often_and_as_far_as_asked():
+def test_the_sinuous_circle_has_the_requested_waves_and_amplitude():
     p, psi = ROUTES["sinuous circle"].eta[:, :2], ROUTES["sinuous circle"].eta[:, 2]
     r = np.hypot(*(p - 0.5 * (p.max(axis=0) + p.min(axis=0))).T)
     assert np.ptp(r) == pytest.approx(0.1, abs=0.01)

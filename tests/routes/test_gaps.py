@@ -1,4 +1,4 @@
-"""Places of a route whose path nobody knows are refused; drawn and edited routes have none."""
+"""Places of a route whose path nobody knows are refused; drawn and edited routes do not have such places."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_poses_too_sparse_for_their_turn_are_a_gap_and_enough_of_them_are_not():
 
 
 @pytest.mark.parametrize("name", ["t_s", "eta", "nu"])
-def test_a_number_that_is_none_is_named_by_its_row(name):
+def test_a_value_that_is_not_finite_is_named_by_its_row(name):
     lap = circle(0.5, 0.2)
     rows = getattr(lap, name).copy()
     rows[30:32] = np.nan

@@ -52,7 +52,7 @@ def test_a_lap_closes_in_speed_and_time(ice):
 
 @pytest.mark.parametrize("name", ["small", "car"])
 def test_the_share_is_what_the_simulated_vehicle_needs(name):
-    """Under the command that the share stands for, the vehicle holds the speed: its own step says so."""
+    """Under the command that the share stands for, the vehicle holds the speed in its own step."""
     file = load(name)
     can = Capability(file)
     v = can.fastest_speed(np.zeros(1), np.full(1, 100.0))[0]
@@ -74,8 +74,8 @@ def test_the_fastest_lap_is_driven_without_the_limit_and_a_faster_one_is_not(lap
     route = fastest(lap, file)
     shares = []
     for factor in (1.0, 1.33):
-        asked = route._replace(t_s=route.t_s / factor, nu=route.nu * factor)
-        run = simulate_loop(file, asked, controller=PdFeedforward(file.vehicle, limit=file.command.limit))
+        scaled = route._replace(t_s=route.t_s / factor, nu=route.nu * factor)
+        run = simulate_loop(file, scaled, controller=PdFeedforward(file.vehicle, limit=file.command.limit))
         assert run.requested is not None
         wheels = np.abs(run.requested[:, 0]) + np.abs(run.requested[:, 2])
         shares.append(np.mean(wheels > 0.97))

@@ -15,7 +15,7 @@ def by_keys(seed, seconds=25.0, turn=2.0, slow=0.25):
     """A driver who steers fully or not at all, round a circle of 0.8 m, and stops once for three seconds. One who takes
     his speed back to `slow` while he steers turns nearly on the spot."""
     rng, dt = np.random.default_rng(seed), 0.02
-    x = y = psi = v = r = wanted = 0.0
+    x = y = psi = v = r = target = 0.0
     rows, hold = [], 0
     for k in range(round(seconds / dt)):
         rows.append((k * dt, x, y, psi, v, 0.0, r))
@@ -23,10 +23,10 @@ def by_keys(seed, seconds=25.0, turn=2.0, slow=0.25):
         off = (off + np.pi) % (2.0 * np.pi) - np.pi
         hold -= 1
         if hold <= 0:
-            wanted, hold = turn * np.sign(off) * (abs(off) > 0.12), int(rng.uniform(5, 15))
+            target, hold = turn * np.sign(off) * (abs(off) > 0.12), int(rng.uniform(5, 15))
         stands = 500 <= k < 650
-        v += ((0.0 if stands else slow if wanted else 0.25) - v) * dt / 0.15
-        r += ((0.0 if stands else wanted) - r) * dt / 0.1
+        v += ((0.0 if stands else slow if target else 0.25) - v) * dt / 0.15
+        r += ((0.0 if stands else target) - r) * dt / 0.1
         x, y, psi = x + v * np.cos(psi) * dt, y + v * np.sin(psi) * dt, psi + r * dt
     table = np.array(rows)
     return Route(table[:, 0], table[:, 1:4], table[:, 4:], closed=False)

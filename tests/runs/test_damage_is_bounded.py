@@ -107,7 +107,7 @@ def test_the_work_of_reading_is_proportional_to_the_size_of_the_damage(chunked, 
     assert spoilt.searched <= 2 * len(spoilt)
     assert len(records) <= len(spoilt) // 8 + 1
     assert sum(summed) <= 4 * mcap_records.AGAIN * len(spoilt)
-    assert len(found.problems) <= mcap_records.TOLD
+    assert len(found.problems) <= mcap_records.MOST_REPORTED
     assert (place != "alone") == bool(found.messages)
 
 

@@ -36,10 +36,10 @@ def alone():
 
 @pytest.mark.filterwarnings("ignore")
 def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, alone, tmp_path):
-    small, heard = bq.load("small"), []
-    found = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=heard.append)
-    assert heard == [1, 1, 1, 1]
-    assert rows_of(found) == alone
+    small, counts = bq.load("small"), []
+    result = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=counts.append)
+    assert counts == [1, 1, 1, 1]
+    assert rows_of(result) == alone
     kept = bq.sweep(small, **ASKED, cluster="nothing://here", keep=tmp_path)  # nothing is left to do
     assert rows_of(kept) == alone
     with refused("sweep.no-cluster", UsageError):
@@ -48,15 +48,15 @@ def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, alone,
 
 @pytest.mark.filterwarnings("ignore")
 def test_what_was_interrupted_on_a_cluster_goes_on_there(address, alone, tmp_path):
-    small, heard = bq.load("small"), []
+    small, counts = bq.load("small"), []
 
     def until_two(n: int) -> None:
-        heard.append(n)
-        if len(heard) == 2:
+        counts.append(n)
+        if len(counts) == 2:
             raise KeyboardInterrupt
 
     part = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=until_two)
-    assert (len(part.drives), part.asked, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
+    assert (len(part.drives), part.requested, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert len(before) == 2
     assert rows_of(bq.sweep(small, **ASKED, cluster=address, keep=tmp_path)) == alone

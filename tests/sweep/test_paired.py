@@ -1,4 +1,4 @@
-"""Intervals of a ratio hold what they claim: of few drives, of few pieces, of errors that last; else there is none."""
+"""Intervals of a ratio hold what they claim: of few drives, of few pieces, of errors that last; else they are NaN."""
 
 import numpy as np
 import pytest
@@ -26,32 +26,32 @@ def test_an_interval_of_few_drives_holds_what_it_claims(drives, spread):
     for _ in range(2000):
         level = np.exp(spread * rng.standard_normal(drives))
         cells = [level * np.exp(0.3 * rng.standard_normal(drives)) for _cell in range(2)]
-        found = paired(*([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in one] for one in cells))
-        assert (found.blocks, found.of_drives) == (drives, True)
-        inside += found.low <= 1.0 <= found.high
+        difference = paired(*([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in one] for one in cells))
+        assert (difference.blocks, difference.of_drives) == (drives, True)
+        inside += difference.low <= 1.0 <= difference.high
     assert 0.935 <= inside / 2000 <= 0.965
 
 
 def trials(time_s: float, count: int = 500) -> tuple[float, float]:
     """Return the share of drives of 6 pieces that have an interval, and the share of these that hold 1."""
-    rng, found = np.random.default_rng(7), []
+    rng, differences = np.random.default_rng(7), []
     for _ in range(count):
-        found.append(paired(*([pieces_of(*lasting(rng, time_s, 60.0))] for _cell in range(2))))
-    known = [one for one in found if np.isfinite(one.low)]
-    return len(known) / count, sum(one.low <= 1.0 <= one.high for one in known) / max(len(known), 1)
+        differences.append(paired(*([pieces_of(*lasting(rng, time_s, 60.0))] for _cell in range(2))))
+    finite = [one for one in differences if np.isfinite(one.low)]
+    return len(finite) / count, sum(one.low <= 1.0 <= one.high for one in finite) / max(len(finite), 1)
 
 
 def test_an_interval_of_six_pieces_holds_what_it_claims():
-    known, inside = trials(0.5)
-    assert known > 0.98
+    finite, inside = trials(0.5)
+    assert finite > 0.98
     assert 0.92 <= inside <= 0.98
 
 
 def test_six_pieces_of_errors_that_last_5_s_cannot_tell():
     """Percentiles of a bootstrap held 76 % here. A drive whose errors seem to be short is the exception."""
-    known, inside = trials(5.0)
-    assert known < 0.15
-    assert known * (1.0 - inside) < 0.02  # wrong claims
+    finite, inside = trials(5.0)
+    assert finite < 0.15
+    assert finite * (1.0 - inside) < 0.02  # wrong claims
     rng = np.random.default_rng(3)
     one = paired(*([pieces_of(*lasting(rng, 5.0, 60.0))] for _cell in range(2)))
     assert one.ratio > 0.0
@@ -61,11 +61,11 @@ def test_six_pieces_of_errors_that_last_5_s_cannot_tell():
 def test_a_long_drive_of_lasting_errors_is_cut_into_longer_blocks():
     rng = np.random.default_rng(5)
     a, b = (pieces_of(*lasting(rng, 5.0, 600.0)) for _ in range(2))
-    found = paired([a], [b])
+    difference = paired([a], [b])
     assert a.length_s == 10.0
-    assert 4.0 * max(a.correlation_s, b.correlation_s) <= 600.0 / found.blocks
-    assert 5 <= found.blocks < 60
-    assert found.low < found.ratio < found.high
+    assert 4.0 * max(a.correlation_s, b.correlation_s) <= 600.0 / difference.blocks
+    assert 5 <= difference.blocks < 60
+    assert difference.low < difference.ratio < difference.high
 
 
 @pytest.mark.parametrize("time_s", [0.5, 2.0, 5.0])
@@ -93,9 +93,9 @@ def test_a_short_rest_joins_the_piece_before():
 def test_few_drives_are_compared_piece_by_piece_and_one_piece_has_no_interval():
     rng = np.random.default_rng(1)
     ours, others = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
-    found = paired([ours], [others])
-    assert (found.blocks, found.of_drives, found.significant) == (12, False, True)
-    assert found.low < found.ratio < found.high
+    difference = paired([ours], [others])
+    assert (difference.blocks, difference.of_drives, difference.significant) == (12, False, True)
+    assert difference.low < difference.ratio < difference.high
     one = paired([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
     assert one.ratio == 2.0
     assert np.isnan(one.low)

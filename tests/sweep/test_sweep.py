@@ -13,8 +13,8 @@ from baqueano.sweep.cell import SweepBlocks
 from baqueano.sweep.drawing import page_of_sweep
 from baqueano.sweep.figures import figures_of, joined
 from baqueano.sweep.grid import sweep as one_process
-from baqueano.sweep.kept import digest
 from baqueano.sweep.result import SweepResult
+from baqueano.sweep.stored_drives import digest
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
 
@@ -38,7 +38,7 @@ def small():
 
 
 @pytest.fixture(scope="module")
-def asked(small):
+def cells(small):
     return {
         "over": small, "routes": {"circle": ROUTE}, "controllers": ["kanayama", "lqr"], "seeds": (3, 4),
         "start": (0.0, 0.08, 0.3), "backend": "python",  # conftest.py compiles otherwise here than in other processes
@@ -46,8 +46,8 @@ def asked(small):
 
 
 @pytest.fixture(scope="module")
-def found(asked):
-    return one_process(**asked, processes=1)
+def found(cells):
+    return one_process(**cells, processes=1)
 
 
 @pytest.mark.parametrize(
@@ -88,26 +88,26 @@ def test_a_vehicle_that_begins_beside_its_route_joins_it(found):
     assert np.isnan(joined(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
 
 
-def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(asked, found, tmp_path):
-    heard = []
+def test_what_was_interrupted_goes_on_and_equals_two_processes_bit_for_bit(cells, found, tmp_path):
+    counts = []
 
     def until_two(n: int) -> None:
-        heard.append(n)
-        if len(heard) == 2:
+        counts.append(n)
+        if len(counts) == 2:
             raise KeyboardInterrupt
 
-    part = one_process(**asked, processes=1, keep=tmp_path, each=until_two)
-    assert (len(part.drives), part.asked, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
+    part = one_process(**cells, processes=1, keep=tmp_path, each=until_two)
+    assert (len(part.drives), part.requested, [one.code for one in part.reasons]) == (2, 4, ["sweep.part"])
     kept = sorted(tmp_path.glob("*.json"))
     assert len(kept) == 2
     kept[0].write_text(
         kept[0].read_text()[:40]
     )  # half of a file: not what this program writes, so driven again
-    again = one_process(**asked, processes=2, keep=tmp_path)
+    again = one_process(**cells, processes=2, keep=tmp_path)
     assert rows_of(again) == rows_of(found)
     assert len(list(tmp_path.iterdir())) == 4
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    assert rows_of(one_process(**asked, processes=1, keep=tmp_path)) == rows_of(found)
+    assert rows_of(one_process(**cells, processes=1, keep=tmp_path)) == rows_of(found)
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
@@ -132,14 +132,14 @@ def test_a_kept_drive_is_of_its_blocks_text_and_seed(tmp_path, monkeypatch, smal
 
 def test_recorded_runs_are_replayed_through_estimators_alone(small):
     run = bq.repeat(small, ROUTE, seed=1)
-    found = one_process(
+    result = one_process(
         run, estimators=["augmented_ekf", "dead_reckoning"], reference="dead_reckoning", processes=1
     )
-    assert [row["estimator"] for row in found.rows()] == ["augmented_ekf", "dead_reckoning"]
-    assert all(np.isnan(row["across_rms_m"]) and row["ate_m"] > 0.0 for row in found.rows())
-    assert found.cells()[1]["ate_m_ratio"] == 1.0
+    assert [row["estimator"] for row in result.rows()] == ["augmented_ekf", "dead_reckoning"]
+    assert all(np.isnan(row["across_rms_m"]) and row["ate_m"] > 0.0 for row in result.rows())
+    assert result.cells()[1]["ate_m_ratio"] == 1.0
     again = bq.compare(bq.replay(run)).rows()[0]
-    assert found.rows()[0]["rpe_m"] == pytest.approx(again["rpe_m"], rel=1e-12)
+    assert result.rows()[0]["rpe_m"] == pytest.approx(again["rpe_m"], rel=1e-12)
     with refused("sweep.of-runs", UsageError, what="controllers"):
         one_process(run, controllers="lqr")
 
@@ -193,6 +193,6 @@ def test_the_command_gives_one_object_with_drives_and_cells(capsys, tmp_path, mo
     with pytest.raises(SystemExit) as ended:
         main([*line.split(), "--controller", "kanayama"])
     assert ended.value.code in (None, 0)
-    said = json.loads(capsys.readouterr().out)
-    assert [row["cell"] for row in said["cells"]] == ["lqr", "kanayama"]
-    assert len(said["rows"]) == len(list((tmp_path / "k").iterdir())) == 2
+    output = json.loads(capsys.readouterr().out)
+    assert [row["cell"] for row in output["cells"]] == ["lqr", "kanayama"]
+    assert len(output["rows"]) == len(list((tmp_path / "k").iterdir())) == 2

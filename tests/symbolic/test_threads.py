@@ -35,7 +35,7 @@ def test_threads_that_ask_at_once_get_what_one_gets():
     wanted = made().sensitivities(u, theta)
     one, together = made(), Barrier(THREADS)
     graph = one.trace.graph
-    graph.known = Slow(graph.known)
+    graph.nodes = Slow(graph.nodes)
 
     def asked(_):
         together.wait()
@@ -43,7 +43,7 @@ def test_threads_that_ask_at_once_get_what_one_gets():
 
     with ThreadPoolExecutor(THREADS) as pool:
         found = list(pool.map(asked, range(THREADS)))
-    numbers = [node.index for node in graph.known.values()]
+    numbers = [node.index for node in graph.nodes.values()]
     assert len(set(numbers)) == len(numbers)
     assert len(one.runners) == 1
     for outputs, slopes in found:

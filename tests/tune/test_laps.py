@@ -17,8 +17,8 @@ def laps():
     return simulated_laps(load("small"), ROUTE)
 
 
-def test_a_lap_costs_what_tune_says(laps):
-    own = laps.asked.before
+def test_the_cost_of_a_lap_equals_that_of_tune(laps):
+    own = laps.space.before
     lap, tuned = laps.lap(own), rehearse(load("small"), ROUTE)
     assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(tuned.cost(own), rel=1e-9)
     assert lap.distance_rms_m == pytest.approx(tuned.drive(own).distance_rms_m, rel=1e-9)
@@ -27,7 +27,7 @@ def test_a_lap_costs_what_tune_says(laps):
 
 @pytest.mark.parametrize("price", [0.0, 0.1, 1.0])
 def test_the_slope_is_that_of_differences(laps, price):
-    gains, (p, step) = laps.asked.before, (1, 1e-5)
+    gains, (p, step) = laps.space.before, (1, 1e-5)
     slope = laps.cost_and_gradient(gains, price)[1]
     sides = [laps.lap(gains + sign * step * np.eye(len(gains))[p]) for sign in (1, -1)]
     costs = [lap.path_cost + price * lap.jerk_cost for lap in sides]
@@ -35,16 +35,16 @@ def test_the_slope_is_that_of_differences(laps, price):
 
 
 def test_a_descent_goes_down_step_by_step_within_the_bounds(laps):
-    asked = laps.asked
-    start = asked.low + 0.05 * (asked.high - asked.low)
-    found = descend(lambda g: laps.cost_and_gradient(g, 0.1), start, asked.low, asked.high)
-    costs = [laps.cost_and_gradient(g, 0.1)[0] for g in found.way]
+    space = laps.space
+    start = space.low + 0.05 * (space.high - space.low)
+    descent = descend(lambda g: laps.cost_and_gradient(g, 0.1), start, space.low, space.high)
+    costs = [laps.cost_and_gradient(g, 0.1)[0] for g in descent.way]
     assert np.all(np.diff(costs) <= 1e-12)
-    assert costs[0] == pytest.approx(found.costs[0])
-    assert costs[-1] == pytest.approx(found.cost)
-    assert np.all(found.gains >= asked.low)
-    assert np.all(found.gains <= asked.high)
+    assert costs[0] == pytest.approx(descent.costs[0])
+    assert costs[-1] == pytest.approx(descent.cost)
+    assert np.all(descent.gains >= space.low)
+    assert np.all(descent.gains <= space.high)
 
 
 def test_another_controller_has_its_own_gains():
-    assert simulated_laps(load("small"), ROUTE, "kanayama").asked.names[-3:] == ("k_x", "k_y", "k_chi")
+    assert simulated_laps(load("small"), ROUTE, "kanayama").space.names[-3:] == ("k_x", "k_y", "k_chi")

@@ -1,4 +1,4 @@
-"""The search finds the least cost within bounds, and says where a bound stopped it."""
+"""The search finds the least cost within bounds, and reports where a bound stopped it."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_the_least_cost_inside_the_bounds_is_found_from_every_start():
         )
 
 
-def test_a_gain_that_wants_more_than_its_bound_ends_there_and_says_so():
+def test_a_gain_whose_optimum_is_beyond_its_bound_ends_there_and_is_reported():
     best = search(*bowl(np.array([200.0, -3.0, 20.0])), LOW, HIGH)[0]
     np.testing.assert_allclose(best.gains, [100.0, 0.0, 20.0], rtol=1e-4, atol=1e-6)
     assert at_limit(best.gains, LOW, HIGH).tolist() == [1, -1, 0]
@@ -74,7 +74,7 @@ def test_too_many_gains_are_refused():
         halton(3, 13)
 
 
-def test_without_scipy_the_message_says_what_to_type(without_scipy):
+def test_without_scipy_the_message_gives_the_command_to_type(without_scipy):
     with refused("lab.scipy-for-tuning", UsageError):
         search(*bowl(LOW), LOW, HIGH)
 

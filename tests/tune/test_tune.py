@@ -65,7 +65,7 @@ def test_a_search_without_gradients_finds_nothing_better(small, tuned):
     from scipy.optimize import differential_evolution
 
     drive = rehearse(small, ROUTE, **PAPERS)
-    bounds = list(zip(drive.asked.low, drive.asked.high, strict=True))
+    bounds = list(zip(drive.space.low, drive.space.high, strict=True))
     other = differential_evolution(drive.cost, bounds, seed=3, maxiter=25, popsize=10, polish=False, tol=1e-8)
     assert tuned.cost <= other.fun * (1 + 1e-4)
 
@@ -77,7 +77,7 @@ def test_tuned_gains_drive_better_than_those_of_the_file(tuned):
     assert tuned.verdict in (Verdict.USABLE, Verdict.WARN)
 
 
-def test_what_it_says_has_a_row_per_gain_and_the_history_of_the_search(tuned):
+def test_the_result_has_a_row_per_gain_and_the_history_of_the_search(tuned):
     rows = tuned.rows()
     assert [row["name"] for row in rows] == ["alpha", "beta", "gamma"]
     assert all(row["low"] <= row["value"] <= row["high"] for row in rows)

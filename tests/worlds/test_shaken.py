@@ -190,7 +190,7 @@ def test_the_ledger_says_who_noticed_and_when():
     _, row = rows_of("4 s: push 0.4 N s left")
     nis = next(one for one in row.noticed if one.who == "nis")
     assert 0.0 < nis.after_s < 0.1
-    assert nis.said.figures["nis"] > nis.said.figures["most"]
+    assert nis.message.figures["nis"] > nis.message.figures["most"]
     _, row = rows_of("4-6 s: cut imu")
     stop = next(one for one in row.noticed if one.who == "supervisor")
     assert stop.after_s == pytest.approx(0.5, abs=0.05)  # imu_timeout_s

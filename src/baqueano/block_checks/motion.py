@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.block_checks.trial import AT_START, GaveUp, Trial
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.sensors.sampling import sees
+from baqueano.sensors.sampling import detects
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.effort import steady
 
@@ -143,11 +143,11 @@ def _rate(trial: Trial, block: Any, answers: int) -> None:
     if block.rate_hz == float("inf"):
         return  # it answers when something happens
     late = float(getattr(block, "delay_s", 0.0))
-    in_sight = np.mean([bool(sees(block, moving(k))) for k in range(TICKS)])
-    wanted = min(1.0 / DT_S, float(block.rate_hz)) * max(TICKS * DT_S - late, 0.0) * in_sight
-    if abs(answers - wanted) > 2.0 + 0.05 * wanted:
+    in_sight = np.mean([bool(detects(block, moving(k))) for k in range(TICKS)])
+    expected = min(1.0 / DT_S, float(block.rate_hz)) * max(TICKS * DT_S - late, 0.0) * in_sight
+    if abs(answers - expected) > 2.0 + 0.05 * expected:
         lasted_s, rate_hz = TICKS * DT_S, block.rate_hz
-        trial.say("check.rate", "step", answers=answers, lasted_s=lasted_s, rate_hz=rate_hz, wanted=wanted)
+        trial.say("check.rate", "step", answers=answers, lasted_s=lasted_s, rate_hz=rate_hz, wanted=expected)
 
 
 def moving(k: int) -> Motion:

@@ -143,7 +143,7 @@ class _LazyVerbs(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section(_("Verbs")):
-            formatter.write_dl([(verb, _(says)) for verb, says in VERBS.items()])
+            formatter.write_dl([(verb, _(help_text)) for verb, help_text in VERBS.items()])
 
 
 @click.group(cls=_LazyVerbs, context_settings={"help_option_names": ["-h", "--help"]})
@@ -194,14 +194,14 @@ def main(args: list[str] | None = None) -> None:
     debug = "--debug" in args
     anywhere = [flag for flag in ("--debug", "--allow-blocks") if flag in args]
     args = [arg for arg in args if arg not in anywhere]
-    args, wanted = _without_language(args)
-    language.choose(wanted if wanted in language.LANGUAGES else "")
+    args, tag = _without_language(args)
+    language.choose(tag if tag in language.LANGUAGES else "")
     with warnings.catch_warnings():
         if (
             not debug and not sys.warnoptions
         ):  # overflow on the way of a search is none of the user's business
             warnings.simplefilter("ignore", RuntimeWarning)
-        sys.exit(_answered(args, anywhere + ["--lang", wanted] * bool(wanted)))
+        sys.exit(_answered(args, anywhere + ["--lang", tag] * bool(tag)))
 
 
 def _without_language(args: list[str]) -> tuple[list[str], str]:

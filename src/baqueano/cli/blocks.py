@@ -35,7 +35,7 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     from baqueano.blocks import ROOMS, kinds
 
     file = options.load_vehicle(vehicle, settings)
-    answer(Listed([{"room": room, "kind": kind} for room in ROOMS for kind in kinds(room)]), as_json)
+    answer(RowsResult([{"room": room, "kind": kind} for room in ROOMS for kind in kinds(room)]), as_json)
     talk(which_estimator(file))
 
 
@@ -88,18 +88,18 @@ WORDS = {  # columns that are words; the others are typed
 
 
 @dataclass(frozen=True)
-class Listed:
-    """Rows as they are."""
+class RowsResult:
+    """The result of a listing: rows of a table."""
 
     findings: list["TableRow"]
     verdict: Verdict = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """The error as it was found."""
+        """Return the rows."""
         return self.findings
 
     def table(self) -> str:
-        """The same in columns; the verdict where nothing was found."""
+        """Return the same in columns; the verdict where the list is empty."""
         if not self.findings:
             return _(self.verdict)
         cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.findings]

@@ -62,14 +62,14 @@ def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
 def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
     """Return the command with what was meant in the place of what was found; None where nothing is near it."""
     unknown, near = str(cause.figures.get("found", "")), cause.figures.get("near")
-    meant = near.figures.get("meant") if isinstance(near, Diagnostic) else None
+    suggestion = near.figures.get("meant") if isinstance(near, Diagnostic) else None
     for k, arg in enumerate(args):
         if (
             unknown
-            and meant is not None
+            and suggestion is not None
             and unknown in (arg, *arg.split(":"), *arg.split("="), Path(arg).name)
         ):
-            return [*args[:k], arg.replace(unknown, str(meant), 1), *args[k + 1 :]]
+            return [*args[:k], arg.replace(unknown, str(suggestion), 1), *args[k + 1 :]]
     return None
 
 

@@ -316,7 +316,7 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
 
 def _across(log: Any, run: "Run") -> Path:
     """Positions of a log across the reference of its run, while the guide was not done."""
-    ref = run.asked
+    ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
         return UNKNOWN
     if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: nobody asked for a path
@@ -327,7 +327,7 @@ def _across(log: Any, run: "Run") -> Path:
 
 def _pace(log: Any, run: "Run") -> "Pace":
     """The forward speed of a log against that of the reference of its run, while the guide was not done."""
-    ref = run.asked
+    ref = run.guide_reference
     if log is None or ref is None or not len(ref.t_ns):
         return evenness.UNKNOWN
     k = _while_asked(log.t_ns, ref)
@@ -337,7 +337,7 @@ def _pace(log: Any, run: "Run") -> "Pace":
 
 def _commanded(run: "Run") -> dict[str, float]:
     """Return how the sent command (where a run lacks it: the one in force) went, while a guide gave a reference."""
-    ref, limits = run.asked, evenness.limits_of(run.vehicle_text)
+    ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
     k = slice(None) if ref is None or not len(ref.t_ns) else _while_asked(run.t_ns, ref)
     u = (run.applied if run.sent is None else run.sent)[k]
     changes = evenness.sign_changes(run.t_ns[k], u[:, 0]) if u.size else float("nan")

@@ -97,7 +97,7 @@ def corridor_row(corridor: Corridor | None) -> dict[str, float]:
 
 def _lap_s(run: Run) -> float:
     """Return after what time the reference came back to where it was first; NaN: never."""
-    ref = run.asked
+    ref = run.guide_reference
     if ref is None or len(ref.t_ns) < 2:
         return float("nan")
     off = ref.eta - ref.eta[0]

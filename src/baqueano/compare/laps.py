@@ -62,7 +62,7 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
     >>> [f"{lap.duration_s:.1f} s" for lap in laps_of(run)]
     ['9.4 s', '9.4 s']
     """
-    ref, log = run.asked, run.truth if run.truth is not None else run.estimate
+    ref, log = run.guide_reference, run.truth if run.truth is not None else run.estimate
     if ref is None or log is None or len(ref.t_ns) < 3 or len(log.t_ns) < 2:
         return ()
     at = _passages(ref.eta, bool(ref.done[-1] > 0.0))

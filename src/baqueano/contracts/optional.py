@@ -19,7 +19,7 @@ NEUTRAL: dict[str, object] = {
     "usual_std": None,  # (m,) of the noise of such a sensor, where nobody measured it
     "cov": None,  # Q (m, m); a sensor that is only read has none
     "limit": INF,  # end of its range
-    "sees": None,  # whether it has something to measure there; it always has
+    "detects": None,  # whether it has something to measure there; it always has
     "difference": None,  # z − expected (m,) of an angle; it is plain
     "reads": "",  # the part of a real vehicle that it shows: imu, wheels, odometer, encoders, mark; none of them
     "mistakes": None,  # what z lacks if it took one thing for another (k, m); it never does
@@ -34,7 +34,7 @@ NEUTRAL: dict[str, object] = {
     # of any block
     "as_written": False,  # it asks a person, a clock or a library, so its step is never compiled
     "goes_around": (),  # names of its fields with the blocks that it goes around, and of their states in its own
-    "says": None,  # state → the Diagnostic that the run is to hold of this tick, or None; it never has one
+    "diagnostic": None,  # state → the Diagnostic that the run is to hold of this tick, or None; it never has one
 }
 
 

@@ -31,7 +31,7 @@ class Kanayama(ModelFollower):
     >>> robot = bq.load("small")
     >>> law = Kanayama(robot.vehicle, limit=robot.command.limit, k_y=30.0)
     >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
-    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> _, (v, omega) = law.velocity_law(law.memory(), path_on_the_left)
     >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
     0.20 m/s, 0.60 rad/s
     """
@@ -40,7 +40,7 @@ class Kanayama(ModelFollower):
     k_y: float = parameter("1/m²", "curvature per error beside e_y", low=0.0, high=1e3, default=20.0)
     k_chi: float = parameter("1/m", "curvature per error of the course e_χ", low=0.0, high=1e3, default=8.0)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         steepest = self.k_chi * np.sin(STEEPEST_RAD)

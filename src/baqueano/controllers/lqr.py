@@ -41,7 +41,7 @@ class Lqr(ModelFollower):
     >>> robot = bq.load("small")
     >>> law = Lqr(robot.vehicle, limit=robot.command.limit, e_max=np.array([0.1, 0.02, 0.3]))
     >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
-    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> _, (v, omega) = law.velocity_law(law.memory(), path_on_the_left)
     >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
     0.20 m/s, 4.06 rad/s
     """
@@ -69,7 +69,7 @@ class Lqr(ModelFollower):
             P = self.riccati(P, A, B)[0]
         return P
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return P (3, 3) one tick on, and the velocity wanted.  (4)"""
         v_f, _, omega_f = now.nu_f
         slow = np.where(now.ahead < 0.0, -SLOWEST_M_S, SLOWEST_M_S)

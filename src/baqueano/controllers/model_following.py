@@ -6,8 +6,8 @@
     v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law of each       (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
-(5) inverts friction, actuator matrix, unequal wheels and dead zone, so that the feedback (4) stays weak, and the same
-gains suit a small robot and a car. Where a wheel cannot do both, the turn goes before the speed. Delay and lag of the
+(5) inverts friction, actuator matrix, unequal wheels and dead zone, so that the feedback (4) stays weak. The same gains
+suit a small robot and a car. Where a wheel cannot do both, the turn goes before the speed. Delay and lag of the
 motors are not inverted, which would amplify noise: the vehicle follows its reference T = delay + lag + λ later, and
 (1) predicts over T. (5) is one Newton step a tick, exact where the model is linear in its effort. The model must be an
 identified one: a guessed dead zone gives a wrong speed. Source of (5): computed torque, Slotine and Li, Applied
@@ -99,7 +99,7 @@ class Tracking(NamedTuple):
 @documented
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFollower:
-    """A controller that gives its law, `wants(memory, tracking) → memory, (v, ω)`, and nothing else.
+    """A controller that gives its law, `velocity_law(memory, tracking) → memory, (v, ω)`, and nothing else.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class ModelFollower:
     Examples
     --------
     >>> class Slow(ModelFollower):
-    ...     def wants(self, memory, now):
+    ...     def velocity_law(self, memory, now):
     ...         return memory, (0.5 * now.nu_f[0] + now.e[0], 2.0 * now.e_chi)
     >>> robot = bq.load("small")
     >>> print(f"{Slow(robot.vehicle, limit=robot.command.limit).late_s:.2f} s behind its reference")
@@ -146,9 +146,9 @@ class ModelFollower:
         """Return what the law remembers before the first tick; nothing, for most."""
         return np.zeros(0)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return what the law remembers, and the velocity (v, ω) that it wants [m/s, rad/s].  (4)"""
-        raise NotImplementedError(f"{type(self).__name__} gives no law: write wants(memory, now).")
+    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+        """Return what the law remembers, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""
+        raise NotImplementedError(f"{type(self).__name__} gives no law: write velocity_law(memory, now).")
 
     def init(self) -> FollowerState:
         """Return the state of a vehicle at rest."""
@@ -172,7 +172,7 @@ class ModelFollower:
         kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + SLOW_M_S**2)
         ahead = nu_f[0] / np.hypot(nu_f[0], SLOW_M_S)
         now = Tracking(np.array([e_x, e[1], e[2]]), e_chi, nu_f, kappa, ahead, dt_s)
-        law, (v_w, omega_w) = self.wants(state.law, now)
+        law, (v_w, omega_w) = self.velocity_law(state.law, now)
         effort = self._effort(state.effort, np.array([v_w + v_i, nu[1], omega_w]), nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
         u = drivetrain.turn_first(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
@@ -184,15 +184,15 @@ class ModelFollower:
         drivetrain = self.vehicle.drivetrain
         return drivetrain.delay_s + drivetrain.lag_s + SMOOTHING_S
 
-    def _effort(self, effort: np.ndarray, wanted: np.ndarray, wanted_dot: np.ndarray) -> np.ndarray:
+    def _effort(self, effort: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray) -> np.ndarray:
         """Return ε (n,) from which the model at (v_w, ν_y, ω_w) has this acceleration (2,) over one tick.  (5)"""
         dt_s = 1.0 / self.rate_hz
 
         def after(effort: np.ndarray) -> np.ndarray:
-            return self.vehicle.advance(np.zeros(3), wanted, steady(effort), dt_s)[1][::2]
+            return self.vehicle.advance(np.zeros(3), nu, steady(effort), dt_s)[1][::2]
 
         B = jacobian(after)(effort)
-        missing = wanted[::2] + wanted_dot * dt_s - after(effort)
+        missing = nu[::2] + nu_dot * dt_s - after(effort)
         effort = effort + B.T @ np.linalg.solve(B @ B.T + DAMPING * np.eye(2), missing)
         return np.clip(effort, -self.limit, self.limit)
 

@@ -30,7 +30,7 @@ class PdFeedforward(ModelFollower):
     >>> robot = bq.load("small")
     >>> law = PdFeedforward(robot.vehicle, limit=robot.command.limit, join_m=0.2)
     >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
-    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> _, (v, omega) = law.velocity_law(law.memory(), path_on_the_left)
     >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
     0.20 m/s, 1.85 rad/s
     """
@@ -41,7 +41,7 @@ class PdFeedforward(ModelFollower):
         "m", "distance L within which the vehicle joins the path", low=0.01, high=10.0, default=0.25
     )
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""
         turn = now.e_chi + now.ahead * np.arctan(now.e[1] / self.join_m)
         return memory, (now.nu_f[0] + self.k_x * now.e[0], now.nu_f[2] + self.k_chi * turn)

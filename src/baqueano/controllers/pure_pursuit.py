@@ -31,7 +31,7 @@ class PurePursuit(ModelFollower):
     >>> robot = bq.load("small")
     >>> law = PurePursuit(robot.vehicle, limit=robot.command.limit, look_ahead_m=0.15)
     >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
-    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> _, (v, omega) = law.velocity_law(law.memory(), path_on_the_left)
     >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
     0.20 m/s, 0.74 rad/s
     """
@@ -40,7 +40,7 @@ class PurePursuit(ModelFollower):
     look_ahead_m: float = parameter("m", "distance L to the point, at rest", low=0.01, high=10.0, default=0.1)
     look_ahead_s: float = parameter("s", "what each m/s adds to L", low=0.0, high=10.0, default=0.3)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""
         v_f = now.nu_f[0]
         L = self.look_ahead_m + self.look_ahead_s * np.abs(v_f)

@@ -1,7 +1,7 @@
 """Commands that were decided before, in time: an experiment, a recording.
 
-It stands in the loop where the paper's controller would, so an experiment runs through the same loop, the same
-supervisor and into the same run as everything else.
+It takes the place of the paper's controller in the loop. So an experiment has the same loop, the same supervisor and
+the same kind of run as any other drive.
 """
 
 from dataclasses import dataclass

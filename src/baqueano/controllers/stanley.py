@@ -32,7 +32,7 @@ class Stanley(ModelFollower):
     >>> robot = bq.load("small")
     >>> law = Stanley(robot.vehicle, limit=robot.command.limit, k=3.0)
     >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
-    >>> _, (v, omega) = law.wants(law.memory(), path_on_the_left)
+    >>> _, (v, omega) = law.velocity_law(law.memory(), path_on_the_left)
     >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
     0.20 m/s, 0.96 rad/s
     """
@@ -47,7 +47,7 @@ class Stanley(ModelFollower):
     )
     steepest_rad: float = parameter("rad", "largest δ", low=0.01, high=1.5, default=0.8)
 
-    def wants(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the velocity wanted.  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         y_f = e_y + now.ahead * self.axle_m * np.sin(now.e_chi)

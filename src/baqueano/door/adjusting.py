@@ -49,9 +49,9 @@ class Adjustable:
         """Return the message of a change that is in force. ValueError for what cannot be set."""
         own = getattr(self.block, "block", self.block)
         room, _, name = path.partition(".")
-        known = [f"{ROOM}.{name}" for name in numbers_in(own)]
-        if room != ROOM or path not in known:
-            raise Invalid(fault("door.not-settable", path=repr(path), known=known))
+        paths = [f"{ROOM}.{name}" for name in numbers_in(own)]
+        if room != ROOM or path not in paths:
+            raise Invalid(fault("door.not-settable", path=repr(path), known=paths))
         before = np.asarray(getattr(own, name))
         try:
             now = np.asarray(value, dtype=float)
@@ -92,11 +92,11 @@ class Adjusting(Observer):
             lines.append((SWAP, str(Severity.INFO), note("door.swapped", room=room, kind=kind)))
         for path, value in self._operator.changes():
             try:
-                what, level = self._change(path, value), Severity.INFO
+                message, level = self._change(path, value), Severity.INFO
             except Invalid as error:
-                what, level = error.diagnostic, Severity.WARNING
-            self._tell({"is": "event", "level": str(level), "said": what})
-            lines.append((SOURCE, str(level), what))
+                message, level = error.diagnostic, Severity.WARNING
+            self._tell({"is": "event", "level": str(level), "said": message})
+            lines.append((SOURCE, str(level), message))
         return lines
 
     def _change(self, path: str, value: object) -> Diagnostic:

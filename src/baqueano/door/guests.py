@@ -47,7 +47,7 @@ class Guest:
 
     @property
     def coming(self) -> int:
-        """Return the bytes of a line that has no end yet."""
+        """Return the number of bytes of the line whose end has not arrived."""
         return len(self._coming)
 
     @property

@@ -32,14 +32,14 @@ class Operator:
         self._lock = (
             threading.RLock()
         )  # a signal may stop the vehicle in the middle of any word of the same thread
-        self._heard_ns = -(1 << 62)
+        self._last_beat_ns = -(1 << 62)
         self._u: np.ndarray | None = None
         self._u_ns = -(1 << 62)
         self._holder: Any = None
         self._silence_s = SILENCE_S  # of that holder
         self._missions: deque[tuple[str, bool, str]] = deque(maxlen=1)
         self._stop: Diagnostic | None = None
-        self._quit, self.clear_asked = False, False  # the last: somebody takes a stop away
+        self._quit, self.clear_requested = False, False  # the last: somebody takes a stop away
         self._marks = 0
         self._changes: deque[tuple[str, object]] = deque(maxlen=MOST_CHANGES)
         self._taken = False  # by a mission that is driven, or waits
@@ -49,7 +49,7 @@ class Operator:
     def sign_of_life(self, who: object) -> None:
         """Take a sign of life of `who`."""
         if who is self._holder:
-            self._heard_ns = self._now_ns()
+            self._last_beat_ns = self._now_ns()
 
     def hold(self, who: object, silence_s: float | None = None) -> None:
         """`who` drives from now on, and is gone after a silence of `silence_s`; SafetyStop while somebody else does."""
@@ -151,7 +151,7 @@ class Operator:
         """Return why the vehicle must stop; None if nobody says so.  (1)"""
         if self._stop is not None:
             return self._stop
-        silent_s = (self._now_ns() - self._heard_ns) * 1e-9
+        silent_s = (self._now_ns() - self._last_beat_ns) * 1e-9
         if attended and silent_s > self._silence_s:
             return stop(StopReason.HOLDER_SILENT, silent_ms=1e3 * min(silent_s, 99.0))
         return None
@@ -169,7 +169,7 @@ class Operator:
         """Clear the handled request and the stop for the reason `why`; a new one stays."""
         with self._lock:
             self._stop = None if self._stop == why else self._stop
-            self.clear_asked, self._quit, self._u = False, False, None
+            self.clear_requested, self._quit, self._u = False, False, None
 
     def free(self) -> None:
         """The mission is over: another may be asked for."""

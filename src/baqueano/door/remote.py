@@ -57,7 +57,7 @@ class Remote:
         self.name, self.inbox = name, queue.SimpleQueue()
         self.state: JsonObject = {}
         self.acknowledged = ""  # the last word that was acknowledged
-        self.overheard: Callable[[JsonObject], object] = lambda said: None  # gets each word that is heard
+        self.on_message: Callable[[JsonObject], object] = lambda message: None  # gets each word that is heard
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
         self._to, self._of, self._lock = to, of, threading.Lock()
         self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
@@ -78,24 +78,24 @@ class Remote:
         end = time.monotonic() + within_s
         while True:
             try:
-                said = self.inbox.get(timeout=max(0.0, end - time.monotonic()))
+                message = self.inbox.get(timeout=max(0.0, end - time.monotonic()))
             except queue.Empty:
                 raise RobotUnreachable(fault("remote.silent", host=self.name, within_s=within_s)) from None
-            if said is None:
+            if message is None:
                 self.inbox.put(None)  # for the next reader
                 raise RobotUnreachable(
                     fault("remote.closed", typed("robot", "status", self.name), host=self.name)
                 )
-            self.overheard(said)
-            match said["is"]:
+            self.on_message(message)
+            match message["is"]:
                 case "state":
-                    self.state = said
+                    self.state = message
                 case "heard":
-                    self.acknowledged = said["do"]
-            if said["is"] in kinds:
-                return said
-            if said["is"] == "no":
-                raise of_code(int(said.get("code", 1)), said.get("about") or said["why"])
+                    self.acknowledged = message["do"]
+            if message["is"] in kinds:
+                return message
+            if message["is"] == "no":
+                raise of_code(int(message.get("code", 1)), message.get("about") or message["why"])
 
     def wait(self, true: Callable[[], bool], within_s: float) -> bool:
         """Hears states and what is acknowledged until it is true; False if that takes longer."""
@@ -157,14 +157,14 @@ class Remote:
                 for word in words():
                     self.say(**word)
                 self._ping()
-                said = self._next(BEAT_S if hand is None or ending else HAND_S)
+                message = self._next(BEAT_S if hand is None or ending else HAND_S)
                 on_state(self.state | {"link_ms": self.link_ms})
-                if said is None:
+                if message is None:
                     progress(time.monotonic() - begun)
-                elif said["is"] == "event":
-                    say(text(said["said"]))
-                elif said["is"] == "done" and said.get("id") == name:
-                    return said
+                elif message["is"] == "event":
+                    say(text(message["said"]))
+                elif message["is"] == "done" and message.get("id") == name:
+                    return message
             except KeyboardInterrupt:
                 if ending:
                     self.say(do="stop", why=because(StopReason.STOPPED_FROM_LAPTOP))
@@ -181,12 +181,12 @@ class Remote:
     def _forget_others(self) -> None:
         """Drop the messages until now: they are of other drives."""
         while not self.inbox.empty():
-            said = self.inbox.get()
-            if said is None:  # the connection was closed, which still holds
+            message = self.inbox.get()
+            if message is None:  # the connection was closed, which still holds
                 self.inbox.put(None)
                 return
-            if said["is"] == "state":
-                self.state = said
+            if message["is"] == "state":
+                self.state = message
 
     def _ping(self) -> None:
         """Asks for an answer, when it is due."""
@@ -196,10 +196,10 @@ class Remote:
 
     def _next(self, within_s: float) -> "JsonObject | None":
         try:
-            said = self.hear(("event", "done", "pong"), within_s)
-            if said["is"] != "pong":
-                return said
-            if said["token"] == self._pinged_s:
+            message = self.hear(("event", "done", "pong"), within_s)
+            if message["is"] != "pong":
+                return message
+            if message["token"] == self._pinged_s:
                 self.link_ms = 1e3 * (time.monotonic() - self._pinged_s)
             return None
         except RobotUnreachable:
@@ -223,13 +223,13 @@ class Remote:
         """The bytes of a run, at most so many."""
         size, come = None, 0
         while size is None or come < size:
-            said = self.hear(("file",), 10.0)
+            message = self.hear(("file",), 10.0)
             try:
-                piece = base64.b64decode(said["data"], validate=True)
+                piece = base64.b64decode(message["data"], validate=True)
             except ValueError:
-                piece, said["left"] = b"", -1
+                piece, message["left"] = b"", -1
             come += len(piece)
-            size = come + said["left"] if size is None else size
+            size = come + message["left"] if size is None else size
             if size > min(most, LONGEST_RUN):
                 raise FileError(
                     fault(
@@ -241,7 +241,7 @@ class Remote:
                         longest_gb=LONGEST_RUN >> 30,
                     )
                 )
-            if come + said["left"] != size or size < 0 or (come < size and not piece):
+            if come + message["left"] != size or size < 0 or (come < size and not piece):
                 raise RobotUnreachable(fault("remote.run-otherwise", host=self.name, run=run))
             yield piece
 
@@ -253,12 +253,12 @@ class Remote:
     def _hear(self) -> None:
         with suppress(OSError, ValueError):
             while (line := self._of.readline(LONGEST_LINE)).endswith(b"\n"):
-                if (said := decoded(line)) is None:
+                if (message := decoded(line)) is None:
                     continue
-                while said["is"] != "state" and self.inbox.qsize() >= WAITING:  # nobody listens just now
+                while message["is"] != "state" and self.inbox.qsize() >= WAITING:  # nobody listens just now
                     time.sleep(HAND_S)
                 if self.inbox.qsize() < WAITING:
-                    self.inbox.put(said)
+                    self.inbox.put(message)
         self.inbox.put(None)
 
 
@@ -356,12 +356,12 @@ def _greeted(remote: Remote, ssh: Any, first: "JsonObject") -> None:
         _greet(remote, first)
     except RobotUnreachable as error:
         ssh.kill()
-        said = printable(ssh.stderr.read(LONGEST_LINE).decode(errors="replace").strip())
+        output = printable(ssh.stderr.read(LONGEST_LINE).decode(errors="replace").strip())
         raise RobotUnreachable(
             fault(
                 "remote.unreachable",
                 host=remote.name,
-                cause=(said.splitlines()[-1] if said else str(error)).rstrip("."),
+                cause=(output.splitlines()[-1] if output else str(error)).rstrip("."),
                 command=shlex.join(["ssh", remote.name, "baqueano", "robot", "status"]),
             )
         ) from error

@@ -4,7 +4,7 @@
     Wi-Fi ends    nothing ends: sshd there may wait for hours; so a sign of life goes into stdin each BEAT_S      (2)
     HUP, TERM     a terminal that hung up, a machine that is switched off                                         (3)
 
-(1) counts for a pipe alone: /dev/null, a file and a terminal have nobody who could let go of them. (2) counts from the
+(1) applies to a pipe alone: nobody can close /dev/null, a file or a terminal from its other end. (2) applies from the
 first sign of life on. All of them end the work as Ctrl-C does, once, so that it can put in order what it began.
 """
 
@@ -110,12 +110,12 @@ def _silent(over: threading.Event) -> bool:
         return False
     if not stat.S_ISFIFO(kind) and not stat.S_ISSOCK(kind):
         return False
-    heard_s = float("inf")
+    last_beat_s = float("inf")
     while not over.is_set():
         if select.select([STDIN], [], [], LOOK_S)[0]:
             if not os.read(STDIN, 4096):
                 return True
-            heard_s = time.monotonic()
-        elif time.monotonic() - heard_s > SILENCE_S:
+            last_beat_s = time.monotonic()
+        elif time.monotonic() - last_beat_s > SILENCE_S:
             return True
     return False

@@ -64,7 +64,7 @@ class Door:
         self._guests: set[Guest] = set()
         self._until: dict[Guest, float] = {}  # of those who came when all places were occupied
         self._state: JsonObject = {}  # the last one sent
-        self._told: deque[JsonObject] = deque()
+        self._outbox: deque[JsonObject] = deque()
         self._coming: deque[socket.socket] = deque()
         self._busy, self._number = 0, 0  # lines that were answered in the last turn; in all
         self._done = threading.Event()
@@ -80,7 +80,7 @@ class Door:
 
     def tell(self, message: "JsonObject") -> None:
         """Send a message to everybody; never waits. It is encoded in the door's thread."""
-        self._told.append(message)
+        self._outbox.append(message)
         self._ring()
 
     def welcome(self, line: socket.socket) -> None:
@@ -133,7 +133,7 @@ class Door:
         """Return how long nothing may happen [s]."""
         if self._busy >= SHARE // 2:
             time.sleep(BREATH_S)
-        if self._coming or self._told or any(guest.lines for guest in self._guests):
+        if self._coming or self._outbox or any(guest.lines for guest in self._guests):
             return 0.0
         fastest = max((guest.hz for guest in self._guests), default=0.0)
         if fastest <= 0.0:
@@ -143,9 +143,9 @@ class Door:
 
     def _tell_all(self) -> bool:
         """Put what was told before each guest; True if something was."""
-        before = len(self._told)
-        while self._told:
-            message = self._told.popleft()
+        before = len(self._outbox)
+        while self._outbox:
+            message = self._outbox.popleft()
             if message["is"] in ("state", "done"):
                 self._files.changed(message.get("run") if message["is"] == "state" else None)
             if message["is"] == "done":
@@ -231,8 +231,8 @@ class Door:
         try:
             if len(line) > LONG:  # to decode it holds up every thread: not where it would be refused
                 self.operator.may_ask(guest)
-            said = json.loads(line)
-            self._do(guest, said, said["do"])
+            request = json.loads(line)
+            self._do(guest, request, request["do"])
         except BaqueanoError as error:
             self._refuse(guest, error.diagnostic, error.exit_code)
         except Invalid as error:
@@ -244,40 +244,40 @@ class Door:
         """`why` is for ends of another version, which know no codes."""
         guest.say({"is": "no", "why": text(about), "about": about, "code": code})
 
-    def _do(self, guest: Guest, said: "JsonObject", what: str) -> None:
+    def _do(self, guest: Guest, request: "JsonObject", word: str) -> None:
         words: dict[str, Callable[[], object]] = {
-            "mission": lambda: self._ask(guest, said),
-            "hand": lambda: self.operator.want(guest, said["u"]),
+            "mission": lambda: self._ask(guest, request),
+            "hand": lambda: self.operator.want(guest, request["u"]),
             "beat": lambda: self.operator.sign_of_life(guest),
             "mark": lambda: self.operator.mark(guest),
-            "ping": lambda: guest.say({"is": "pong", "token": said.get("token")}),
+            "ping": lambda: guest.say({"is": "pong", "token": request.get("token")}),
             "end": lambda: self.operator.end(guest),
-            "stop": lambda: self._stop(guest, _reason(said.get("why"))),
-            "clear": lambda: setattr(self.operator, "clear_asked", True),
+            "stop": lambda: self._stop(guest, _reason(request.get("why"))),
+            "clear": lambda: setattr(self.operator, "clear_requested", True),
             "runs": lambda: guest.send_line(self._files.list()),
-            "fetch": lambda: self._files.fetch(guest, str(said["run"]), self._stays),
-            "watch": lambda: self._watch(guest, said),
-            "set": lambda: self._set(guest, said),
+            "fetch": lambda: self._files.fetch(guest, str(request["run"]), self._stays),
+            "watch": lambda: self._watch(guest, request),
+            "set": lambda: self._set(guest, request),
         }
-        if what in self._words:
-            if (answer := self._words[what](guest, said)) is not None:
+        if word in self._words:
+            if (answer := self._words[word](guest, request)) is not None:
                 guest.say(answer)
-        elif what in words:
-            words[what]()
+        elif word in words:
+            words[word]()
         else:
-            raise Invalid(fault("door.unknown-word", found=repr(what), known=[*words, *self._words]))
+            raise Invalid(fault("door.unknown-word", found=repr(word), known=[*words, *self._words]))
 
-    def _ask(self, guest: Guest, said: "JsonObject") -> None:
+    def _ask(self, guest: Guest, request: "JsonObject") -> None:
         """A mission of another version would end with words that nobody there understands."""
-        if (theirs := said.get("door", 1)) != VERSION:
+        if (theirs := request.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(theirs), ours=VERSION))
-        name, attended = str(said.get("id", ""))[:LONGEST_ID], bool(said.get("attended", True))
-        mission = str(said["mission"]) if "mission" in said else json.dumps(said)
-        self.operator.ask(guest, mission, attended, name, HIDDEN_S if said.get("by") == "page" else None)
+        name, attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
+        mission = str(request["mission"]) if "mission" in request else json.dumps(request)
+        self.operator.ask(guest, mission, attended, name, HIDDEN_S if request.get("by") == "page" else None)
 
-    def _set(self, guest: Guest, said: "JsonObject") -> None:
-        self.operator.change(guest, str(said["path"]), said["value"])
+    def _set(self, guest: Guest, request: "JsonObject") -> None:
+        self.operator.change(guest, str(request["path"]), request["value"])
         guest.say({"is": "heard", "do": "set"})
 
     def _stop(self, guest: Guest, why: Diagnostic) -> None:
@@ -286,9 +286,9 @@ class Door:
         if guest in self._until:
             self._until[guest] = time.monotonic() + STOPPED_S
 
-    def _watch(self, guest: Guest, said: "JsonObject") -> None:
+    def _watch(self, guest: Guest, request: "JsonObject") -> None:
         """Frames of the ticks from now on; `hz` 0 ends them."""
-        hz, names = float(said["hz"]), said.get("fields")
+        hz, names = float(request["hz"]), request.get("fields")
         guest.hz, guest.drive = (min(hz, MOST_HZ) if hz > 0.0 else 0.0), -1
         guest.names = None if names is None else tuple(map(str, names))
         drive, _ = self.frames.drive()
@@ -301,24 +301,24 @@ class Door:
         drive, words = self.frames.drive()
         if drive is None or drive.number == guest.drive or guest.hz <= 0.0:
             return
-        guest.shown = drive.looked if guest.drive < 0 else 0
+        guest.shown = drive.tick_count if guest.drive < 0 else 0
         guest.drive = drive.number
-        known = [column.name for column in drive.columns]
+        names = [column.name for column in drive.columns]
         guest.columns = (
-            None if guest.names is None else tuple(known.index(n) for n in guest.names if n in known)
+            None if guest.names is None else tuple(names.index(n) for n in guest.names if n in names)
         )
         for message in words:
             if message["is"] == "fields" and guest.columns is not None:
-                kept = {
+                selection = {
                     name: [message[name][c] for c in guest.columns] for name in ("names", "units", "kinds")
                 }
-                message = message | kept
+                message = message | selection
             guest.say(message)
 
     def _show_all(self, at_once: bool = False) -> None:
         """Encode the rows that have come, when they are due or at once, once for all who want the same of them."""
         watching = [guest for guest in self._guests if guest.hz > 0.0]
-        (drive, _), made = self.frames.drive(), {}
+        (drive, _), frames_by_columns = self.frames.drive(), {}
         if drive is None or not watching:
             return
         drive.make()
@@ -330,11 +330,11 @@ class Door:
                 continue
             guest.turn = int(now * guest.hz)
             key = (guest.shown, guest.columns)
-            if key not in made:
-                made[key] = drive.frame(guest.shown, guest.columns)
-            guest.shown = drive.made
-            if made[key] is not None:
-                guest.send_line(made[key])
+            if key not in frames_by_columns:
+                frames_by_columns[key] = drive.frame(guest.shown, guest.columns)
+            guest.shown = drive.row_count
+            if frames_by_columns[key] is not None:
+                guest.send_line(frames_by_columns[key])
 
     def _stays(self, guest: Guest) -> bool:
         """Return True while somebody is there, who is told more."""

@@ -22,7 +22,7 @@ LAST_S = 1.0  # for the last words of a program that has ended
 
 
 def there(host: str) -> list[str]:
-    """Return where HOST is in the words of ssh: "user@name" or "user@name:port". UsageError for what is no HOST."""
+    """Return where HOST is in the words of ssh: "user@name" or "user@name:port". UsageError if it is not a HOST."""
     name, colon, port = host.rpartition(":")
     port_words, name = (["-p", port], name) if colon and port.isdigit() else ([], host)
     computer = name.rpartition("@")[2]
@@ -68,12 +68,12 @@ def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[b
 
 def answer(stream: IO[bytes]) -> bytes:
     """Return all that comes of a stream. RobotUnreachable where that is more than LONGEST bytes."""
-    said = bytearray()
+    output = bytearray()
     while data := os.read(stream.fileno(), 1 << 16):
-        said += data
-        if len(said) > LONGEST:
+        output += data
+        if len(output) > LONGEST:
             raise RobotUnreachable(fault("ssh.too-much", most_mb=LONGEST >> 20))
-    return bytes(said)
+    return bytes(output)
 
 
 @contextmanager

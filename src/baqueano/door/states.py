@@ -47,10 +47,10 @@ class Machine:
         """The next state. A stop keeps its first reason. SafetyStop where this state does not know the event."""
         target = NEXT.get((self.state, event))
         if target is None:
-            said = {"state": self.state, "advice": self.advice}
+            figures = {"state": self.state, "advice": self.advice}
             if self.why is None:
-                raise SafetyStop(fault("door.state", **said))
-            raise SafetyStop(fault("door.state-because", **said, cause=self.why), self.why)
+                raise SafetyStop(fault("door.state", **figures))
+            raise SafetyStop(fault("door.state-because", **figures, cause=self.why), self.why)
         if self.state is not DoorState.STOPPED or event != "stop":
             self.why = why
         self.state = target

@@ -25,7 +25,7 @@ def encoded(message: "JsonObject") -> bytes:
 
 
 def decoded(line: bytes) -> "JsonObject | None":
-    """Return a message of a vehicle, its texts printable and of one line; None for what is none."""
+    """Return a message of a vehicle, its texts printable and of one line; None if the line is not one."""
     try:
         message = words(json.loads(line))
         message |= {k: Diagnostic.of_json(message[k]) for k in DATA if isinstance(message.get(k), dict)}

@@ -1,6 +1,6 @@
 """Blocks + world → run: first_drive, experiment, teach, repeat, replay."""
 
-from baqueano.drive.first_drive import FirstDrive, felt, first_drive, rough
+from baqueano.drive.first_drive import FirstDrive, estimate_first_drive, first_drive, rough
 from baqueano.drive.session import drive, stop_of
 from baqueano.drive.smoothing import smoothed
 from baqueano.drive.verbs import TeachResult, experiment, repeat, replay, route_of, teach

@@ -22,7 +22,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import CarefulController
 from baqueano.diagnostics import Diagnostic, fault, joined
-from baqueano.drive.first_drive_pulses import GROWTH, SEEN, STEP, Careful
+from baqueano.drive.first_drive_pulses import GROWTH, SIGNIFICANT, STEP, Careful
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
@@ -47,7 +47,7 @@ class Pulse(NamedTuple):
     u: np.ndarray  # (n,)
     v: float  # the largest speed, signed [m/s]
     turn: float  # [rad]
-    seen_v: float  # v in standard deviations
+    v_significance: float  # v in standard deviations
     significance: float  # the larger of v and turn in standard deviations
 
 
@@ -97,7 +97,7 @@ class FirstDrive(Result):
     @property
     def moved(self) -> int:
         """Pulses that moved the vehicle."""
-        return sum(p.significance > SEEN for p in self.pulses)
+        return sum(p.significance > SIGNIFICANT for p in self.pulses)
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per pulse."""
@@ -106,7 +106,7 @@ class FirstDrive(Result):
                 "command": " ".join(f"{x:g}" for x in p.u),
                 "v_m_s": p.v,
                 "turn_rad": p.turn,
-                "moved": p.significance > SEEN,
+                "moved": p.significance > SIGNIFICANT,
             }
             for p in self.pulses
         ]
@@ -154,7 +154,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
     >>> drive.wiring, drive.still, round(drive.gain_along, 1), round(drive.gain_about, 1)
     ((), (), 1.0, 1.0)
     """
-    return felt(careful_drive(vehicle_file, **options), vehicle_file)
+    return estimate_first_drive(careful_drive(vehicle_file, **options), vehicle_file)
 
 
 def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
@@ -189,7 +189,7 @@ def two_wheels(vehicle_file: VehicleFile) -> bool:
     return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
 
 
-def felt(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
+def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     """Estimate the numbers of a first drive from commands and IMU."""
     ways = directions(vehicle_file)
     pulses = pulses_of(run)
@@ -218,9 +218,9 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
         rows = slice(a, min(last, len(log.t_ns)))
         nu, var = log.nu[rows], np.maximum(np.diagonal(log.cov[rows], axis1=1, axis2=2), 1e-18)
         turned = log.eta[rows, 2] - log.eta[max(a - 1, 0), 2]
-        seen_v = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
-        significance = max(seen_v, float(np.max(np.abs(turned) / np.sqrt(var[:, 2]))))
-        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turned), seen_v, significance))
+        v_significance = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
+        significance = max(v_significance, float(np.max(np.abs(turned) / np.sqrt(var[:, 2]))))
+        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turned), v_significance, significance))
     return tuple(out)
 
 
@@ -231,8 +231,8 @@ def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray)
     for name, sign in (("dead_zone_forward", 1.0), ("dead_zone_backward", -1.0)):
         now = np.broadcast_to(getattr(drivetrain, name), channel.shape[1])
         size = np.where(sign * channel > 1e-9, sign * channel, np.nan) * between(at)[:, None]
-        felt_at = [np.min(c[np.isfinite(c)], initial=np.inf) for c in size.T]
-        new = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(now, felt_at, strict=True)]
+        onset = [np.min(c[np.isfinite(c)], initial=np.inf) for c in size.T]
+        new = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(now, onset, strict=True)]
         if np.any(now > 0.0):
             changes[f"model.drivetrain.{name}"] = [float(x) for x in new]
     return vehicle_file.with_values(changes) if changes else vehicle_file
@@ -278,7 +278,7 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
     for a, b in zip(begin, end, strict=True):
         rows = slice(a, b + round(AFTER_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
         simulated.append([_largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])])
-    significant, gains, left = np.array([p.significance > SEEN for p in pulses], bool), [], 0.0
+    significant, gains, left = np.array([p.significance > SIGNIFICANT for p in pulses], bool), [], 0.0
     for x, y in zip(
         np.reshape(simulated, (-1, 2)).T, ([p.v for p in pulses], [p.turn for p in pulses]), strict=True
     ):
@@ -295,11 +295,11 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
     turn, both, var = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
         for wheel, forward in enumerate((ways[0], ways[2])):
-            if p.significance > SEEN and _along(p.u, forward):
+            if p.significance > SIGNIFICANT and _along(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn * np.sign(p.u @ forward) * side
                 both[wheel] += p.v * p.turn * side  # v goes with the turn: the large pulses count most
-                var[wheel] += (p.turn * p.v / max(p.seen_v, 1e-9)) ** 2
+                var[wheel] += (p.turn * p.v / max(p.v_significance, 1e-9)) ** 2
     if not np.all(turn != 0.0):
         return ()
     if np.any(np.abs(both) < SURE * np.sqrt(var)):
@@ -316,7 +316,7 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
 
 def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
     """The smallest part of `way` (n,) that moved the vehicle, NaN if none did."""
-    return min(_levels([p for p in pulses if p.significance > SEEN], way), default=float("nan"))
+    return min(_levels([p for p in pulses if p.significance > SIGNIFICANT], way), default=float("nan"))
 
 
 def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:

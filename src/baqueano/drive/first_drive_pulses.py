@@ -2,7 +2,7 @@
 
 `Careful` gives one pulse after the other, each of PULSE_S and in one direction, as small as may be:
 
-    level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SEEN sd      (1)
+    level ← level + max(STEP, GROWTH level)          as long as neither |v| nor |Δψ| exceeds SIGNIFICANT sd (1)
 
 A pulse ends at once where |v| or |ω| passes its limit. A direction is done after such a pulse, after
 ENOUGH pulses that moved the vehicle, or at full command. Of the directions that are left the one at the lowest level is
@@ -23,7 +23,7 @@ from baqueano.signals import Estimate, seconds
 
 PULSE_S, PAUSE_S, FIRST_S = 0.25, 0.8, 2.0
 STEP, GROWTH = 0.04, 0.12  # of a level
-SEEN = 6.0  # standard deviations
+SIGNIFICANT = 6.0  # standard deviations
 ENOUGH = 10  # pulses in one direction that moved the vehicle
 BACK_M = 0.05  # from the spot, above which the way back goes before
 
@@ -83,7 +83,7 @@ class Careful:
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turned = abs(estimate.eta[2] - state.at[2])
         significance = max(v / max(sd_v, 1e-9), turned / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
-        cut = v > max(self.speed_m_s, SEEN * sd_v) or omega > self.turn_rad_s + SEEN * sd_omega
+        cut = v > max(self.speed_m_s, SIGNIFICANT * sd_v) or omega > self.turn_rad_s + SIGNIFICANT * sd_omega
         if state.now < 0 and state.last < 0:
             return state
         return state._replace(
@@ -98,7 +98,7 @@ class Careful:
         level, moved, gone, done = (x.copy() for x in (state.level, state.moved, state.gone, state.done))
         shift = estimate.eta[:2] - state.at[:2]
         c, s = np.cos(state.at[2]), np.sin(state.at[2])
-        if state.significance > SEEN:
+        if state.significance > SIGNIFICANT:
             moved[k] += 1.0
             gone[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
         done[k] |= state.cut or moved[k] >= ENOUGH or level[k] >= 1.0

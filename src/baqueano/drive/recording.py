@@ -30,7 +30,7 @@ class Recording:
     health: Health
     observers: Sequence[Observer]
     begun_ns: int
-    says: dict[str, Callable[[Tree], Diagnostic | None]] = field(default_factory=dict)  # by room
+    diagnostics: dict[str, Callable[[Tree], Diagnostic | None]] = field(default_factory=dict)  # by room
     ticks: int = 0
     logged: bool = True  # the disk takes the run
 
@@ -56,7 +56,7 @@ class Recording:
             self._event(event_ns, "warning", SHAKE_SOURCE if ours else HARDWARE_SOURCE, one)
         for source, level, one in self.health.lines(record.tick, record.estimate):
             self._event(t_ns, level, source, one)
-        for room in tuple(self.says):
+        for room in tuple(self.diagnostics):
             self._ask(room, record)
         for _ in range(sum(one.marked() for one in self.observers)):
             self._event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
@@ -81,9 +81,9 @@ class Recording:
         if state is None:  # it was replaced after a fault
             return
         try:
-            one = self.says[room](state)
+            one = self.diagnostics[room](state)
         except Exception as error:
-            del self.says[room]
+            del self.diagnostics[room]
             one = note("drive.says-failed", Severity.WARNING, room=room, error=named(error))
         if one is not None:
             self._event(t_ns, "warning" if one.severity == Severity.WARNING else "info", room, one)
@@ -107,29 +107,29 @@ class Recording:
                 one.progress(seconds(record.tick.t_ns, self.begun_ns))
 
 
-def spoken(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
+def messages_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
     """Return by room what tells of a state what its blocks say, those inside of others too."""
     sayings = {room: tuple(_sayings(block)) for room, block in blocks._asdict().items()}
-    return {room: partial(_first, says) for room, says in sayings.items() if says}
+    return {room: partial(_first, diagnose) for room, diagnose in sayings.items() if diagnose}
 
 
 def _sayings(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
-    """Yield `says` of a block and of those inside, for the state of the outermost."""
+    """Yield `diagnostic` of a block and of those inside, for the state of the outermost."""
     if (
         inner := getattr(block, "block", None)
     ) is not None:  # timed, compiled: with the state of the one inside
         yield from _sayings(inner)
         return
-    if (own := optional.of(block, "says")) is not None:
+    if (own := optional.of(block, "diagnostic")) is not None:
         yield own
     for name in optional.of(block, "goes_around"):
-        for says in _sayings(getattr(block, name)):
-            yield partial(_of_part, says, name)
+        for diagnose in _sayings(getattr(block, name)):
+            yield partial(_of_part, diagnose, name)
 
 
-def _of_part(says: Callable[[Tree], Diagnostic | None], name: str, state: Tree) -> Diagnostic | None:
-    return says(getattr(state, name))
+def _of_part(diagnose: Callable[[Tree], Diagnostic | None], name: str, state: Tree) -> Diagnostic | None:
+    return diagnose(getattr(state, name))
 
 
 def _first(sayings: Sequence[Callable[[Tree], Diagnostic | None]], state: Tree) -> Diagnostic | None:
-    return next((one for says in sayings if (one := says(state)) is not None), None)
+    return next((one for diagnose in sayings if (one := diagnose(state)) is not None), None)

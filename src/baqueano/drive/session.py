@@ -18,7 +18,7 @@ from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.observers import Observer, Watchdog
-from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, spoken
+from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, messages_of_blocks
 from baqueano.errors import SafetyStop, UsageError, from_outside, named
 from baqueano.loop import Blocks
 from baqueano.monitor import Watching
@@ -29,7 +29,7 @@ from baqueano.symbolic import TraceError, compiled
 from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicle_file import VehicleFile
 from baqueano.worlds import ShakenWorld, SimulatedWorld
-from baqueano.worlds.faults.fault import Wanted
+from baqueano.worlds.faults.fault import FaultLike
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +51,7 @@ class Conditions:
     backend: str = "auto"
     world: World | None = None
     ticking: Iterable[int] | None = None
-    shake: Sequence[Wanted] | None = None
+    shake: Sequence[FaultLike] | None = None
 
     @property
     def start(self) -> np.ndarray:
@@ -172,7 +172,7 @@ def drive(
     ticking = given.clock_of(vehicle_file)
 
     def driven(sink: RunSink) -> None:
-        recording = Recording(sink, world, health, observers, _first_ns(ticking), spoken(blocks))
+        recording = Recording(sink, world, health, observers, _first_ns(ticking), messages_of_blocks(blocks))
         start, elsewhere = initial_pose_for(blocks.estimator, given.start)
         recording.begin([*world.notes, *unknown, *notes, *([] if elsewhere is None else [elsewhere])])
         _run(blocks, ticking, start, recording)

@@ -80,8 +80,8 @@ class DriveTo:
     def join(cls, route: Route, reach_m: float = REACH_M, **limits: float) -> "DriveTo":
         """Return the guide to the first part of a route, up to `reach_m`, at most half of the route."""
         s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
-        wanted = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOALS)
-        at = np.unique(np.searchsorted(s, wanted - 1e-12))
+        distances = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOALS)
+        at = np.unique(np.searchsorted(s, distances - 1e-12))
         return cls(route.eta[at], route.t_s[at], route.nu[at, 0], **limits)
 
     def init(self) -> DriveToState:

@@ -3,7 +3,7 @@
     first  until it is done,  then second                                                                 (1)
     second begins at the time τ of its route at which `first` arrived, where `first` drives to a route      (2)
 
-(2): a guide that has no `joined` begins τ ago.
+(2): a guide without `joined` begins τ ago.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Any guide at another pace: slower, paused, and on again.
 
-    |p_k − p_{k−1}| ≤ Δt / ramp_s,   p → wanted                                                           (1)
+    |p_k − p_{k−1}| ≤ Δt / ramp_s,   p → pace                                                             (1)
     t′ = ∫ p dt,   η_r, ν_r = guide(t′),   ν_r ← p ν_r                                                    (2)
 
 The guide lives in the time t′, which stands at p = 0: no part of its route is left out by a pause, and from 1 to 0 the
@@ -46,7 +46,7 @@ class AtPace:
     >>> from baqueano.guides import Repeat
     >>> from baqueano.guides.shapes import circle
     >>> from baqueano.signals import Estimate
-    >>> guide, here = AtPace(Repeat.along(circle(0.5, 0.2)), wanted=0.5), np.zeros(3)
+    >>> guide, here = AtPace(Repeat.along(circle(0.5, 0.2)), pace=0.5), np.zeros(3)
     >>> state, _ = guide.step(guide.init(), Estimate(0, here, here, np.eye(6)))
     >>> state, reference = guide.step(state, Estimate(2_000_000_000, here, here, np.eye(6)))
     >>> print(reference.nu)
@@ -57,7 +57,7 @@ class AtPace:
     goes_around: ClassVar[tuple[str, ...]] = ("guide",)
 
     guide: Tree
-    wanted: float = parameter("1", "pace", low=0.0, high=1.0, default=1.0)
+    pace: float = parameter("1", "pace", low=0.0, high=1.0, default=1.0)
     ramp_s: float = parameter("s", "time from 0 to 1", low=1e-3, high=60.0, default=0.6)
 
     def __post_init__(self) -> None:
@@ -72,7 +72,7 @@ class AtPace:
         if state.t_ns < 0:
             state = state._replace(t_ns=estimate.t_ns, own_ns=estimate.t_ns)
         step = seconds(estimate.t_ns, state.t_ns) / self.ramp_s
-        pace: Value = np.clip(self.wanted, state.pace - step, state.pace + step)  # (1)
+        pace: Value = np.clip(self.pace, state.pace - step, state.pace + step)  # (1)
         own_ns = state.own_ns + round(pace * (estimate.t_ns - state.t_ns))
         guide, reference = self.guide.step(state.guide, estimate._replace(t_ns=own_ns))
         reference = reference._replace(t_ns=estimate.t_ns, nu=pace * reference.nu)

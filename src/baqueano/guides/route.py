@@ -106,9 +106,9 @@ def closed_up(route: Route) -> Route:
 def run_through(route: Route) -> Route:
     """Return a closed route that does not begin from rest, so that a lap follows another without a stop.
 
-    Until the teacher had reached the speed v of the route's end, or its median if that is less, times shrink by the
-    part of v that was driven, and velocities go evenly from those of the end to those that were reached. A start that
-    turns on the spot, and a route that ends at rest, stay as they are.
+    v is the speed of the route's end, or its median if that is less. Until the teacher had reached v, times shrink by
+    the part of v that was driven. There velocities go evenly from those of the end to those that were reached. A start
+    that turns on the spot, and a route that ends at rest, stay as they are.
     """
     speed = np.abs(route.nu[:, 0])
     v = min(speed[-1], float(np.median(speed)))

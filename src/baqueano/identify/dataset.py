@@ -142,8 +142,8 @@ def parameters_of(
     >>> [one.path for one in parameters_of(data, ["model.mass_kg"]).free]
     ['model.mass_kg']
     """
-    wanted = free_parameters(data.blocks, free, (*options.fixed, *options.per_run), options.bounds)
-    return unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
+    parameters = free_parameters(data.blocks, free, (*options.fixed, *options.per_run), options.bounds)
+    return unknowns(data.blocks, parameters, data.runs, data.channels, data.file.rate_hz, options)
 
 
 def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:

@@ -205,8 +205,8 @@ def conclude(
     whole = task._replace(low=parameters.low, high=parameters.high, problem=result.problem)
     result = bounds_of(whole, result)
     end = FinishedFit(
-        data.file, parameters.blocks, whole, list(parameters.wanted), list(parameters.frozen), result, identifiability,
-        info, data.note, data.findings, options.diagnose,
+        data.file, parameters.blocks, whole, list(parameters.requested), list(parameters.frozen), result,
+        identifiability, info, data.note, data.findings, options.diagnose,
     )  # fmt: skip
     if options.biases and acts_alone(data.file.vehicle):
         by_zero = covariance_by_zeros(

@@ -85,8 +85,8 @@ def fit_imu_only(
         kind = type(data.file.vehicle).__name__
         raise UsageError(fault("imu-only.no-dynamics", vehicle=data.file.name, kind=kind))
     zero = zero_of(data.file, imu) if acts_alone(data.file.vehicle) else 0.0
-    wanted = _wanted(data.blocks, free, options, imu)
-    parameters = unknowns(data.blocks, wanted, data.runs, data.channels, data.file.rate_hz, options)
+    requested = _requested_parameters(data.blocks, free, options, imu)
+    parameters = unknowns(data.blocks, requested, data.runs, data.channels, data.file.rate_hz, options)
     blocks = parameters.blocks
     problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
@@ -99,7 +99,7 @@ def fit_imu_only(
     residuals = result.problem.misfits(result.solution.theta)
     result = result._replace(sigma=spread(residuals, result.problem.has, floor))
     end = FinishedFit(
-        data.file, blocks, task._replace(problem=result.problem), list(parameters.wanted), list(parameters.frozen),
+        data.file, blocks, task._replace(problem=result.problem), list(parameters.requested), list(parameters.frozen),
         result, identifiability, info, data.note, data.findings,
     )  # fmt: skip
     errors = fit_of(end._replace(ask=False))  # what the model lacks is in them by its blocks
@@ -202,17 +202,19 @@ def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
     raise UsageError(fault("imu-only.which-imu", vehicle=file.name, known=names))
 
 
-def _wanted(blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str) -> list[Free]:
+def _requested_parameters(
+    blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str
+) -> list[Free]:
     """Return what is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
     fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if acts_alone(blocks.model):
         free = requested_paths(free, lambda: [*default_free(blocks), DELAY])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
-    wanted = free_parameters(blocks, free, options.fixed, bounds)
-    if not fixed and lever not in [one.path for one in wanted]:
-        wanted.append(described(blocks, lever, options.bounds))
-    return wanted
+    requested = free_parameters(blocks, free, options.fixed, bounds)
+    if not fixed and lever not in [one.path for one in requested]:
+        requested.append(described(blocks, lever, options.bounds))
+    return requested
 
 
 def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:

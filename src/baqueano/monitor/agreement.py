@@ -94,8 +94,8 @@ class Agreement:
         suspect = broken | far | frozen
         off = has & (suspect | (self._refused(y, S) & _alone(suspect | (was.doubt_s > 0.0))))
         s = expected - its.rest
-        says = s**2 / (s**2 + SIGMA**2 * variance + TINY)
-        fading = np.where(its.inertial & (same_s >= FROZEN_S), 0.0, SLOW + (FAST - SLOW) * says)
+        signal_share = s**2 / (s**2 + SIGMA**2 * variance + TINY)
+        fading = np.where(its.inertial & (same_s >= FROZEN_S), 0.0, SLOW + (FAST - SLOW) * signal_share)
         doubt_s = np.clip(was.doubt_s + dt_s * np.where(off, 1.0, -fading), 0.0, DEGRADED_S)
 
         G = mirrored(K @ model.cov[3:6, 3:6] @ K.T)

@@ -43,19 +43,19 @@ class Watching:
         """Begin at the pose, or pose and velocity, at which the estimator begins."""
         self._state: Tree = self._block.init(*start)
         self._since_ns: dict[int, int] = {}  # of what disagrees
-        self._found: dict[int, Finding] = {}
+        self._findings: dict[int, Finding] = {}
         self._arrived, self._refused = ([0] * self._innovations for _ in range(2))
         self._counts = self._broken = False
 
     @property
     def degraded(self) -> tuple[Finding, ...]:
         """Return the sensors that are degraded now."""
-        return tuple(one for one in self._found.values() if one.degraded) if self._found else ()
+        return tuple(one for one in self._findings.values() if one.degraded) if self._findings else ()
 
     @property
     def suspect(self) -> bool:
         """Return whether a sensor disagrees that is not known to be right."""
-        return any(one.off != MODEL for one in self._found.values())
+        return any(one.off != MODEL for one in self._findings.values())
 
     @property
     def refusals(self) -> tuple[Refusals, ...]:
@@ -86,7 +86,7 @@ class Watching:
         except BaseException as error:  # a drive goes on without its monitor
             if from_outside(error):
                 raise
-            self._broken, self._found = True, {}
+            self._broken, self._findings = True, {}
             return [Notice(note("monitor.raised", Severity.WARNING, error=named(error)))]
         doubts = doubt.tolist()
         if not self._since_ns and max(doubts, default=0.0) < EVENT_S:
@@ -100,14 +100,14 @@ class Watching:
                 if d < EVENT_S:
                     continue
                 self._since_ns[c] = t_ns - round(1e9 * d)
-                self._found[c] = finding(self.numbers, c, memory, t_ns, d)
-                notices.append(Notice(self._found[c].diagnostic, self._found[c]))
-            elif d >= DEGRADED_S and not self._found[c].degraded:
-                self._found[c] = finding(self.numbers, c, memory, t_ns, d)
-                notices.append(Notice(self._found[c].diagnostic, self._found[c]))
+                self._findings[c] = finding(self.numbers, c, memory, t_ns, d)
+                notices.append(Notice(self._findings[c].diagnostic, self._findings[c]))
+            elif d >= DEGRADED_S and not self._findings[c].degraded:
+                self._findings[c] = finding(self.numbers, c, memory, t_ns, d)
+                notices.append(Notice(self._findings[c].diagnostic, self._findings[c]))
             elif d <= 0.0:
                 lasted_s = seconds(t_ns, self._since_ns.pop(c))
-                name = self._found.pop(c).name
+                name = self._findings.pop(c).name
                 notices.append(Notice(note("sensor.agrees-again", subject=name, lasted_s=lasted_s)))
         return notices
 

@@ -66,8 +66,8 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
     of the run `beside` it, whichever there are."""
     lines: dict[str, np.ndarray] = {}
     band, end = None, None
-    if run.asked is not None and len(run.asked.t_ns) > 1:
-        lines["reference"] = run.asked.eta[:, :2]
+    if run.guide_reference is not None and len(run.guide_reference.t_ns) > 1:
+        lines["reference"] = run.guide_reference.eta[:, :2]
     if run.truth is not None:
         lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
     if run.estimate is not None:
@@ -140,7 +140,7 @@ def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarra
     return seconds(log.t_ns, run.t_ns[0]), np.column_stack([off, log.nu[:, 0] - nu_true[:, 0]])
 
 
-def knows(corridor: FilterConsistency, run: Run) -> list[Section]:
+def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]:
     """Return the sentence on the filter's own covariance, its figures and its innovations, where there are any."""
     rows, log = corridor.figures(), run.estimate
     caption = _(

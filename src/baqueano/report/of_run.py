@@ -13,7 +13,13 @@ from baqueano.language import translated as _
 from baqueano.monitor import REFUSED, Refusals
 from baqueano.printable import typed
 from baqueano.report import figures
-from baqueano.report.estimate_report import beside_each_other, errors, knows, paths, sentence_of_path
+from baqueano.report.estimate_report import (
+    beside_each_other,
+    consistency_sections,
+    errors,
+    paths,
+    sentence_of_path,
+)
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.runs import Run
 from baqueano.runs.show import show
@@ -44,7 +50,7 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     sections += beside_each_other(both) if beside is not None else []
     sections += driving(run, judged) if drove else []
     sections += errors(run, alignment, beside)
-    sections += knows(one.consistency, run)
+    sections += consistency_sections(one.consistency, run)
     sections += refused(one.refusals)
     sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
     contents = show(run)
@@ -136,7 +142,7 @@ def driving(run: Run, judged: dict) -> list[Section]:
 def speed(run: Run) -> Drawing | None:
     """The forward speed against its reference; None of a run that holds none."""
     curves = {}
-    for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.asked)):
+    for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.guide_reference)):
         if log is not None and np.isfinite(log.nu[:, 0]).any():
             curves[name] = seconds(log.t_ns, run.t_ns[0]), log.nu[:, 0]
     if not curves:

@@ -74,11 +74,11 @@ def _share_of(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray],
     def step(carry: float, motion: np.ndarray) -> tuple[float, Value]:
         v, r, v_dot, r_dot = motion
         nu = np.array([v, 0.0, r])
-        wanted = np.array([v_dot, r_dot if turns else 0.0 * r_dot]) if dynamic else np.array([v, r])
+        target = np.array([v_dot, r_dot if turns else 0.0 * r_dot]) if dynamic else np.array([v, r])
         effort = np.zeros(commands)
         for _ in range(NEWTON):
             B = jacobian(lambda effort: answer(nu, effort))(effort)
-            missing = wanted - answer(nu, effort)
+            missing = target - answer(nu, effort)
             effort = effort + B.T @ np.linalg.solve(B @ B.T + DAMPING * np.eye(2), missing)
         u = drivetrain.inverse(effort)
         share = np.max(np.abs(u[alive]) / limit[alive]) if np.any(alive) else 0.0

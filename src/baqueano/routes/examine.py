@@ -146,8 +146,8 @@ def examine(
     Returns
     -------
     RouteReport
-        REFUSED where a number is none, a pose jumps, samples are missing, the vehicle is too slow, or a wall is in
-        the way.
+        REFUSED where a number is not finite, a pose jumps or samples are missing. REFUSED as well where the vehicle is
+        too slow, or a wall is in the way.
 
     Notes
     -----

@@ -22,7 +22,7 @@ OFF_M = 0.05
 
 
 def unknown_places(route: Route, s: np.ndarray) -> list[Diagnostic]:
-    """Return what of a route is no number, or where it jumps or has a gap; `s` (m,) is its way [m]."""
+    """Return where a route is not finite, jumps or has a gap; `s` (m,) is its way [m]."""
     numbers = np.column_stack([route.t_s, route.eta, route.nu])
     wrong = ~np.isfinite(numbers).all(axis=1)
     if wrong.any():

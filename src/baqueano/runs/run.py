@@ -171,9 +171,8 @@ class Run(Result):
         return seconds(self.t_ns, self.t_ns[0]) if len(self.t_ns) else np.zeros(0)
 
     @property
-    def asked(self) -> ReferenceLog | None:
-        """The reference, None of a drive in which no guide asked for anything: then it is where the estimator
-        believed the vehicle to be."""
+    def guide_reference(self) -> ReferenceLog | None:
+        """Return the reference of the guide; None where it equals the estimate, as in a drive without a guide."""
         ref, log = self.reference, self.estimate
         if ref is None or log is None or not np.array_equal(ref.eta, log.eta, equal_nan=True):
             return ref

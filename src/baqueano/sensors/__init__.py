@@ -2,8 +2,8 @@
 
 A sensor that measures an angle has, beside these, `difference(z, expected)` (m,): z − expected with the angle
 wrapped (see `Pose`); where it is missing the difference is plain. One that is silent where there is nothing to measure
-has `sees(motion)` (see `Rangefinder`). One that may take one thing for another has `mistakes(z)` (k, m): what z lacks
-then (see `Tags`).
+has `detects(motion)` (see `Rangefinder`). One that may take one thing for another has `mistakes(z)` (k, m): what z
+lacks then (see `Tags`).
 """
 
 from baqueano.contracts.blocks import Sensor

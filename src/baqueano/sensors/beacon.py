@@ -66,6 +66,6 @@ class Beacon(SampledSensor):
         x, y = self.point_m - place_of(self.lever_arm_m, motion)
         return np.array([np.sqrt(x * x + y * y + self.above_m**2 + SMALL_M**2) + self.offset_m])
 
-    def sees(self, motion: Motion) -> Value:
+    def detects(self, motion: Motion) -> Value:
         """Within reach?"""
         return self.h(motion)[0] <= self.farthest_m

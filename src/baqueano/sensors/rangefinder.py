@@ -76,7 +76,7 @@ class Rangefinder(SampledSensor):
         square, alpha = self._facing(motion)
         return np.array([square / np.maximum(np.cos(alpha), LEAST_COS)])
 
-    def sees(self, motion: Motion) -> Value:
+    def detects(self, motion: Motion) -> Value:
         """Return True if the wall is there, within reach, and square enough."""
         (square, alpha), r = self._facing(motion), self.h(motion)[0]
         beam, n = motion.eta[2] + self.heading_rad, self.wall_heading_rad

@@ -65,7 +65,7 @@ class SampledSensor:
     """A sensor with white noise but for its h: a block of this room adds its parameters, `size` and h(motion) → (m,).
 
     It has rate_hz, delay_s, delay_slots, noise_std and measurement_noise_cov; and, where it is silent at times,
-    sees(motion), or for angles difference(z, expected).
+    detects(motion), or for angles difference(z, expected).
     """
 
     __slots__ = ()
@@ -97,7 +97,7 @@ class SampledSensor:
     ) -> tuple[SensorState, Slot]:
         """The state one tick on, and what the sensor says at its end; `noise` (m,) are unit normals."""
         state, has, z = sample(self, state, motion, dt_s)
-        has: Value = np.where(sees(self, motion), has, 0.0)
+        has: Value = np.where(detects(self, motion), has, 0.0)
         z = difference(self, z + self.noise_std * noise, np.zeros(self.size))  # an angle is wrapped
         return state, Slot(has, np.where(has > 0.0, z, 0.0))
 
@@ -144,9 +144,9 @@ def sample(
     return state, np.minimum(periods, 1.0) * long, z
 
 
-def sees(sensor: Tree, motion: Motion) -> Value:
+def detects(sensor: Tree, motion: Motion) -> Value:
     """Return whether a sensor has something to measure there; one that is silent at times brings its own."""
-    own = optional.of(sensor, "sees")
+    own = optional.of(sensor, "detects")
     return True if own is None else own(motion)
 
 

@@ -106,11 +106,11 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
             out += held_out(
                 fit, reference[name], runs[other], f"cpm {name} → {other}, {_(gyro.name)}", backend
             )
-            says, truth = drive_of(fit, file), drive_of(reference[name], car)
+            estimate, truth = drive_of(fit, file), drive_of(reference[name], car)
             fits.append(fit)
-            both = np.hypot(says.sd, truth.sd)
-            inside.append(np.abs(says.value - truth.value) <= QUANTILE_95 * both)
-            width.append(QUANTILE_95 * says.sd / np.abs(says.value))
+            both = np.hypot(estimate.sd, truth.sd)
+            inside.append(np.abs(estimate.value - truth.value) <= QUANTILE_95 * both)
+            width.append(QUANTILE_95 * estimate.sd / np.abs(estimate.value))
     return out + of_intervals(np.array(inside), np.array(width)) + of_words(fits[-1], runs)
 
 

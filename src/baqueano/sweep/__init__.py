@@ -1,8 +1,8 @@
 """Estimators, controllers and guides on the same drives: one table, with intervals of their differences.
 
-found = sweep(vehicle_file, routes=eight(1.0, 0.25), controllers=["kanayama", "lqr"], seeds=range(10))
-print(found.table())
-found.to_pandas()                # a row per cell and drive
+result = sweep(vehicle_file, routes=eight(1.0, 0.25), controllers=["kanayama", "lqr"], seeds=range(10))
+print(result.table())
+result.to_pandas()                # a row per cell and drive
 """
 
 from typing import TYPE_CHECKING

@@ -27,56 +27,56 @@ if TYPE_CHECKING:
 def registered() -> None:
     """Give `.plot()` and a notebook's card to the results of sweeps."""
     drawings_of.register(
-        SweepResult, lambda found: {"drives": lambda: spread(found), "differences": lambda: ratios(found)}
+        SweepResult, lambda result: {"drives": lambda: spread(result), "differences": lambda: ratios(result)}
     )
     card_of.register(SweepResult, _card)
 
 
-def _card(found: Result) -> Card:
-    assert isinstance(found, SweepResult)
-    names = found.shown()[:6]
+def _card(result: Result) -> Card:
+    assert isinstance(result, SweepResult)
+    names = result.shown()[:6]
     rows = [
         {"cell": row["cell"], **{_head(name): row[name] * ALL[name].scale for name in names}}
-        for row in found.cells()
+        for row in result.cells()
     ]
-    title = text(note("sweep.head", drives=max((row["drives"] for row in found.cells()), default=0)))
-    return Card(title, found.verdict, rows, [text(one) for one in found.reasons])
+    title = text(note("sweep.head", drives=max((row["drives"] for row in result.cells()), default=0)))
+    return Card(title, result.verdict, rows, [text(one) for one in result.reasons])
 
 
-def page_of_sweep(found: SweepResult, title: str = "", reproduce: str = "") -> Page:
+def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> Page:
     """Return the table, the spread over the drives and the differences on one page."""
-    main, rows = found.main_figure(), found.cells()
-    known = [row for row in rows if np.isfinite(row[main])]
-    best = min(known, key=lambda row: row[main]) if known else None
-    headlines = [Headline(_("cells"), str(len(rows)), ""), Headline(_("drives"), str(len(found.drives)), "")]
+    main, rows = result.main_figure(), result.cells()
+    finite = [row for row in rows if np.isfinite(row[main])]
+    best = min(finite, key=lambda row: row[main]) if finite else None
+    headlines = [Headline(_("cells"), str(len(rows)), ""), Headline(_("drives"), str(len(result.drives)), "")]
     if best is not None:
         value = f"{number(best[main] * ALL[main].scale):.3g} {ALL[main].unit}"
         headlines.append(Headline(_("least error"), value, best["cell"]))
-    parts: list[Table | Drawing] = [draw(spread(found), text(note("sweep.spread")))]
+    parts: list[Table | Drawing] = [draw(spread(result), text(note("sweep.spread")))]
     if len(rows) > 1:
-        parts.append(draw(ratios(found), text(note("sweep.ratios", reference=found.reference))))
-    medians = [{"cell": row["cell"], **{_head(name): _plain(row[name] * ALL[name].scale) for name in found.shown()}}
+        parts.append(draw(ratios(result), text(note("sweep.ratios", reference=result.reference))))
+    medians = [{"cell": row["cell"], **{_head(name): _plain(row[name] * ALL[name].scale) for name in result.shown()}}
                for row in rows]  # fmt: skip
     return Page(
         title or _("Sweep"),
         text(note("sweep.head", drives=max((row["drives"] for row in rows), default=0))),
-        found.verdict,
+        result.verdict,
         headlines,
         [
-            Section(_("Cells"), "; ".join(text(one) for one in found.reasons), [Table(medians)]),
+            Section(_("Cells"), "; ".join(text(one) for one in result.reasons), [Table(medians)]),
             Section(_("Figures"), "", parts),
-            Section(_("Differences"), text(note("sweep.interval")), [Table(_differences(found, rows))]),
+            Section(_("Differences"), text(note("sweep.interval")), [Table(_differences(result, rows))]),
         ],
         reproduce,
     )
 
 
-def _differences(found: SweepResult, rows: "list[TableRow]") -> "list[TableRow]":
+def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]":
     out = []
     for row in rows:
         for name in SUMMED:
-            one = found.difference(row["cell"], name)
-            if row["cell"] != found.reference and np.isfinite(one.ratio):
+            one = result.difference(row["cell"], name)
+            if row["cell"] != result.reference and np.isfinite(one.ratio):
                 out.append({
                     "cell": row["cell"], "figure": _(SUMMED[name].heading), "ratio": one.ratio, "from": _plain(one.low),
                     "to": _plain(one.high), "blocks": one.blocks,
@@ -94,13 +94,15 @@ def _plain(value: float) -> float | None:
 
 
 @styled
-def spread(found: SweepResult) -> "Figure":
+def spread(result: SweepResult) -> "Figure":
     """Draw the main figure of each drive, and the median of each cell."""
-    main, rows = found.main_figure(), found.cells()
+    main, rows = result.main_figure(), result.cells()
     figure, axes = panel((7.2, 0.45 * len(rows) + 1.2))
     for k, row in enumerate(reversed(rows)):
         x = [
-            d.figures.get(main, np.nan) * ALL[main].scale for d in found.drives if d.cell.label == row["cell"]
+            d.figures.get(main, np.nan) * ALL[main].scale
+            for d in result.drives
+            if d.cell.label == row["cell"]
         ]
         axes.plot(x, np.full(len(x), k), "o", ms=4, color=MEASURED, alpha=0.4)
         axes.plot([row[main] * ALL[main].scale], [k], "|", ms=16, mew=2.5, color=MODEL)
@@ -111,16 +113,16 @@ def spread(found: SweepResult) -> "Figure":
 
 
 @styled
-def ratios(found: SweepResult) -> "Figure":
+def ratios(result: SweepResult) -> "Figure":
     """Draw the main figure of each cell in parts of the reference's, with its interval."""
-    main, rows = found.main_figure(), [row for row in found.cells() if row["cell"] != found.reference]
+    main, rows = result.main_figure(), [row for row in result.cells() if row["cell"] != result.reference]
     figure, axes = panel((7.2, 0.45 * max(len(rows), 1) + 1.2))
     for k, row in enumerate(reversed(rows)):
-        one = found.difference(row["cell"], main)
+        one = result.difference(row["cell"], main)
         axes.hlines([k], [one.low], [one.high], color=REFERENCE, lw=5)
         axes.plot([one.ratio], [k], "o", ms=5, color=MODEL)
     axes.axvline(1.0, color=MEASURED, lw=1)
     axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
     axes.set_xscale("log")
-    axes.set_xlabel(f"{_(ALL[main].heading)} / {found.reference}")
+    axes.set_xlabel(f"{_(ALL[main].heading)} / {result.reference}")
     return figure

@@ -68,8 +68,8 @@ def figures_of(
         single |= of_path
     spans = {"rpe_m": over_s, "rpe_heading_rad": over_s}
     pieces = {name: pieces_of(*series[name], spans.get(name, 0.0)) for name in SUMMED if name in series}
-    found = filter_consistency(run, alignment)
-    single |= {name: getattr(found, name).mean for name in ("nees_pose", "nees_velocity", "nis")}
+    consistency = filter_consistency(run, alignment)
+    single |= {name: getattr(consistency, name).mean for name in ("nees_pose", "nees_velocity", "nis")}
     return {name: errors.rms(series[name][1]) if name in series else NAN for name in SUMMED} | single, pieces
 
 
@@ -91,18 +91,21 @@ def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[n
 def _of_drive(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
     """Return times and errors of the vehicle, and the single figures of its path."""
     log: Tree = run.truth if run.truth is not None else run.estimate
-    ref = run.asked
+    ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not np.ptp(ref.eta[:, :2], axis=0).any():
         return {}, {}
     over = ref.t_ns[ref.done > 0.0]
     k = log.t_ns <= (over[0] if over.size else ref.t_ns[-1])
     t_ns, eta, speed = log.t_ns[k], log.eta[k], log.nu[k, 0]
     across = errors.cross_track(t_ns, eta[:, :2], ref.t_ns, ref.eta[:, :2])
-    asked = at_times(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0]
+    speed_reference = at_times(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0]
     late = seconds(t_ns, t_ns[0]) >= evenness.AFTER_S
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ref.eta[:, :2], axis=0).T))])
     at = np.interp(t_ns, ref.t_ns, way)
-    series = {"across_rms_m": (t_ns, across), "speed_error_m_s": (t_ns[late], (speed - asked)[late])}
+    series = {
+        "across_rms_m": (t_ns, across),
+        "speed_error_m_s": (t_ns[late], (speed - speed_reference)[late]),
+    }
     single = {
         "across_max_m": float(np.max(np.abs(across))), "joined_m": joined(at, across),
         "laps": _laps(run, t_ns, across, at / way[-1] if way[-1] else at, laps),

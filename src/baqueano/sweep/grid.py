@@ -14,8 +14,8 @@ from baqueano.guides.route import Route
 from baqueano.runs import Run
 from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.drawing import registered
-from baqueano.sweep.kept import Means, all_done
 from baqueano.sweep.result import SweepCell, SweepResult
+from baqueano.sweep.stored_drives import Resources, run_all
 from baqueano.sweep.workers import processors
 from baqueano.vehicle_file import VehicleFile, load
 from baqueano.vehicle_file.build import DEFAULT_KIND
@@ -83,8 +83,8 @@ def sweep(
     Examples
     --------
     >>> from baqueano.guides.shapes import circle
-    >>> found = sweep(bq.load("small"), routes=circle(0.3, 0.2), controllers=["kanayama", "lqr"], processes=1)
-    >>> [row["cell"] for row in found.cells()], len(found.drives)
+    >>> result = sweep(bq.load("small"), routes=circle(0.3, 0.2), controllers=["kanayama", "lqr"], processes=1)
+    >>> [row["cell"] for row in result.cells()], len(result.drives)
     (['kanayama', 'lqr'], 2)
     """
     subjects = [load(one) if isinstance(one, str) else one for one in _several(over)]
@@ -93,17 +93,17 @@ def sweep(
         "controller": _several(controllers),
         "guide": _several(guides),
     }
-    wanted = _checked(settings)
+    conditions = _checked(settings)
     runs = [one for one in subjects if isinstance(one, Run)]
     if runs and len(runs) == len(subjects):
-        jobs = _of_runs(runs, rooms, vehicle, wanted, _several(routes))
+        jobs = _of_runs(runs, rooms, vehicle, conditions, _several(routes))
     else:
-        jobs = _of_vehicles(subjects, rooms, _named(routes), [int(one) for one in seeds], wanted)
+        jobs = _of_vehicles(subjects, rooms, _named(routes), [int(one) for one in seeds], conditions)
     labels = list(dict.fromkeys(job.cell.label for job in jobs))
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", found=reference, near=nearest(reference, labels)))
     count = processors() if processes is None else processes
-    drives = all_done(jobs, Means(count, cluster, None if keep is None else Path(keep)), each)
+    drives = run_all(jobs, Resources(count, cluster, None if keep is None else Path(keep)), each)
     if not drives:
         raise KeyboardInterrupt
     registered()
@@ -118,16 +118,16 @@ def _several(given: Tree) -> list:
 
 
 def _checked(settings: dict) -> SweepSettings:
-    known = SweepSettings._fields
+    names = SweepSettings._fields
     for name in settings:
-        if name not in known:
-            raise UsageError(fault("sweep.setting", found=name, near=nearest(name, known)))
-    wanted = SweepSettings(**settings)
-    if wanted.alignment not in ALIGNMENTS:
-        raise UsageError(fault("compare.alignment", found=wanted.alignment, known=ALIGNMENTS))
-    if not (wanted.laps >= 1 and wanted.over_s > 0.0):
-        raise UsageError(fault("sweep.numbers", laps=wanted.laps, over_s=wanted.over_s))
-    return wanted._replace(start=tuple(float(x) for x in wanted.start))
+        if name not in names:
+            raise UsageError(fault("sweep.setting", found=name, near=nearest(name, names)))
+    conditions = SweepSettings(**settings)
+    if conditions.alignment not in ALIGNMENTS:
+        raise UsageError(fault("compare.alignment", found=conditions.alignment, known=ALIGNMENTS))
+    if not (conditions.laps >= 1 and conditions.over_s > 0.0):
+        raise UsageError(fault("sweep.numbers", laps=conditions.laps, over_s=conditions.over_s))
+    return conditions._replace(start=tuple(float(x) for x in conditions.start))
 
 
 def _named(routes: Tree) -> dict[str, Route]:

@@ -1,4 +1,4 @@
-"""The ratio of two cells on the same drives, with an interval that knows what is not independent.
+"""The ratio of two cells on the same drives, with an interval that accounts for dependent errors.
 
     θ = mean over drives d of ½ ln(E_d / Ẽ_d),   E_d = Σ_b S_b / Σ_b n_b,   ratio = exp θ                  (1)
     s² = Σ_d (n_d − 1) / n_d Σ_b (θ_{−b} − mean_b θ_{−b})²,   θ_{−b}: (1) without the block b of n_d         (2)
@@ -6,8 +6,8 @@
 
 With FEWEST drives or more a drive is a block, of which each has its own noise: (2) is then the error of a mean. Of
 fewer drives, blocks are pieces of TIMES correlation times or more, and the interval holds for these drives, not for
-others. Fewer than FEWEST blocks have no interval. A bootstrap of so few blocks is too narrow. Source of (2), the
-delete-one jackknife: Künsch, Annals of Statistics, 1989.
+others. With fewer than FEWEST blocks the interval is NaN. A bootstrap of so few blocks is too narrow. Source of (2),
+the delete-one jackknife: Künsch, Annals of Statistics, 1989.
 """
 
 from collections.abc import Sequence

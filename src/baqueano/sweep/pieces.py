@@ -50,12 +50,12 @@ def pieces_of(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> Pieces:
     begun, over = (np.minimum(t // length_s, count - 1).astype(int) for t in (t_s, end_s))
     whole = np.isfinite(e) & (begun == over)
     squares, samples = (np.bincount(begun[whole], x[whole], count) for x in (e * e, np.ones(len(e))))
-    known = np.isfinite(e)
+    finite = np.isfinite(e)
     return Pieces(
         tuple(squares.tolist()),
         tuple(samples.tolist()),
         length_s,
-        correlation_time(t_ns[known], e[known] ** 2),
+        correlation_time(t_ns[finite], e[finite] ** 2),
     )
 
 

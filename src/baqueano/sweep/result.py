@@ -96,21 +96,21 @@ class SweepResult(Result):
     ----------
     drives : tuple of SweepDrive
         Cell by cell.
-    asked : int
-        How many were to be done; more than there are after Ctrl-C.
+    requested : int
+        Number of drives of the call; more than `drives` holds after Ctrl-C.
     reference : str
         Label of the cell with which the others are compared.
 
     Examples
     --------
     >>> from baqueano.guides.shapes import circle
-    >>> found = bq.sweep(bq.load("small"), routes=circle(0.3, 0.2), controllers=["kanayama", "lqr"], processes=1)
-    >>> print(f"{found.difference('lqr', 'across_rms_m').ratio < 1.0}")
+    >>> result = bq.sweep(bq.load("small"), routes=circle(0.3, 0.2), controllers=["kanayama", "lqr"], processes=1)
+    >>> print(f"{result.difference('lqr', 'across_rms_m').ratio < 1.0}")
     True
     """
 
     drives: tuple[SweepDrive, ...]
-    asked: int
+    requested: int
     reference: str
 
     def __repr__(self) -> str:
@@ -139,11 +139,15 @@ class SweepResult(Result):
             }
             for name in ALL:
                 x = np.array([d.figures.get(name, np.nan) for d in drives])
-                known = x[np.isfinite(x)]
-                row[name] = float(np.median(known)) if known.size else float("nan")
+                finite = x[np.isfinite(x)]
+                row[name] = float(np.median(finite)) if finite.size else float("nan")
             for name in SUMMED:
-                found = self.difference(label, name)
-                row |= {f"{name}_ratio": found.ratio, f"{name}_low": found.low, f"{name}_high": found.high}
+                difference = self.difference(label, name)
+                row |= {
+                    f"{name}_ratio": difference.ratio,
+                    f"{name}_low": difference.low,
+                    f"{name}_high": difference.high,
+                }
             out.append(row)
         return out
 
@@ -152,10 +156,10 @@ class SweepResult(Result):
         cells = self._by_cell()
         ours, others = ({d.name: d for d in cells.get(one, ())} for one in (label, self.reference))
         both = [(ours[name], others[name]) for name in ours if name in others]
-        known = [
+        pairs = [
             (a.pieces[figure], b.pieces[figure]) for a, b in both if figure in a.pieces and figure in b.pieces
         ]
-        return paired([a for a, _b in known], [b for _a, b in known]) if known else UNKNOWN
+        return paired([a for a, _b in pairs], [b for _a, b in pairs]) if pairs else UNKNOWN
 
     @property
     def verdict(self) -> Verdict:
@@ -176,8 +180,8 @@ class SweepResult(Result):
             for row in self.cells()
             if row["stopped"]
         ]
-        if len(self.drives) < self.asked:
-            out.append(note("sweep.part", Severity.WARNING, done=len(self.drives), asked=self.asked))
+        if len(self.drives) < self.requested:
+            out.append(note("sweep.part", Severity.WARNING, done=len(self.drives), asked=self.requested))
         return tuple(out)
 
     def table(self) -> str:
@@ -192,8 +196,10 @@ class SweepResult(Result):
 
     def main_figure(self) -> str:
         """Return the name of the figure by which cells are compared first."""
-        known = [name for name in MAIN if any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)]
-        return known[0] if known else MAIN[-1]
+        available = [
+            name for name in MAIN if any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)
+        ]
+        return available[0] if available else MAIN[-1]
 
     def shown(self) -> list[str]:
         """Return the names of the figures that any drive has, those of the vehicle first."""

@@ -220,7 +220,7 @@ class CompiledBlock:
     def __init__(self, block: Tree, backend: str = "auto") -> None:
         self.block = block
         self.backend = chosen(backend)
-        self._asked = self.backend
+        self._requested_backend = self.backend
         self._steps: dict[tuple[Shape, ...], Function] = {}
         self._last: Callable[..., Tree] = _never
         self._pause = getattr(block, "pause", None)
@@ -242,7 +242,7 @@ class CompiledBlock:
             pass
         key = tuple(shape_of(x, f"argument {k}") for k, x in enumerate(args))
         if key not in self._steps:
-            self._steps[key] = Function(self._text, args, self._asked)
+            self._steps[key] = Function(self._text, args, self._requested_backend)
         made = self._steps[key]
         self._last, self.backend = made.call, made.backend
         return made(*args)

@@ -169,18 +169,21 @@ class Scan(ABC):
         Also the derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes)."""
 
     def _theta(self, theta: Tree, many: bool = False) -> np.ndarray:
-        wanted = "(L, p)" if many else "(p,)"
+        expected = "(L, p)" if many else "(p,)"
         if self.parameters is None:
             if theta is not None:
                 raise Invalid(fault("engine.no-theta"))
             return np.zeros(0)
         if theta is None:
-            raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=wanted))
+            raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=expected))
         theta = np.ascontiguousarray(theta, dtype=float)
         if theta.ndim != 1 + many or theta.shape[-1] != self.parameters:
             raise Invalid(
                 fault(
-                    "engine.theta-shape", found=str(theta.shape), expected=wanted, parameters=self.parameters
+                    "engine.theta-shape",
+                    found=str(theta.shape),
+                    expected=expected,
+                    parameters=self.parameters,
                 )
             )
         return theta
@@ -207,7 +210,7 @@ class TracedScan(Scan):
         self, step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: np.ndarray | None, backend: str
     ) -> None:
         super().__init__(step, carry, inputs, theta)
-        self.asked = backend
+        self.requested_backend = backend
         start = None if self.carry_function else self._flat_start(None)  # it may depend on θ
         candidates = {leaf.path for leaf in _symmetric_leaves(self.carry_shape, start)}
         self.trace, self.symmetric = self._traced(candidates)
@@ -304,7 +307,11 @@ class TracedScan(Scan):
         with self.trace.graph.lock:
             if key not in self.summing:
                 program = summed(assembly.program, slopes)
-                self.summing[key] = assembly, program, Runner(program, self.asked)  # the id stays taken
+                self.summing[key] = (
+                    assembly,
+                    program,
+                    Runner(program, self.requested_backend),
+                )  # the id stays taken
         return self.summing[key][1:]
 
     def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:
@@ -326,7 +333,7 @@ class TracedScan(Scan):
                 if key not in self.runners:
                     trace = self.trace if symmetric else self._traced(set())[0]
                     assembly = assemble(trace, keep_all, given_start)
-                    self.runners[key] = assembly, Runner(assembly.program, self.asked)
+                    self.runners[key] = assembly, Runner(assembly.program, self.requested_backend)
         return self.runners[key]
 
     def _prepared(self, keep_all: bool, carry: Tree, flat: np.ndarray | None = None) -> Tree:

@@ -5,7 +5,7 @@
     + q Σ_t Σ_i ((u_i,t − u_i,t−1) / limit_i)² + p Σ_t Σ_i (u_i,t / limit_i)²         ours; 0 in the paper  (3)
 
 η is the pose of the simulated vehicle ("obtained by simulating the system with the dynamic parameters").
-The paper sums metres and radians: w [m] is what a radian weighs, by default half the track (errata 13), the
+The paper sums metres and radians: w [m] is the weight of a radian. By default it is half the track (errata 13), the
 distance that a wheel moves when the vehicle turns in place by one. Nor does it give h: k is 0.1 m by
 default. Huber's norm of the whole vector, not of its entries, so that turning the map changes nothing.
 The paper puts no price on the command, and the least cost is then a vehicle that trembles along its route;
@@ -38,39 +38,39 @@ class TickErrors(NamedTuple):
     saturated: Tree  # 1.0 where the supervisor or the vehicle's limit cut the command
 
 
-def tick_cost(weights: Weights, limit: np.ndarray, heard: Tree) -> Tree:
+def tick_cost(weights: Weights, limit: np.ndarray, output: Tree) -> Tree:
     """Return a term of the sum, a scalar [m²].  (2), (3)"""
-    cost = path_cost(weights, heard)
+    cost = path_cost(weights, output)
     if weights.jerk_m2 != 0.0:
-        cost = cost + weights.jerk_m2 * jerk(limit, heard)
-    return cost if weights.effort_m2 == 0.0 else cost + weights.effort_m2 * effort(limit, heard)
+        cost = cost + weights.jerk_m2 * jerk(limit, output)
+    return cost if weights.effort_m2 == 0.0 else cost + weights.effort_m2 * effort(limit, output)
 
 
-def path_cost(weights: Weights, heard: Tree) -> Tree:
+def path_cost(weights: Weights, output: Tree) -> Tree:
     """Return the cost of the distance from the reference at a tick, a scalar [m²].  (2)"""
-    d = heard.record.reference.eta - heard.truth.eta
+    d = output.record.reference.eta - output.truth.eta
     k = weights.huber_m
     r2 = d[0] * d[0] + d[1] * d[1] + (weights.radian_m * wrap(d[2])) ** 2
     beyond = k * np.sqrt(np.maximum(r2, k * k)) - 0.5 * k * k
     return np.where(r2 <= k * k, 0.5 * r2, beyond)
 
 
-def jerk(limit: np.ndarray, heard: Tree) -> Tree:
+def jerk(limit: np.ndarray, output: Tree) -> Tree:
     """Return the squared change of the command at a tick, in parts of its limit; q is its price.  (3)"""
-    change = (heard.record.command.u - heard.record.tick.u) / _scale(limit)
+    change = (output.record.command.u - output.record.tick.u) / _scale(limit)
     return np.sum(change * change)
 
 
-def effort(limit: np.ndarray, heard: Tree) -> Tree:
+def effort(limit: np.ndarray, output: Tree) -> Tree:
     """Return the square of the command at a tick, in parts of its limit; p is its price.  (3)"""
-    part = heard.record.command.u / _scale(limit)
+    part = output.record.command.u / _scale(limit)
     return np.sum(part * part)
 
 
-def shown(limit: np.ndarray, heard: Tree) -> TickErrors:
+def shown(limit: np.ndarray, output: Tree) -> TickErrors:
     """Distance, heading and saturation of a tick."""
-    d = heard.record.reference.eta - heard.truth.eta
-    full = (np.abs(heard.record.command.u) >= limit) & (limit > 0.0)
+    d = output.record.reference.eta - output.truth.eta
+    full = (np.abs(output.record.command.u) >= limit) & (limit > 0.0)
     return TickErrors(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(full, 1.0, 0.0)))
 
 

@@ -4,10 +4,11 @@ model that is right needs none on its route. The paper's cost alone is jerk_m2 =
 from limit to limit.
 
 Default: the loop with perfect pose, as the paper says ("η_e is obtained by simulating the system"). With
-`estimator=True` the file's own estimator stands in the loop and the sensors have their noise; the pose that is judged
-is the vehicle's, not the believed one, and converters have no steps (a staircase has no slope). With `draws` the cost
-is nearly that of the worst vehicle drawn from the covariance of the fit (rehearsal.py): gains that suit one exact
-vehicle are too sharp for the real one. The nominal gains are a start of that search, and both are judged on others.
+`estimator=True` the file's own estimator stands in the loop and the sensors have their noise; the pose of the
+cost is the vehicle's, not the estimated one, and converters work without steps (the slope of a staircase is 0). With
+`draws` the cost is nearly that of the worst vehicle drawn from the covariance of the fit (rehearsal.py): gains that
+suit one exact vehicle are too sharp for the real one. The nominal gains are a start of that search, and both are judged
+on others.
 """
 
 from collections.abc import Sequence
@@ -80,7 +81,7 @@ def tune(
     (True, '1/s')
     """
     rehearsal = rehearse(vehicle_file, route, **options)
-    before = rehearsal.asked.before
+    before = rehearsal.space.before
     own = [before] if np.all(np.isfinite(before)) else []
     nominal, descents = searched(rehearsal.nominal(), own, starts, polish)
     if descents[0].cost >= UNUSABLE:
@@ -88,7 +89,7 @@ def tune(
     worst = None
     if len(rehearsal.vehicles) > 1:
         seed, sharp = options.get("seed", 0), descents[0].gains
-        rehearsal = replace(rehearsal, asked=nominal.asked, legs=nominal.legs)
+        rehearsal = replace(rehearsal, space=nominal.space, legs=nominal.legs)
         rehearsal, robust = searched(rehearsal, [sharp, *own], 1, False)
         worst, descents = judged(vehicle_file, rehearsal, robust, sharp, seed)
     else:
@@ -104,25 +105,25 @@ def searched(
 ) -> tuple[Rehearsal, list[Descent]]:
     """The descents, the least cost first, and the drives with the bounds that were needed: where a gain ends on a soft
     bound, the search goes on from there with a wider one."""
-    found: list[Descent] = []
+    descents: list[Descent] = []
     best = np.zeros(0)
     for _ in range(1 + WIDENED):
-        asked = rehearsal.asked
-        found += search(
-            rehearsal.cost, rehearsal.cost_and_gradient, asked.low, asked.high, own, starts, polish
+        space = rehearsal.space
+        descents += search(
+            rehearsal.cost, rehearsal.cost_and_gradient, space.low, space.high, own, starts, polish
         )
-        found.sort(key=lambda d: d.cost)
-        best = found[0].gains
-        wider = asked.widened(at_limit(best, asked.low, asked.high))
-        if np.array_equal(wider.low, asked.low) and np.array_equal(wider.high, asked.high):
+        descents.sort(key=lambda d: d.cost)
+        best = descents[0].gains
+        wider = space.widened(at_limit(best, space.low, space.high))
+        if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
             break
-        rehearsal, own, starts = replace(rehearsal, asked=wider), [best], 0
+        rehearsal, own, starts = replace(rehearsal, space=wider), [best], 0
     if rehearsal.remembers(best):
-        asked, rehearsal = rehearsal.asked, rehearsal.begun_with(best)
-        again = descend(rehearsal.cost_and_gradient, best, asked.low, asked.high)
+        space, rehearsal = rehearsal.space, rehearsal.begun_with(best)
+        again = descend(rehearsal.cost_and_gradient, best, space.low, space.high)
         rehearsal = rehearsal.begun_with(again.gains)
-        found.insert(0, again._replace(cost=rehearsal.cost(again.gains)))
-    return rehearsal, found
+        descents.insert(0, again._replace(cost=rehearsal.cost(again.gains)))
+    return rehearsal, descents
 
 
 def judged(
@@ -152,18 +153,18 @@ def _tuned(
     vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list[Descent], own: list[np.ndarray],
     worst: WorstCase | None, fresh: FreshSeeds | None, controller: Any,
 ) -> TuneResult:  # fmt: skip
-    asked, best = rehearsal.asked, descents[0]
+    space, best = rehearsal.space, descents[0]
     around = _around(rehearsal, best)
-    limits = at_limit(best.gains, asked.low, asked.high)
-    block = asked.with_gains(best.gains)
+    limits = at_limit(best.gains, space.low, space.high)
+    block = space.with_gains(best.gains)
     rows = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
     speed_m_s = float(np.mean([leg.speed_m_s for leg in rehearsal.legs]))
     return TuneResult(
         vehicle_file,
-        tuple(_gain(rehearsal, k, best, int(limits[k]), around) for k in range(len(asked.names))),
+        tuple(_gain(rehearsal, k, best, int(limits[k]), around) for k in range(len(space.names))),
         best.cost,
         rehearsal.cost(own[0]) if own else float("nan"),
-        rehearsal.cost(np.zeros(len(asked.low))),
+        rehearsal.cost(np.zeros(len(space.low))),
         rehearsal.weights,
         rehearsal.drive(best.gains),
         tuple(descents),
@@ -190,7 +191,7 @@ def _around(rehearsal: Rehearsal, best: Descent) -> np.ndarray:
 
 def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int, around: np.ndarray) -> Gain:
     """Gain k, with the cost when it alone is smaller and larger."""
-    asked, (less, more) = rehearsal.asked, (FACTORS.index(factor) for factor in (0.8, 1.25))
-    named = asked.names[k], asked.units[k], float(best.gains[k]), float(asked.before[k])
-    ends = float(asked.low[k]), float(asked.high[k]), limit
+    space, (less, more) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
+    named = space.names[k], space.units[k], float(best.gains[k]), float(space.before[k])
+    ends = float(space.low[k]), float(space.high[k]), limit
     return Gain(*named, *ends, float(around[k, less]), float(around[k, more]))

@@ -18,9 +18,9 @@ from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_o
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
-from baqueano.tune.asked import SoughtGains, sought
 from baqueano.tune.cost import Weights, jerk, path_cost, shown
 from baqueano.tune.rehearsal import ASIDE_M, HUBER_M, JERK_M2, TICKS_FROM, rms, unquantised, weights_of
+from baqueano.tune.search_space import SearchSpace, search_space
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -55,7 +55,7 @@ class SimulatedLap(NamedTuple):
 class SimulatedLaps:
     """The laps of a vehicle on a route, for any gains of its controller."""
 
-    asked: SoughtGains
+    space: SearchSpace
     weights: Weights
     seconds: float  # of a lap
     whole: bool  # False: only the first LONGEST_S of it
@@ -117,20 +117,20 @@ def simulated_laps(
     UsageError
         For a controller without a gain.
     """
-    asked = sought(vehicle_file, controller=kind)
+    space = search_space(vehicle_file, controller=kind)
     weights = weights_of(vehicle_file, None, HUBER_M, JERK_M2)
-    system = unquantised(closed(vehicle_file, route, 1, True, asked.block))
+    system = unquantised(closed(vehicle_file, route, 1, True, space.block))
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
     lasting = ticks_of(system, rate)
     ticks = min(lasting, round(LONGEST_S * rate))
 
-    def output(heard: Tree) -> _LapTick:
-        errors = shown(limit, heard)
-        eta, cost = heard.truth.eta, path_cost(weights, heard)
-        return _LapTick(eta[0], eta[1], cost, jerk(limit, heard), errors.distance_m, errors.saturated)
+    def output(loop_output: Tree) -> _LapTick:
+        errors = shown(limit, loop_output)
+        eta, cost = loop_output.truth.eta, path_cost(weights, loop_output)
+        return _LapTick(eta[0], eta[1], cost, jerk(limit, loop_output), errors.distance_m, errors.saturated)
 
-    paths = tuple(f"controller.{name}" for name in asked.names)
+    paths = tuple(f"controller.{name}" for name in space.names)
     kernel = closed_loop(system, rate, noise=False, backend=backend, output=output, paths=paths)
     start = begin(system, compose(start_of(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
     whole = ticks == lasting
-    return SimulatedLaps(asked, weights, ticks / rate, whole, Input(times(ticks, rate), None), start, kernel)
+    return SimulatedLaps(space, weights, ticks / rate, whole, Input(times(ticks, rate), None), start, kernel)

@@ -79,7 +79,7 @@ class Linear(NamedTuple):
 def loop_margins(
     vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
 ) -> tuple[LoopMargins, ...]:
-    """Return the margins of each channel that has a limit above 0; none where there is no steady drive."""
+    """Return the margins of each channel that has a limit above 0; empty without a steady drive."""
     if not speed_m_s > SLOWEST_M_S:
         return ()
     plant, steady = linearised(vehicle_file, controller, speed_m_s)

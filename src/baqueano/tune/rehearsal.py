@@ -30,8 +30,8 @@ from baqueano.simulate.many import drawn
 from baqueano.simulate.open_loop import draw, times
 from baqueano.simulate.system import Input, System, SystemState, begin, flat
 from baqueano.symbolic import Scan, put
-from baqueano.tune.asked import SoughtGains, sought
 from baqueano.tune.cost import Weights, shown, tick_cost
+from baqueano.tune.search_space import SearchSpace, search_space
 from baqueano.worlds.noise import stream
 
 if TYPE_CHECKING:
@@ -73,11 +73,11 @@ class Leg(NamedTuple):
     def speed_m_s(self) -> float:
         """Return the median speed that the route asks for."""
         at = times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SAMPLES]
-        asked = [reference.nu for reference in references_of(self.system, at.tolist())]
-        return float(np.median([np.hypot(nu[0], nu[1]) for nu in asked]))
+        velocities = [reference.nu for reference in references_of(self.system, at.tolist())]
+        return float(np.median([np.hypot(nu[0], nu[1]) for nu in velocities]))
 
     def with_seeds(self, seeds: Sequence[int | None]) -> "Leg":
-        """Return the same with the noise of other seeds; None: there is none."""
+        """Return the same with the noise of other seeds; None: without noise."""
         t_ns, sensors = times(self.ticks, self.rate_hz), self.system.sensors
         noise = [None if seed is None else draw(sensors, seed, self.ticks) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
@@ -87,7 +87,7 @@ class Leg(NamedTuple):
 class Rehearsal:
     """Routes, seeds and vehicles, and the cost of the drives over all of them."""
 
-    asked: SoughtGains
+    space: SearchSpace
     weights: Weights
     loop: str  # in words
     legs: tuple[Leg, ...]
@@ -140,13 +140,13 @@ class Rehearsal:
 
     def begun_with(self, gains: np.ndarray) -> "Rehearsal":
         """Return the same drives with the memory with which a controller of these gains begins."""
-        block = self.asked.with_gains(gains)
+        block = self.space.with_gains(gains)
         legs = tuple(leg._replace(start=_at_start(leg.start, block)) for leg in self.legs)
         return replace(self, legs=legs)
 
     def remembers(self, gains: np.ndarray) -> bool:
-        """Return True where the memory at the start depends on the gains: then it is that of `asked.block`."""
-        now, then = self.asked.block.init(), self.asked.with_gains(gains).init()
+        """Return True where the memory at the start depends on the gains: then it is that of `space.block`."""
+        now, then = self.space.block.init(), self.space.with_gains(gains).init()
         return any(not np.array_equal(a, b) for a, b in zip(_flat(now), _flat(then), strict=True))
 
     def nominal(self) -> "Rehearsal":
@@ -226,24 +226,24 @@ def rehearse(
     """The cost of the drives along `routes`, as compiled functions of the gains.
 
     `controller`: in place of the file's. `gains` and their `bounds`: all parameters of the controller, unless named;
-    `laps` of the routes, or `duration_s` of each. `radian_m` is what a radian weighs, `huber_m` the distance beyond
-    which errors count linearly, `jerk_m2` the price of a change of the command from limit to nothing within a tick,
-    `effort_m2` that of a tick at the limit; the paper has neither. `aside_m`: how far behind and to the left of the
+    `laps` of the routes, or `duration_s` of each. `radian_m` is the weight of a radian; beyond `huber_m` errors count
+    linearly. `jerk_m2` is the price of a change of the command from limit to nothing within a tick; `effort_m2` is that
+    of a tick at the limit; the paper lacks both. `aside_m`: how far behind and to the left of the
     route's start the vehicle begins, 0 in the paper. `estimator`: in the loop, with the noise of `seeds` seeds from
     `seed` on; `draws`: vehicles from the covariance of the fit.
     """
     weights = weights_of(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):
         raise UsageError(fault("tune.aside", aside_m=aside_m))
-    asked = sought(vehicle_file, gains, bounds, controller)
+    space = search_space(vehicle_file, gains, bounds, controller)
     each: list[Any] = (
         [*routes] if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]
     )
     if not each or seeds < 1:
         raise UsageError(fault("tune.nothing-to-drive", routes=len(each), seeds=seeds))
-    systems = [unquantised(closed(vehicle_file, route, laps, not estimator, asked.block)) for route in each]
+    systems = [unquantised(closed(vehicle_file, route, laps, not estimator, space.block)) for route in each]
     own, vehicles = drawn_vehicles(vehicle_file, systems[0], draws, seed) if draws else ((), np.zeros((1, 0)))
-    paths = (*(f"controller.{name}" for name in asked.names), *own)
+    paths = (*(f"controller.{name}" for name in space.names), *own)
     systems = [_with_room(system, own, vehicles, vehicle_file.rate_hz) for system in systems]
     legs = [
         _leg(vehicle_file, system, paths, weights, duration_s, aside_m, estimator, backend)
@@ -252,7 +252,7 @@ def rehearse(
     loop = N_("estimator in the loop") if estimator else N_("perfect pose")
     of_noise = range(seed, seed + seeds) if estimator else [None]
     each_leg = tuple(leg.with_seeds(of_noise) for leg in legs)
-    return Rehearsal(asked, weights, loop, each_leg, len(of_noise), vehicles)
+    return Rehearsal(space, weights, loop, each_leg, len(of_noise), vehicles)
 
 
 def _leg(

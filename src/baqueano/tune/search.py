@@ -4,8 +4,8 @@
 
 (1) gives small gains as much room as large ones, and keeps a slope at 0, so that a gain can leave its bound.
 The unit cube is looked over at a fixed set of points (Halton 1960); from the best of them L-BFGS-B (Byrd et
-al. 1995) goes down. Where it ends on a slope, the ground is rough (motors that switch to and fro), and the
-simplex of Nelder and Mead goes on from there. Nothing is random: the same question has the same answer.
+al. 1995) goes down. Where it ends on a slope, the cost is not smooth (motors that switch to and fro); the
+simplex of Nelder and Mead continues from there. Nothing is random: the same question has the same answer.
 """
 
 from collections.abc import Callable, Sequence
@@ -103,16 +103,16 @@ def _descend(
     return Descent(start, gains(x, low, high), least, np.array(costs), _slope(optimum, x), tuple(way))
 
 
-def _slope(found: Any, x: np.ndarray) -> float:
-    """The steepest way down that the bounds leave, relative to the cost."""
+def _slope(optimum: Any, x: np.ndarray) -> float:
+    """Return the largest descent slope that the bounds allow, relative to the cost."""
     g = np.where(
-        x <= 0.0, np.minimum(found.jac, 0.0), np.where(x >= 1.0, np.maximum(found.jac, 0.0), found.jac)
+        x <= 0.0, np.minimum(optimum.jac, 0.0), np.where(x >= 1.0, np.maximum(optimum.jac, 0.0), optimum.jac)
     )
-    return float(np.max(np.abs(g)) / max(abs(found.fun), 1e-300))
+    return float(np.max(np.abs(g)) / max(abs(optimum.fun), 1e-300))
 
 
 def _polished(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray) -> Descent:
-    """The descent, gone on without slopes."""
+    """Return the descent, continued without slopes."""
     costs: list[float] = []
 
     def f(x: np.ndarray) -> float:

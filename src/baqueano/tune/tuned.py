@@ -12,11 +12,11 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.language import number, shown_unit
 from baqueano.language import translated as _
 from baqueano.messages import verdict_line
-from baqueano.tune.asked import file_values
 from baqueano.tune.cost import Weights
 from baqueano.tune.margins import LoopMargins, loop_margins
 from baqueano.tune.rehearsal import TunedDrive
 from baqueano.tune.search import Descent
+from baqueano.tune.search_space import file_values
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -42,7 +42,7 @@ class Gain(NamedTuple):
     name: str  # "alpha"
     unit: str
     value: float
-    before: float  # in the file; NaN if it had none
+    before: float  # in the file; NaN if it lacked it
     low: float
     high: float
     limit: int  # −1 at the lower bound, +1 at the upper, else 0
@@ -80,7 +80,7 @@ class TuneResult(Result):
     cost : float [m²]
         Of the whole drive.
     cost_before : float [m²]
-        With the file's gains; NaN where it had none.
+        With the file's gains; NaN where it lacked them.
     cost_standing : float [m²]
         Without any control.
     weights : Weights
@@ -106,7 +106,7 @@ class TuneResult(Result):
     worst : WorstCase or None
         Of the vehicles of the covariance; None: the file's own alone.
     fresh : FreshSeeds or None
-        Of other noise; None: there was none.
+        Of other noise; None: without noise.
 
     Examples
     --------
@@ -256,8 +256,8 @@ class TuneResult(Result):
 
         values = file_values(self.controller, self.values, self.kind)
         origin = Provenance(run=f"tune, {self.loop}", verdict=self.verdict)
-        found = [key for key in values if key != "controller.kind"]
-        return self.vehicle_file.with_values(values, dict.fromkeys(found, origin))
+        keys = [key for key in values if key != "controller.kind"]
+        return self.vehicle_file.with_values(values, dict.fromkeys(keys, origin))
 
     def save(self, path: str | Path | None = None) -> Path:
         """Writes the vehicle file with these gains; to its own place, unless `path` says another."""

@@ -69,7 +69,7 @@ class Watch:
     def __init__(self, envelope: Envelope | None) -> None:
         self.envelope = envelope or Envelope((), np.zeros(0), np.zeros(0))
         k = len(self.envelope.names)
-        self._seen, self._beyond = np.zeros(k, int), np.zeros(k, int)
+        self._sample_count, self._beyond = np.zeros(k, int), np.zeros(k, int)
         self._least, self._most = np.full(k, np.inf), np.full(k, -np.inf)
         self._ticks: list[Any] = []
 
@@ -83,7 +83,7 @@ class Watch:
             x = u[:, k] if k < n else sensors[sensor][:, int(entry)] if sensor in sensors else np.zeros(0)
             x = x[np.isfinite(x)]
             room = MARGIN * (inside.high[k] - inside.low[k])
-            self._seen[k] += len(x)
+            self._sample_count[k] += len(x)
             self._beyond[k] += np.sum((x < inside.low[k] - room) | (x > inside.high[k] + room))
             self._least[k] = np.min(x, initial=self._least[k])
             self._most[k] = np.max(x, initial=self._most[k])
@@ -99,7 +99,7 @@ class Watch:
         """Return a message about `run` for each name that leaves the envelope."""
         self._flush()
         inside, out = self.envelope, []
-        part = self._beyond / np.maximum(self._seen, 1)
+        part = self._beyond / np.maximum(self._sample_count, 1)
         for k in np.flatnonzero(part > SHOWN):
             figures = {"least": self._least[k], "most": self._most[k], "beyond_percent": 100.0 * part[k]}
             fitted = {"low": inside.low[k], "high": inside.high[k]}

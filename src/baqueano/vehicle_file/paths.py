@@ -86,8 +86,8 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
     """Return the error of a key that nobody reads. A near one has nearly the same last name: `mass_kg` is not
     `yaw_lag_s`, though both are in the model."""
     near = nearest(dotted, keys)
-    last, meant = (str(one).rpartition(".")[2] for one in (dotted, near.figures.get("meant", dotted)))
-    if difflib.SequenceMatcher(None, last, meant).ratio() < SAME:
+    last, suggestion = (str(one).rpartition(".")[2] for one in (dotted, near.figures.get("meant", dotted)))
+    if difflib.SequenceMatcher(None, last, suggestion).ratio() < SAME:
         table = f"{dotted.rpartition('.')[0]}."
         near = nearest("", [key for key in keys if key.startswith(table)] or keys)
     return UsageError(fault("vehicle.unknown-key", file=name, found=dotted, near=near))

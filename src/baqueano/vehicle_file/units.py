@@ -108,9 +108,11 @@ def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic |
         if not unit:
             words = UNITS[right_unit].words
             return note("vehicle.unit-missing", key=right, value=_unit_text(value), in_unit=words)
-        wanted = UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
-        unit_given = UNITS["g0"] if unit == "g" and wanted == "acceleration" else UNITS[unit]
-        if unit_given.dimension != wanted:
+        dimension = (
+            UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
+        )
+        unit_given = UNITS["g0"] if unit == "g" and dimension == "acceleration" else UNITS[unit]
+        if unit_given.dimension != dimension:
             continue
         factor = unit_given.factor / (UNITS[right_unit].factor if right_unit else 1.0)
         words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]

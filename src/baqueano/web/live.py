@@ -24,7 +24,7 @@ from baqueano.web.guard import LONGEST, Role, finite, mission_of
 from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
 from baqueano.web.sentence import described, ledger_rows
-from baqueano.web.service import Spoken
+from baqueano.web.service import DoorLink
 from baqueano.web.visitor import Visitor, packed
 
 if TYPE_CHECKING:
@@ -41,12 +41,12 @@ COMMANDS = 8
 class Live:
     """A vehicle that is watched by many and driven by one."""
 
-    def __init__(self, link: Spoken, visitors: Callable[[], Iterable[Visitor]]) -> None:
+    def __init__(self, link: DoorLink, visitors: Callable[[], Iterable[Visitor]]) -> None:
         self._link, self._visitors = link, visitors
         self.identifying = Identifying(self._all)
         self.feed, self.lease, self.foxglove = Feed(), Lease(), Foxglove(self._about)
         self.robot = secrets.token_hex(4)  # the id that each word of who drives names
-        self.known = asyncio.Event()  # vehicle and columns have come
+        self.described = asyncio.Event()  # vehicle and columns have come
         self.on_done: Callable[[], None] = lambda: None
         self.pack: Callable[[str, JsonObject], Awaitable[str]] | None = None  # a robot's mission as JSON
         self.say_hello: Callable[[Visitor], None] = lambda visitor: None
@@ -56,8 +56,8 @@ class Live:
         self._route: JsonObject | None = None
         self._routes: list[JsonObject] = []
         self._events: deque[tuple[float, Diagnostic]] = deque(maxlen=EVENTS)
-        self._asked: Visitor | None = None  # who sent the last word that the service may refuse
-        self._told: tuple[object, int] = (None, 0)  # holder and watchers, as all know them
+        self._last_sender: Visitor | None = None  # who sent the last word that the service may refuse
+        self._last_lease: tuple[object, int] = (None, 0)  # holder and watchers, as all know them
         self._changed = True
         self.over = asyncio.Event()  # the drives have ended as they should, and the service with them
         self._ledger: list[JsonObject] = []  # the rows, with diagnostics
@@ -188,7 +188,7 @@ class Live:
         self._ask(visitor, mission=mission)
 
     def _ask(self, visitor: Visitor, **what: object) -> None:
-        self._asked = visitor
+        self._last_sender = visitor
         self._link.say("mission", id=uuid4().hex, attended=True, by="page", door=VERSION, **what)
 
     def _checked(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
@@ -199,7 +199,7 @@ class Live:
 
     def _pass_on(self, visitor: Visitor, word: "JsonObject") -> None:
         self.lease.check(visitor)
-        self._asked = visitor
+        self._last_sender = visitor
         more = (
             {"ticks": max(0, min(1000, int(word["ticks"])))} if "ticks" in word and word["is"] == "go" else {}
         )
@@ -213,13 +213,13 @@ class Live:
     def _set(self, visitor: Visitor, word: "JsonObject") -> None:
         """Hand on a gain, a fault of a simulated vehicle, or that it drives again without one."""
         self.lease.check(visitor)
-        self._asked = visitor
+        self._last_sender = visitor
         self._link.say(word["is"], **{k: v for k, v in word.items() if k not in ("is", "do")})
 
     def _pace(self, visitor: Visitor, word: "JsonObject") -> None:
         """Hand on the pace: of the holder, or of one who may drive while nobody does."""
         self.may_change(visitor)
-        self._asked = visitor
+        self._last_sender = visitor
         self._link.say("pace", factor=float(word["factor"]))
 
     def _send_history(self, visitor: Visitor, word: "JsonObject") -> None:
@@ -284,7 +284,7 @@ class Live:
     def _on_no(self, word: "JsonObject") -> None:
         """Tell a refusal of the service to who asked."""
         about = word.get("about")
-        for visitor in [self._asked] if self._asked in set(self._all()) else self._all():
+        for visitor in [self._last_sender] if self._last_sender in set(self._all()) else self._all():
             if visitor is not None:
                 with within(visitor.language):
                     why = text(about) if isinstance(about, Diagnostic) else one_line(str(word["why"]))
@@ -309,7 +309,7 @@ class Live:
             ]
             for visitor in self._all():
                 self.say_hello(visitor)
-        self.known.set()
+        self.described.set()
 
     def _on_route(self, word: "JsonObject") -> None:
         self._route = word if word["x"] else None
@@ -362,7 +362,7 @@ class Live:
         """Tell the state and the lease when they change; the state of a drive each STATE_S."""
         while True:
             await asyncio.sleep(STATE_S / 2)
-            if self._told != (self.lease.holder, len(self._all())):
+            if self._last_lease != (self.lease.holder, len(self._all())):
                 self._say_lease()
             driven = self._state["state"] in ("MISSION", "MANUAL")
             if self._changed or driven:
@@ -388,7 +388,7 @@ class Live:
 
     def _say_lease(self) -> None:
         holder, visitors = self.lease.holder, self._all()
-        self._told = holder, len(visitors)
+        self._last_lease = holder, len(visitors)
         for visitor in visitors:
             visitor.say({
                 "is": "lease", "who": getattr(holder, "name", None), "until_ms": round(1e3 * self.lease.left_s),

@@ -17,7 +17,7 @@ from baqueano.web.lab.shelf import Shelf
 from baqueano.web.live import Live
 from baqueano.web.page import BrowserPage
 from baqueano.web.server import LOOPBACK, Server
-from baqueano.web.service import Spoken
+from baqueano.web.service import DoorLink
 from baqueano.web.share import open_tab, own_address, own_names, qr_code, url
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ async def show_runs(
 
 
 async def show_vehicle(
-    start: Callable[[], Awaitable[Spoken]],
+    start: Callable[[], Awaitable[DoorLink]],
     how: PageOptions,
     say: Callable[[Diagnostic | str], object],
     robot: "tuple[str, Path] | None" = None,
@@ -90,7 +90,7 @@ async def show_vehicle(
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
-    described, over = (asyncio.create_task(event.wait()) for event in (live.known, live.over))
+    described, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
         greeting_s = GREETING_S if robot is None else QUIET_S  # a robot says what it is with its first drive

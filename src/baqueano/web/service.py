@@ -31,7 +31,7 @@ FRAME = b'{"is":"frame"'
 UNSENT = 256 << 10  # bytes that wait for a service that does not read
 
 
-class Spoken(Protocol):
+class DoorLink(Protocol):
     """A partner that is spoken to in the words of the door."""
 
     def say(self, do: str, **words: object) -> None:

@@ -58,7 +58,7 @@ class Visitor:
         self._words: deque[JsonObject] = deque()
         self._pieces: AsyncIterator[Piece] | None = None
         self._picture: bytes | None = None
-        self._waiting, self._heard_s = asyncio.Event(), time.monotonic()
+        self._waiting, self._last_word_s = asyncio.Event(), time.monotonic()
         self._parts: list[bytes] = []
         self._ending: int | None = None  # the code with which it ends, once its words have gone
         self._rate = Rate(RATE)
@@ -131,7 +131,7 @@ class Visitor:
             data = await self._reader.read(1 << 16)
             if not data:
                 return
-            self._heard_s = time.monotonic()
+            self._last_word_s = time.monotonic()
             self._protocol.receive_data(data)
             self._flush()
             for frame in self._protocol.events_received():
@@ -241,7 +241,7 @@ class Visitor:
     async def _keep_alive(self) -> None:
         while self.open:
             await asyncio.sleep(PING_S)
-            if time.monotonic() - self._heard_s > GONE_S:
+            if time.monotonic() - self._last_word_s > GONE_S:
                 self._writer.transport.abort()
                 return
             self._pinged_s = time.monotonic()

@@ -67,7 +67,7 @@ class AppliedDuties:
     def __init__(self, motors: AppliedMotors = AS_SENT) -> None:
         self._motors = motors
         self._commands: deque[tuple[int, tuple[float, float]]] = deque(maxlen=1000)
-        self._told_ns, self._integral = -1, np.zeros(2)  # U of (1)
+        self._command_ns, self._integral = -1, np.zeros(2)  # U of (1)
         self._duty, self._stopped = (0.0, 0.0), False
         self._until_ns, self._given = -1, np.zeros(2)  # what (3) has spent
         self._mean = np.zeros(2)
@@ -76,7 +76,7 @@ class AppliedDuties:
         """The first tick begins now; what was heard and sent before counts as much as it still moves a motor."""
         self._commands.clear()
         self._until_ns, self._integral = now_ns, np.zeros(2)
-        self._given = np.zeros(2) if self._told_ns < 0 else self._onward(now_ns)
+        self._given = np.zeros(2) if self._command_ns < 0 else self._onward(now_ns)
 
     def sent(self, now_ns: int, left: float, right: float) -> None:
         """A command has left."""
@@ -84,17 +84,17 @@ class AppliedDuties:
 
     def update(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
         """Telemetry: the mean duty (2,) since the one before, that of now, and whether nothing drives."""
-        if self._told_ns >= 0:
-            self._integral = self._integral + np.array(mean) * ((t_ns - self._told_ns) * NS)
+        if self._command_ns >= 0:
+            self._integral = self._integral + np.array(mean) * ((t_ns - self._command_ns) * NS)
         elif self._until_ns < 0:
             self._until_ns = t_ns
-        self._told_ns, self._duty, self._stopped = t_ns, now, stopped
+        self._command_ns, self._duty, self._stopped = t_ns, now, stopped
         while len(self._commands) > 1 and self._commands[1][0] <= t_ns:
             self._commands.popleft()
 
     def mean(self, t_ns: int) -> np.ndarray:
         """The mean duty (2,) from the last time that was asked for to `t_ns`.  (3)"""
-        if self._told_ns < 0 or t_ns <= self._until_ns:
+        if self._command_ns < 0 or t_ns <= self._until_ns:
             return self._mean
         whole = self._integral + self._onward(t_ns)
         self._mean = (whole - self._given) / ((t_ns - self._until_ns) * NS)
@@ -103,7 +103,7 @@ class AppliedDuties:
 
     def _onward(self, t_ns: int) -> np.ndarray:
         """The integral (2,) from the newest telemetry to `t_ns`.  (2)"""
-        at_ns, total = self._told_ns, np.zeros(2)
+        at_ns, total = self._command_ns, np.zeros(2)
         if t_ns <= at_ns or not self._commands:
             return np.array(self._duty) * ((t_ns - at_ns) * NS)
         step_ns = max(STEP_NS, (t_ns - at_ns) // MOST_STEPS)

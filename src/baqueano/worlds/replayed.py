@@ -50,7 +50,7 @@ class ReplayedWorld(World):
         quiet = [note("replay.without-sensor", Severity.WARNING, sensor=name) for name in lacking]
         self.notes = (*holes, *quiet)
         self._truth = run.truth
-        self._told = 0  # truths
+        self._truth_row = 0  # truths
         self._next = 0  # tick
         self.commands: int = len(self._ticks[0].u)
 
@@ -71,11 +71,13 @@ class ReplayedWorld(World):
 
     def new_truths(self) -> list[tuple[int, Motion]]:
         """Time [ns] and truth, as far as the run knows it, since this was last asked."""
-        log, first = self._truth, self._told
+        log, first = self._truth, self._truth_row
         if log is None or self._next == 0:
             return []
-        while self._told < len(log.t_ns) and log.t_ns[self._told] <= self._ticks[self._next - 1].t_ns:
-            self._told += 1
+        while (
+            self._truth_row < len(log.t_ns) and log.t_ns[self._truth_row] <= self._ticks[self._next - 1].t_ns
+        ):
+            self._truth_row += 1
         level = np.zeros(2)
-        rows = range(first, self._told)
+        rows = range(first, self._truth_row)
         return [(int(log.t_ns[k]), Motion(log.eta[k], log.nu[k], log.nu_dot[k], level)) for k in rows]

@@ -27,7 +27,7 @@ from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY, ByName, Command, Mot
 from baqueano.symbolic import function, put
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds.faults.disturbance import Disturbance, SensorDisturbance, Shaking
-from baqueano.worlds.faults.fault import SOURCE, Fault, Wanted
+from baqueano.worlds.faults.fault import SOURCE, Fault, FaultLike
 from baqueano.worlds.simulated import DrawnNoise, SimulatedWorld, WorldState, no_noise
 
 MOST_FAULTS = 500  # of one drive
@@ -159,7 +159,7 @@ class ShakenWorld(SimulatedWorld):
 
     def __init__(
         self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float = 100.0, seed: int = 0,
-        eta0: np.ndarray | None = None, backend: str = "auto", shake: Iterable[Wanted] = (),
+        eta0: np.ndarray | None = None, backend: str = "auto", shake: Iterable[FaultLike] = (),
     ) -> None:  # fmt: skip
         self._shaking = Shaking(vehicle, sensors, rate_hz, seed)
         self.faults: list[Fault] = []  # by their number less 1
@@ -169,13 +169,13 @@ class ShakenWorld(SimulatedWorld):
         self._pending: list[tuple[int, Diagnostic | str]] = []
         self._begun, self._over = set[int](), set[int]()
         super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
-        self._wanted = self._u
+        self._requested = self._u
         block = _Shaken(_with_gains(vehicle), sensors).step
         calm = self._shaking.calm.disturbance()
         example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors), calm)
         self._shaken = block if backend == "numpy" else function(block, *example, backend=backend)
 
-    def shake(self, one: Wanted) -> Fault:
+    def shake(self, one: FaultLike) -> Fault:
         """Let a fault begin with the next tick, from any thread; its `at_s` is set then. UsageError for one that this
         vehicle cannot have."""
         checked = self._shaking.check(Fault.of_words(one))
@@ -192,7 +192,7 @@ class ShakenWorld(SimulatedWorld):
 
     def write(self, command: Command) -> None:
         """The command for the ticks that follow, as far as the line carries it."""
-        self._wanted = np.array(command.u, dtype=float)
+        self._requested = np.array(command.u, dtype=float)
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
         """Time [ns] and message of what began or was ended, since this was last asked."""
@@ -208,7 +208,7 @@ class ShakenWorld(SimulatedWorld):
                 self._pending.append((self._end_ns(k), one.message(number, float(self.truth.eta[2]))))
         shake, arrives = self._shaking.inputs(self.faults, k)
         if arrives:
-            self._u = self._wanted
+            self._u = self._requested
         self._state, self.truth, slots = self._shaken(self._state, self._u, dt_s, self._noise(), shake)
         return slots
 

@@ -22,7 +22,7 @@ class SilentEncoders:
     def __init__(self) -> None:
         self._before: Telemetry | None = None
         self._quiet_ns = [0, 0]  # since when a wheel has been driven hard without a count
-        self._told: set[int] = set()
+        self._reported: set[int] = set()
 
     def update(self, now: "Telemetry") -> list[Diagnostic]:
         """Return which encoders fell silent; each is said once until the firmware takes its flag back."""
@@ -32,10 +32,10 @@ class SilentEncoders:
             if before is None or not driven or now.counts[wheel] != before.counts[wheel]:
                 self._quiet_ns[wheel] = now.t_ns
         if not now.encoder_silent:
-            self._told.clear()
+            self._reported.clear()
             return []
-        new = {w for w in range(2) if (now.t_ns - self._quiet_ns[w]) * 1e-9 >= QUIET_S} - self._told
-        self._told |= new
+        new = {w for w in range(2) if (now.t_ns - self._quiet_ns[w]) * 1e-9 >= QUIET_S} - self._reported
+        self._reported |= new
         if len(new) == 2:
             return [note("encoders.both-silent", Severity.WARNING, FIX)]
         return [note(f"encoders.{('left', 'right')[w]}-silent", Severity.WARNING, FIX) for w in new]

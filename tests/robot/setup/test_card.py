@@ -46,8 +46,8 @@ def start(pi, tmp_path):
 @pytest.mark.parametrize("own", [False, True])
 def test_after_the_first_start_the_pi_has_its_name_its_key_and_its_network(pi, tmp_path, own):
     boot = pi / "boot/firmware"
-    told = write(boot, "robot-7", "ana", KEY, Network("it's; a $HOME lab", "p'ss w;rd\\1", "AR", own))
-    assert "ana@robot-7.local" in told[0]
+    output = write(boot, "robot-7", "ana", KEY, Network("it's; a $HOME lab", "p'ss w;rd\\1", "AR", own))
+    assert "ana@robot-7.local" in output[0]
     line = (boot / "cmdline.txt").read_text()
     assert line.count("\n") == 1
     assert line.startswith(CMDLINE.strip())
@@ -63,12 +63,12 @@ def test_after_the_first_start_the_pi_has_its_name_its_key_and_its_network(pi, t
     assert "raspi-config nonint do_wifi_country AR" in calls
     stored = pi / "etc/NetworkManager/system-connections/baqueano.nmconnection"
     assert stored.stat().st_mode & 0o777 == 0o600
-    found = configparser.RawConfigParser()
-    found.read(stored)
-    assert found["wifi"]["ssid"] == "it's\\; a $HOME lab"
-    assert found["wifi-security"]["psk"] == "p'ss w\\;rd\\\\1"
-    assert found["wifi"]["mode"] == ("ap" if own else "infrastructure")
-    assert found["ipv4"]["method"] == ("shared" if own else "auto")
+    config = configparser.RawConfigParser()
+    config.read(stored)
+    assert config["wifi"]["ssid"] == "it's\\; a $HOME lab"
+    assert config["wifi-security"]["psk"] == "p'ss w\\;rd\\\\1"
+    assert config["wifi"]["mode"] == ("ap" if own else "infrastructure")
+    assert config["ipv4"]["method"] == ("shared" if own else "auto")
     assert not (boot / "firstrun.sh").exists()
     log = (boot / "firstrun.log").read_text()
     assert "authorized_keys" in log
@@ -80,8 +80,8 @@ def test_an_image_with_cloud_init_is_started_by_it_and_keeps_what_it_had(pi):
     boot = pi / "boot/firmware"
     (boot / "user-data").write_text("#cloud-config\n# of the image\n")
     for _ in range(2):
-        told = write(boot, "robot-7", "ana", KEY, None)
-    assert "cloud-init" in told[1]
+        output = write(boot, "robot-7", "ana", KEY, None)
+    assert "cloud-init" in output[1]
     assert "bash /boot/firmware/firstrun.sh" in (boot / "user-data").read_text()
     assert "of the image" in (boot / "user-data.before").read_text()
     assert (boot / "cmdline.txt").read_text() == CMDLINE
@@ -148,11 +148,11 @@ def test_the_verb_makes_up_a_name_and_a_password_and_tells_what_is_next(pi, tmp_
     with pytest.raises(SystemExit) as ended:
         main(["robot", "card", boot, "--key", str(key), "--own-network", "--country", "AR"])
     assert ended.value.code == 0
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert re.search(
-        r"its network: (robot-[0-9a-f]{4}), password [a-z2-9]{10}; there it is 10\.42\.0\.1", told
+        r"its network: (robot-[0-9a-f]{4}), password [a-z2-9]{10}; there it is 10\.42\.0\.1", output
     )
-    assert re.search(r"baqueano robot setup pilot@robot-[0-9a-f]{4}\.local", told)
+    assert re.search(r"baqueano robot setup pilot@robot-[0-9a-f]{4}\.local", output)
     with pytest.raises(SystemExit) as ended:
         main(["robot", "card", boot, "--key", str(key), "--own-network", "--wifi", "lab"])
     assert ended.value.code == 2

@@ -38,26 +38,26 @@ def there(pi, wheels):
 def test_a_change_on_the_laptop_reaches_the_robot_and_the_old_file_stays_beside_it(
     programs, pi, wheels, there, capfd
 ):
-    file, said = vehicle_file.override(SMALL, ["robot.port=/dev/serial0", "robot.least_battery_v=6.0"]), []
-    setup("r1", wheels, PI, vehicle=file, say=said.append, dry=True, root=str(pi))
+    file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0", "robot.least_battery_v=6.0"]), []
+    setup("r1", wheels, PI, vehicle=file, say=lines.append, dry=True, root=str(pi))
     changes = [
         'vehicle.toml  robot.port: not there → "/dev/serial0"',
         "vehicle.toml  robot.least_battery_v: not there → 6.0",
     ]
-    assert said == changes
+    assert lines == changes
     assert (
         "would    /var/lib/baqueano/vehicle.toml; the one before is vehicle.toml.before"
         in capfd.readouterr().out
     )
     assert there.read_text() == SMALL.text
-    setup("r1", wheels, PI, vehicle=file, say=said.append, root=str(pi))
-    assert said == 2 * changes
+    setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
+    assert lines == 2 * changes
     assert there.read_text() == file.text
     before = there.with_name("vehicle.toml.before")
     assert before.read_text() == SMALL.text
-    said.clear()
-    setup("r1", wheels, PI, vehicle=file, say=said.append, root=str(pi))
-    assert said == []
+    lines.clear()
+    setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
+    assert lines == []
     assert "as it is /var/lib/baqueano/vehicle.toml\n" in capfd.readouterr().out
     remove("r1", PI, root=str(pi))
     assert (there.read_text(), before.read_text()) == (file.text, SMALL.text)
@@ -65,14 +65,14 @@ def test_a_change_on_the_laptop_reaches_the_robot_and_the_old_file_stays_beside_
 
 def test_what_was_calibrated_on_the_robot_is_kept_when_the_rest_is_renewed(programs, pi, wheels, there):
     there.write_text(calibrated(SMALL).text)
-    file, said = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []
-    setup("r1", wheels, PI, vehicle=file, say=said.append, root=str(pi))
+    file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []
+    setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
     now = vehicle_file.load(there)
     assert now.robot.port == "/dev/serial0"
     assert now.robot.imu_axes == ("-y", "x", "z")
     assert now.sensors.imu.gyro_bias == 0.0123
     assert {now.provenance[key].run for key in FOUND} == {"calibrate imu"}
-    assert said[1:] == [
+    assert lines[1:] == [
         'vehicle.toml  robot.imu_axes: ["-y", "x", "z"] stays, calibrated there on 2026-11-03',
         "vehicle.toml  sensors.imu.gyro_bias: 0.0123 stays, calibrated there on 2026-11-03",
         "vehicle.toml  To have it in your file, too: baqueano robot calibrate imu r1 --update. To let your values "
@@ -115,9 +115,9 @@ def test_a_file_on_the_robot_that_cannot_be_read_is_reported_and_kept_beside_the
     programs, pi, wheels, there, held, why
 ):
     there.write_bytes(held)
-    said = []
-    setup("r1", wheels, PI, vehicle=SMALL, say=said.append, root=str(pi))
-    assert said[0].startswith(f"vehicle.toml  the vehicle file there is not TOML ({why}")
+    lines = []
+    setup("r1", wheels, PI, vehicle=SMALL, say=lines.append, root=str(pi))
+    assert lines[0].startswith(f"vehicle.toml  the vehicle file there is not TOML ({why}")
     assert there.read_text() == SMALL.text
     assert there.with_name("vehicle.toml.before").read_bytes() == held
     programs(ssh="echo no way >&2; exit 255")

@@ -30,10 +30,10 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
 ):
     before = tree(pi)
     setup("r1", wheels, PI, root=str(pi))
-    told = capfd.readouterr().out
-    assert told.count("done  ") == 11  # the clock is right already
-    said = subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True, text=True, check=True)
-    assert said.stdout == "here I am\n"
+    output = capfd.readouterr().out
+    assert output.count("done  ") == 11  # the clock is right already
+    program = subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True, text=True, check=True)
+    assert program.stdout == "here I am\n"
     assert (pi / "usr/local/bin/baqueano").is_symlink()
     config = (pi / "boot/firmware/config.txt").read_text()
     assert config.startswith(before["boot/firmware/config.txt"])
@@ -54,8 +54,8 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
     assert capfd.readouterr().out.count("as it is") == 9  # usermod and chown are recorded, and change nothing
 
     remove("r1", PI, root=str(pi))
-    told = capfd.readouterr().out
-    assert "runs and vehicle file in /var/lib/baqueano stay" in told
+    output = capfd.readouterr().out
+    assert "runs and vehicle file in /var/lib/baqueano stay" in output
     assert tree(pi) == before
     calls = (tmp_path / "calls").read_text()
     assert "systemctl disable --now baqueano.service" in calls
@@ -72,13 +72,13 @@ def test_su2_a_set_up_vehicle_answers_and_after_remove_all_is_as_it_was(
 def test_a_dry_run_tells_every_step_and_changes_nothing(programs, pi, wheels, capfd):
     before = tree(pi)
     setup("r1", wheels, PI, dry=True, root=str(pi))
-    told = capfd.readouterr().out
-    assert told.count("would") == 11
-    assert "I2C at 400 kHz" in told
+    output = capfd.readouterr().out
+    assert output.count("would") == 11
+    assert "I2C at 400 kHz" in output
     assert tree(pi) == before
 
 
-def test_a_set_up_that_was_cut_off_says_so_and_can_be_taken_back(programs, pi, wheels, capfd):
+def test_an_interrupted_setup_is_reported_and_can_be_undone(programs, pi, wheels, capfd):
     before = tree(pi)
     programs(usermod="echo no such user >&2; exit 6")
     with refused("setup.not-finished", RobotUnreachable, host="r1"):
@@ -198,10 +198,10 @@ def test_a_machine_that_cannot_be_a_vehicle_is_reported_why(programs, answer, ki
         machine_at("r1")
 
 
-def test_who_answers_is_asked_with_what_every_pi_has(programs):
-    found = machine_at("r1")
-    assert found.python >= (3, 11)
-    assert found.user
+def test_the_probe_of_a_machine_needs_only_what_every_pi_has(programs):
+    target = machine_at("r1")
+    assert target.python >= (3, 11)
+    assert target.user
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_a_card_that_takes_nothing_is_reported(programs, wheels, verb, match):
         setup("r1", wheels, PI) if verb == "setup" else remove("r1", PI)
 
 
-def test_a_bundle_that_cannot_be_made_says_why_and_what_it_needs(tmp_path, monkeypatch):
+def test_a_bundle_that_cannot_be_made_reports_why_and_what_it_needs(tmp_path, monkeypatch):
     python = tmp_path / "python"
     python.write_text("#!/bin/sh\necho 'ERROR: no network' >&2\nexit 1\n")
     python.chmod(0o755)
@@ -228,8 +228,8 @@ def test_what_was_downloaded_once_is_not_downloaded_again(tmp_path, monkeypatch)
     python.chmod(0o755)
     folder.mkdir()
     lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text()
-    for found in install.LOCK.finditer(lock):
-        (folder / f"{found[1]}-{found[2]}-py3-none-any.whl").touch()
+    for match in install.LOCK.finditer(lock):
+        (folder / f"{match[1]}-{match[2]}-py3-none-any.whl").touch()
     monkeypatch.setattr(install.sys, "executable", str(python))
     bundle(folder, PI)
     calls = (tmp_path / "calls").read_text()
@@ -243,18 +243,18 @@ def test_the_download_asks_for_the_robots_processor_and_python(tmp_path, monkeyp
     python.write_text(f'#!/bin/sh\necho "$*" >>{tmp_path}/calls\n')
     python.chmod(0o755)
     monkeypatch.setattr(install.sys, "executable", str(python))
-    said = []
-    bundle(tmp_path / "bundle", PI, said.append)
+    lines = []
+    bundle(tmp_path / "bundle", PI, lines.append)
     (line,) = [x for x in (tmp_path / "calls").read_text().splitlines() if " download --" in x]
     assert "--python-version 311 --abi cp311" in line
     assert "--platform manylinux_2_28_aarch64" in line
-    assert "for Python 3.11 on aarch64" in said[0]
+    assert "for Python 3.11 on aarch64" in lines[0]
     assert "--require-hashes -r" in line
 
 
 def test_su2_the_lock_of_a_vehicle_holds_what_the_package_needs_there_each_with_hashes():
     lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text()
-    names = {found[1] for found in install.LOCK.finditer(lock)}
+    names = {match[1] for match in install.LOCK.finditer(lock)}
     assert names == set(re.findall(r"^([\w.-]+)==", lock, re.MULTILINE))
     assert {"numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip"} <= names
 

@@ -1,4 +1,4 @@
-"""A HOST is no option of ssh, and what is said there is no command of this terminal."""
+"""A HOST is not an option of ssh, and its output is not a command of this terminal."""
 
 import pytest
 
@@ -53,9 +53,9 @@ def test_no_command_for_the_terminal_comes_through_ssh(programs, capfd, go):
     programs(ssh=r"printf 'why: \033]0;pwned\007 \342\200\256 \302\233 end\n' >&2; exit 3")
     with pytest.raises(Exception, match="r1"):
         go()
-    said = capfd.readouterr().err
-    assert r"why: \x1b]0;pwned\x07 \u202e \x9b end" in said
-    assert "\x1b" not in said
+    output = capfd.readouterr().err
+    assert r"why: \x1b]0;pwned\x07 \u202e \x9b end" in output
+    assert "\x1b" not in output
 
 
 def test_the_steps_of_a_setup_are_shown_without_commands_for_the_terminal(programs, capfd):

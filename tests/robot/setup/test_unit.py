@@ -78,7 +78,7 @@ def test_systemd_finds_it_hardened(tmp_path):
         ["systemd-analyze", "security", "--offline=true", "--no-pager", str(unit)],
         capture_output=True, text=True, env={"LC_ALL": "C.UTF-8", "PATH": "/usr/bin:/bin"},
     )  # fmt: skip
-    found = re.search(r"Overall exposure level for \S+: ([\d.]+)", shown.stdout)
-    if found is None:
+    exposure = re.search(r"Overall exposure level for \S+: ([\d.]+)", shown.stdout)
+    if exposure is None:
         pytest.skip("this systemd-analyze judges no file")
-    assert float(found[1]) <= EXPOSURE
+    assert float(exposure[1]) <= EXPOSURE

@@ -60,15 +60,15 @@ def command(
     run = drive("drive", file, robot, seed, backend, path, hold=hold)
     talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot)
-    said, values = scales_from_marks(run, file, length_m)
-    answer(Driven(run, path, values), as_json)
-    talk(said)
+    text, values = scales_from_marks(run, file, length_m)
+    answer(DriveResult(run, path, values), as_json)
+    talk(text)
     if values and update:
         options.kept(file.with_values(values), update)
 
 
 @dataclass(frozen=True)
-class Driven:
+class DriveResult:
     """The result of a drive."""
 
     run: "Run"

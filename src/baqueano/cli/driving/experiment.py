@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--known",
+    "trust_file",
     is_flag=True,
     help="Trust the numbers of the file. Without this option, a vehicle that was never fitted "
     "first drives carefully and is fitted.",
@@ -62,12 +63,12 @@ if TYPE_CHECKING:
 @live.page
 @options.as_json
 def command(
-    vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, known: bool,
+    vehicle: str | None, settings: tuple[str, ...], robot: str, signal: str, room: str | None, trust_file: bool,
     rounds: int | None, seconds: float, seed: int, shake: tuple[str, ...],
     backend: str, folder: str, out: Path | None, update: bool,
     shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
-    _meant(signal, rounds, update)
+    _check_options(signal, rounds, update)
     file = options.load_vehicle(vehicle, settings)
     kind, driven = signal.replace("-", "_"), []
     if room is not None:
@@ -86,15 +87,15 @@ def command(
         placed(robot, file, seed, backend, page=page, shake=shake) as place,
     ):
         runs: list[Run] = []
-        if signal == "designed" and not known and file.guessed:
+        if signal == "designed" and not trust_file and file.guessed:
             file, first = after_first_drive(file, place, backend, path_of)
             runs.append(first)
             place.back_in_the_middle()
         if rounds is not None:
-            made = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
-            found = in_rounds(file, place, runs, rounds, made, seed, backend, path_of)
-            answer(found, as_json)
-            options.kept(found.rounds[-1].fit.vehicle_file, update)
+            make_signal = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
+            result = in_rounds(file, place, runs, rounds, make_signal, seed, backend, path_of)
+            answer(result, as_json)
+            options.kept(result.rounds[-1].fit.vehicle_file, update)
         else:
             one(file, place, signal_of(file, kind, room, seconds, seed, backend), path_of(""), as_json, shake)
     talk(note("cli.next-identify", fix=typed("identify", *driven, *options.naming(file, folder))))
@@ -107,22 +108,22 @@ def one(
     from baqueano.drive.mission import Mission
     from baqueano.runs.show import show
 
-    with clocked(note("cli.experiment"), len(u) / file.rate_hz) as seen:
-        run = place.drive(Mission("experiment", u=u), file, path, seen)
+    with clocked(note("cli.experiment"), len(u) / file.rate_hz) as progress:
+        run = place.drive(Mission("experiment", u=u), file, path, progress)
     talk(note("cli.run", path=path))
     say_ledger(run, file, shake)
     answer(show(run), as_json)
     options.ended(run, path)
 
 
-def _meant(signal: str, rounds: int | None, update: bool) -> None:
+def _check_options(signal: str, rounds: int | None, update: bool) -> None:
     """UsageError where the options do not go together."""
     from baqueano.errors import UsageError
     from baqueano.identify.design.signals import KINDS
 
-    known = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
-    if signal.replace("_", "-") not in known:
-        raise UsageError(fault("cli.signal-unknown", found=signal, near=nearest(signal, known)))
+    kinds = [kind.replace("_", "-") for kind in (*KINDS, "designed")]
+    if signal.replace("_", "-") not in kinds:
+        raise UsageError(fault("cli.signal-unknown", found=signal, near=nearest(signal, kinds)))
     if rounds is not None and signal != "designed":
         raise UsageError(
             fault("cli.rounds-without-designed", "--signal designed", rounds=rounds, signal=signal)
@@ -167,14 +168,14 @@ def after_first_drive(
 ) -> tuple[Any, Any]:
     """The file fitted to a careful first drive, and its run; AnswerNo where the vehicle is wired wrong or does not
     move."""
-    from baqueano.drive import felt, rough
+    from baqueano.drive import estimate_first_drive, rough
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
 
     path = path_of("first-drive")
     talk(note("cli.first-drive", name=file.name))
-    with clocked(note("cli.driving-first"), 0.0) as seen:
-        first = felt(place.drive(Mission("first drive"), file, path, seen), file)
+    with clocked(note("cli.driving-first"), 0.0) as progress:
+        first = estimate_first_drive(place.drive(Mission("first drive"), file, path, progress), file)
     talk(note("cli.run", path=path))
     talk(first.table())
     options.ended(first.run, path)

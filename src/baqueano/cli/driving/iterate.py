@@ -70,8 +70,8 @@ class Rounds:
         lines = [f"{_('standard error of'):{width}}{head}"]
         for name in names:
             sure = [one.relative_sd(name) for one in self.rounds]
-            said = ["—" if sd is None else f"{number(100.0 * sd):.3g} %" for sd in sure]
-            lines.append(f"{name:{width}}" + "".join(f"{x:>12}" for x in said))
+            cells = ["—" if sd is None else f"{number(100.0 * sd):.3g} %" for sd in sure]
+            lines.append(f"{name:{width}}" + "".join(f"{x:>12}" for x in cells))
         return "\n".join([*lines, "", verdict_line(self.verdict, self.rounds[-1].fit.reasons)])
 
 
@@ -91,8 +91,8 @@ def in_rounds(
         path = path_of(f"{k + 1}")
         if k:
             place.back_in_the_middle()
-        with clocked(note("cli.round", number=k + 1), len(u) / file.rate_hz) as seen:
-            run = place.drive(Mission("experiment", u=u), file, path, seen, seed=seed + k)
+        with clocked(note("cli.round", number=k + 1), len(u) / file.rate_hz) as progress:
+            run = place.drive(Mission("experiment", u=u), file, path, progress, seed=seed + k)
         talk(note("cli.run", path=path))
         options.ended(run, path)
         runs.append(run)

@@ -53,9 +53,9 @@ def by_hand(
     kind = robot.partition(":")[0]
     if kind == "emulated":
         raise UsageError(fault("cli.emulated-by-hand", "--robot simulated"))
-    found = None if pad is None else find(Path(pad) if pad != FIND else None)
-    if found is not None:
-        talk(note("cli.game-pad", name=found.name))
+    device = None if pad is None else find(Path(pad) if pad != FIND else None)
+    if device is not None:
+        talk(note("cli.game-pad", name=device.name))
     another = answered_by_another() if over_ssh(os.environ) else ""
     if another:
         talk(note("cli.terminal-of-another", another=another))
@@ -64,7 +64,7 @@ def by_hand(
         cockpit = Cockpit(
             file.command.limit, name=robot, names=tuple(file.command.names), trusted=not another,
             hold=hold and gains_of(file) is not None, drivetrain=getattr(file.vehicle, "drivetrain", None),
-            pad=found, **how,
+            pad=device, **how,
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
         open_things.enter_context(ended_by_signals(hand.stop))
@@ -131,13 +131,13 @@ def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
 
     before = {}
 
-    def asked(number: int, frame: FrameType | None) -> None:
+    def stop_by_signal(number: int, frame: FrameType | None) -> None:
         terminated = number == signal.SIGTERM
         stop(because(StopReason.PROGRAM_ENDED if terminated else StopReason.TERMINAL_CLOSED))
 
     for name in ("SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
-            before[name] = signal.signal(getattr(signal, name), asked)
+            before[name] = signal.signal(getattr(signal, name), stop_by_signal)
     try:
         yield
     finally:
@@ -169,7 +169,7 @@ def scales_from_marks(
     if len(marks_of(run)) < 2:
         return note("cli.marks-too-few"), {}
     try:
-        found = closure(run, file, length_m)
+        result = closure(run, file, length_m)
     except AnswerNo as error:
         return note("cli.marks", cause=error.diagnostic), {}
-    return found.table(), found.values
+    return result.table(), result.values

@@ -90,7 +90,7 @@ def command(
     care = Precautions(True, anyway, walled, lead_in, way_back, caution, patience_s)
     own = {"estimator": estimator, "controller": controller, "guide": guide}
     own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
-    what = Mission(
+    mission = Mission(
         "repeat", route=taught, laps=laps, blocks={room: k for room, k in own.items() if k is not None},
         start=standing(taught, stand), precautions=care.to_json(),
     )  # fmt: skip
@@ -99,8 +99,8 @@ def command(
         placed(robot, file, seed, backend, page=watching, shake=shake) as place,
     ):
         path = options.run_path(out, folder, "repeat")
-        with clocked(note("cli.repeat"), laps * float(taught.t_s[-1])) as seen:
-            run = place.drive(what, file, path, seen)
+        with clocked(note("cli.repeat"), laps * float(taught.t_s[-1])) as progress:
+            run = place.drive(mission, file, path, progress)
     talk(note("cli.run", path=path))
     say_ledger(run, file, shake)
     compared = compare(run)

@@ -57,13 +57,13 @@ def command(
     by = recorded.metadata.get("backend", "auto") if backend == "auto" else backend
     own = file.estimator(options.own_block(file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded.name}")
-    with clocked(note("cli.replay"), recorded.duration_s) as seen:
+    with clocked(note("cli.replay"), recorded.duration_s) as progress:
         again = replay(
             recorded,
             file,
             estimator=own,
             path=None if smooth else path,
-            observers=(Progress(seen),),
+            observers=(Progress(progress),),
             backend=by,
         )
     if smooth:

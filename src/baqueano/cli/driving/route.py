@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import Verbs, numbers, options
-from baqueano.cli.blocks import Listed
+from baqueano.cli.blocks import RowsResult
 from baqueano.cli.driving.teach import SHAPES, shape_or_route
 from baqueano.cli.terminal import answer, talk
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
@@ -59,7 +59,7 @@ def ls(as_json: bool) -> None:
                 "speed": f"{row['fastest_m_s']:.2f} m/s",
             }
         rows.append({"route": path.stem, **row})
-    answer(Listed(rows), as_json)
+    answer(RowsResult(rows), as_json)
     if not rows:
         talk(note("cli.no-routes"))
 
@@ -275,7 +275,7 @@ def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: s
 
 def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
     """Return the pose in the map of a vehicle that stands at "x,y,degrees" from where the route begins; empty where it
-    stands there. UsageError for what is no pose."""
+    stands there. UsageError for a wrong pose."""
     import numpy as np
 
     from baqueano.geometry import map_from_body
@@ -289,7 +289,7 @@ def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
 
 
 def pose_of(words: str, code: str) -> tuple[float, float, float]:
-    """Return x, y and degrees of an option; UsageError of this code for what is no pose."""
+    """Return x, y and degrees of an option; UsageError of this code for a wrong pose."""
     try:
         x, y, degrees = (float(part) for part in words.split(","))
     except ValueError as error:
@@ -330,7 +330,7 @@ def stored(route: "Route", name: str, as_json: bool) -> None:
 
 
 def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
-    """Return the room of `--room` and `--start`, None without; UsageError for what is no room."""
+    """Return the room of `--room` and `--start`, None without; UsageError for a wrong room."""
     if room is None:
         if start is not None:
             raise UsageError(fault("cli.start-without-room"))

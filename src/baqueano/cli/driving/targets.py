@@ -51,11 +51,11 @@ class Here:
         from baqueano.drive.mission import perform
         from baqueano.drive.observers import Progress
 
-        given = self._options() | options
-        given["observers"] = (Progress(progress), *given.get("observers", ()))
+        arguments = self._options() | options
+        arguments["observers"] = (Progress(progress), *arguments.get("observers", ()))
         if self._page is not None:
-            given = self._page.door.here(mission, file, given)
-        return perform(mission, file, hand, path=path, **given)
+            arguments = self._page.door.here(mission, file, arguments)
+        return perform(mission, file, hand, path=path, **arguments)
 
     def back_in_the_middle(self) -> None:
         """A simulated vehicle begins there by itself."""
@@ -75,13 +75,13 @@ class There:
         """See Place."""
         from baqueano.drive.mission import packed
 
-        said: dict[str, Any] = {"say": talk} | {
+        callbacks: dict[str, Any] = {"say": talk} | {
             name: options[name] for name in ("say", "words", "on_state") if name in options
         }
         if self._page is not None:
-            said |= self._page.door.there(self._remote)
+            callbacks |= self._page.door.there(self._remote)
         return self._remote.perform(
-            packed(mission, file), path, attended=self._attended, hand=hand, progress=progress, **said
+            packed(mission, file), path, attended=self._attended, hand=hand, progress=progress, **callbacks
         )
 
     def back_in_the_middle(self) -> None:
@@ -108,9 +108,9 @@ def placed(
     if kind in IN_HERE and ":" not in robot and file.simulation.truth is not None:
         talk(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
     if kind == "simulated":
-        given = {"truth": load_truth(robot, file), "seed": seed, "backend": backend}
-        given |= {"shake": shake} if shake else {}
-        yield Here(lambda: given, page)
+        arguments = {"truth": load_truth(robot, file), "seed": seed, "backend": backend}
+        arguments |= {"shake": shake} if shake else {}
+        yield Here(lambda: arguments, page)
     elif kind == "emulated":
         from baqueano.robot.emulated import emulated
 
@@ -131,10 +131,12 @@ def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
 
     ledger = ledger_of(run, file)
     for row in ledger.rows:
-        talk(note("ledger.fault", at_s=row.fault.at_s, what=row.said))
+        talk(note("ledger.fault", at_s=row.fault.at_s, what=row.message))
         for one in row.noticed:
             talk(
-                note("ledger.noticed", who=note(f"ledger.who-{one.who}"), after_s=one.after_s, said=one.said)
+                note(
+                    "ledger.noticed", who=note(f"ledger.who-{one.who}"), after_s=one.after_s, said=one.message
+                )
             )
         if (nobody := ledger.nobody(row)) is not None:
             talk(note("ledger.by-nobody", said=nobody))

@@ -89,15 +89,15 @@ def command(
         drive = by_page(folder, pace) if shown else partial(by_hand, pad=pad)
         run, closed = drive("teach", file, robot, seed, backend, path, hold=hold), False
     else:
-        asked = shape_or_route(driver, speed_m_s, size_m)
+        target = shape_or_route(driver, speed_m_s, size_m)
         with (
             live.live_page(shown, robot, file, folder, pace) as page,
             placed(robot, file, seed, backend, page=page) as place,
         ):
             path = options.run_path(out, folder, "teach")
-            with clocked(note("cli.teach"), float(asked.t_s[-1])) as seen:
-                run = place.drive(Mission("teach", route=asked), file, path, seen, eta=asked.eta[0])
-        closed = asked.closed
+            with clocked(note("cli.teach"), float(target.t_s[-1])) as progress:
+                run = place.drive(Mission("teach", route=target), file, path, progress, eta=target.eta[0])
+        closed = target.closed
     talk(note("cli.run", path=path))
     ended_by_hand(run, path, robot) if driver == "keys" else options.ended(run, path)
     try:
@@ -110,7 +110,7 @@ def command(
         raise AnswerNo(why) from None
     if options.route_path(route).exists():
         talk(note("cli.route-replaced", path=options.route_path(route)))
-    answer(Stored(taught, write_route(taught, options.route_path(route)), path), as_json)
+    answer(LessonResult(taught, write_route(taught, options.route_path(route)), path), as_json)
     if driver == "keys":
         talk(scales_from_marks(run, file, None)[0])
     named = options.naming(file)
@@ -137,7 +137,7 @@ def _no_driver(name: str) -> UsageError:
 
 
 @dataclass(frozen=True)
-class Stored:
+class LessonResult:
     """The result of a lesson."""
 
     route: "Route"

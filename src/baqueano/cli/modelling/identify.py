@@ -125,12 +125,14 @@ def command(
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused
 
-    _meant(parameter_history, choose, with_validation=bool(held_out))
+    _check_options(parameter_history, choose, with_validation=bool(held_out))
     _named(table)
     lap = _lap(how["route"])
     recorded, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
     settings_of_fit: JsonObject = _fit_arguments(how, backend)
-    file = _known_to(options.load_vehicle(vehicle, settings), how["tolerance"], recorded, settings_of_fit)
+    file = _with_tolerances(
+        options.load_vehicle(vehicle, settings), how["tolerance"], recorded, settings_of_fit
+    )
     if not settings_of_fit["use"]:
         for message in unused(recorded, file):
             talk(message)
@@ -179,7 +181,7 @@ def command(
     options.kept(fitted, update)
 
 
-def _meant(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
+def _check_options(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
     """UsageError where one option would make another do nothing."""
     from baqueano.errors import UsageError
 
@@ -263,10 +265,10 @@ def _fit_arguments(how: "JsonObject", backend: str) -> "JsonObject":
     return {"free": how["free"] or None, "use": how["use"] or None, "options": options}
 
 
-def _known_to(
+def _with_tolerances(
     file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
 ) -> Any:
-    """The file with how well its scales are known. UsageError where the fit would not ask."""
+    """Return the file with the tolerances of its scales. UsageError where the fit would not use them."""
     from baqueano.errors import UsageError
     from baqueano.identify.covariance.scale_uncertainty import with_tolerance
     from baqueano.identify.imu_only import imu_is_all

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from baqueano.cli import Verbs, numbers, options
-from baqueano.cli.blocks import Listed
+from baqueano.cli.blocks import RowsResult
 from baqueano.cli.terminal import answer, busy, steps, talk, tell
 from baqueano.diagnostics import fault, note
 from baqueano.language import translated as _
@@ -29,7 +29,7 @@ def ls(folder: str, as_json: bool) -> None:
 
     folder_rows = listing(folder)
     if as_json:
-        answer(Listed(listing_rows(folder_rows)), as_json)
+        answer(RowsResult(listing_rows(folder_rows)), as_json)
     else:
         tell(listing_table(folder_rows))
 

@@ -119,5 +119,5 @@ def command(
         with busy(note("cli.drawing")):
             written = page_of_sweep(result, reproduce=typed(*sys.argv[1:])).save(page)
         talk(note("cli.report", page=written))
-    if len(result.drives) < result.asked:
-        raise Interruption(fault("cli.study-interrupted", done=len(result.drives), asked=result.asked))
+    if len(result.drives) < result.requested:
+        raise Interruption(fault("cli.study-interrupted", done=len(result.drives), asked=result.requested))

@@ -62,8 +62,8 @@ class DriveDoor:
         self._file, self._world = file, world
         self._state, self._why = DoorState.READY, None
         self._mission: Mission | None = None
-        self._seen: Record | None = None
-        self._told_s = float("-inf")
+        self._record: Record | None = None
+        self._published_s = float("-inf")
         self._robot: Remote | None = None
         words = {"viewers": self._viewers, "routes": lambda guest, message: {"is": "routes", "routes": []}}
         for do in ("pause", "go", "pace"):
@@ -119,7 +119,7 @@ class DriveDoor:
 
     def there(self, remote: "Remote") -> "JsonObject":
         """Return the options of `Remote.perform` with which the page shows the drive of a robot."""
-        self._robot, remote.overheard = remote, self._relay
+        self._robot, remote.on_message = remote, self._relay
         watching, stopped = False, False
 
         def words() -> list[JsonObject]:
@@ -140,18 +140,18 @@ class DriveDoor:
     def publish(self, at_once: bool = False) -> None:
         """Tell the state, TELL_S after the last time or at once."""
         now_s = time.monotonic()
-        if not at_once and now_s - self._told_s < TELL_S:
+        if not at_once and now_s - self._published_s < TELL_S:
             return
-        self._told_s = now_s
+        self._published_s = now_s
         paced = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
         self._door.tell({
             "is": "state", "state": str(self._state), "why": self._why, "run": None, "world": self._world,
-            "battery_v": None, **paced, **drive_words(self._mission, self._file.rate_hz, self._seen),
+            "battery_v": None, **paced, **drive_words(self._mission, self._file.rate_hz, self._record),
         })  # fmt: skip
 
     def drives(self, mission: "Mission | None", why: Diagnostic | None = None) -> None:
         """A drive begins, or has ended."""
-        self._mission, self._seen, self._why = mission, None, why
+        self._mission, self._record, self._why = mission, None, why
         driven = (
             DoorState.MANUAL
             if mission is not None and mission.kind in BY_HAND and mission.route is None
@@ -163,18 +163,18 @@ class DriveDoor:
 
     def look(self, record: Record, truth: "Motion") -> None:
         """Take a tick of a drive in this process."""
-        self._seen = record
+        self._record = record
         self.frames.look(record, truth, late_ms=self.pace.late_ms)
 
     def _ticks(self, rate_hz: float, ticking: Iterator[int] | None) -> Iterator[int]:
-        def wanted() -> bool:
+        def interrupted() -> bool:
             self.publish()
             operator = self.operator
             return (
                 operator.done or operator.why(self.by_hand) is not None or ours()
             )  # the last: Ctrl-C was pressed
 
-        for t_ns in self.pace.ticks(rate_hz, wanted):
+        for t_ns in self.pace.ticks(rate_hz, interrupted):
             if self.operator.done:
                 raise KeyboardInterrupt
             yield t_ns if ticking is None else next(ticking)

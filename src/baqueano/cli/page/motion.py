@@ -51,12 +51,12 @@ class PageOfDrives:
 
 
 @contextmanager
-def run_with_page(folder: Path, wanted: bool | None, pace: float) -> Iterator[PageOfDrives]:
-    """Open a page for the runs of `folder`, at a pace; wait at the end until whoever watches has seen them. `wanted`
+def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[PageOfDrives]:
+    """Open a page for the runs of `folder`, at a pace; wait at the end until whoever watches has seen them. `shown`
     None: where there is a display."""
-    if wanted is None:
-        wanted = _display()
-    if not wanted:
+    if shown is None:
+        shown = _display()
+    if not shown:
         yield PageOfDrives(None)
         return
     folder.mkdir(parents=True, exist_ok=True)

@@ -64,18 +64,18 @@ def settings(
     from baqueano.robot.uno.serial_port import connected
     from baqueano.robot.workshop.exclusive_hardware import service_off, there
 
-    wanted = typed(given)
-    uno_settings.changed(Settings(), wanted)  # a wrong one is reported before anything is opened
+    changes = typed(given)
+    uno_settings.changed(Settings(), changes)  # a wrong one is reported before anything is opened
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
         with service_off(talk), connected(file.robot.port) as uno:
             kept = uno_settings.store(
-                uno, lambda before: uno_settings.changed(Settings() if defaults else before, wanted)
+                uno, lambda before: uno_settings.changed(Settings() if defaults else before, changes)
             )
             if watch_s is not None:
                 uno_settings.watch(uno, watch_s, talk)
     else:
-        words = [f"--{name}={text}" for name, texts in wanted.items() for text in texts]
+        words = [f"--{name}={text}" for name, texts in changes.items() for text in texts]
         words += ["--defaults"] if defaults else []
         words += [] if watch_s is None else [f"--watch={watch_s:g}"]
         kept = uno_settings.StoredSettings.of(there(host, "robot", "settings", "--vehicle", VEHICLE, *words))

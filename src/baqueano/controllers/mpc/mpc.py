@@ -5,11 +5,11 @@
     min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
 
-ε is the effort behind the dead zone, in which a command has no slope; u = drivetrain⁻¹(ε_0). The reference at k is that
-of now, driven on with its velocity: a bend is foreseen once it has begun. E° is the plan of the tick before, moved on
-by the time that has passed; one step of (3) a tick follows the optimum (real-time iteration). Where the solver fails,
-the old plan goes on and the run says so; after FAILURES ticks the drive ends. Source: Diehl, Bock and Schlöder, SIAM
-Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
+ε is the effort behind the dead zone, in which the slope of a command is 0; u = drivetrain⁻¹(ε_0). The reference at k is
+that of now, driven on with its velocity: a bend is foreseen once it has begun. E° is the plan of the tick before, moved
+on by the time that has passed; one step of (3) a tick follows the optimum (real-time iteration). Where the solver
+fails, the old plan goes on and the run reports it; after FAILURES ticks the drive ends. Source: Diehl, Bock and
+Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
 """
 
 from dataclasses import dataclass
@@ -105,7 +105,7 @@ class Mpc:
         u, effort = self._horizon.command(E[0])
         return Plan(estimate.t_ns, E, effort, drivetrain, failures), Command(estimate.t_ns, u)
 
-    def says(self, state: Plan) -> Diagnostic | None:
+    def diagnostic(self, state: Plan) -> Diagnostic | None:
         """Return what the run is to hold of this tick: the first of those in which the solver failed."""
         return note("mpc.old-plan", Severity.WARNING, most=FAILURES) if state.failures == 1 else None
 

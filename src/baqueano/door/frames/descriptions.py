@@ -74,7 +74,7 @@ def numbers_in(block: object) -> list[str]:
 
 
 def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:
-    """Return the message of a drive's route; one without points where it has none."""
+    """Return the message of a drive's route; without a route it lacks points."""
     if route is None:
         return {"is": "route", "x": [], "y": []}
     x, y = route.eta[:, 0], route.eta[:, 1]

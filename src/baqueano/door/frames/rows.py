@@ -60,7 +60,7 @@ class Column(NamedTuple):
 
 
 class RecordedTick(NamedTuple):
-    """A tick with what its record does not hold."""
+    """A tick, and the figures that its record lacks."""
 
     record: "Record"
     truth: Motion | None
@@ -90,13 +90,13 @@ class DriveRows:
     estimator: "Estimator | None" = None  # that drives
     route: "Route | None" = None
     ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING))  # not made into rows yet
-    looked: int = 0  # ticks that the loop has put there
+    tick_count: int = 0  # ticks that the loop has put there
 
     def __post_init__(self) -> None:
         self.number = next(DRIVES)
         self.columns = columns_of(self.file)
         self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING)  # t_ns, the numbers as text
-        self.made = 0  # rows since the drive's begin, those that nobody watched among them
+        self.row_count = 0  # rows since the drive's begin, those that nobody watched among them
         sensors = self.file.sensors
         self._sizes = [getattr(sensors, name).size for name in sensors._fields]
         self._along = None if self.route is None else AlongRoute(self.route)
@@ -104,25 +104,25 @@ class DriveRows:
 
     def make(self) -> None:
         """Make the rows of the ticks that have come; the rows of ticks that the ring has lost do not exist."""
-        looked, fresh = self.looked, []
+        tick_count, fresh = self.tick_count, []
         while self.ticks:
             fresh.append(self.ticks.popleft())
-        first = max(self.made, looked - len(fresh))
-        if first > self.made:
+        first = max(self.row_count, tick_count - len(fresh))
+        if first > self.row_count:
             self.rows.clear()
-        for seen in fresh:
-            self.rows.append((seen.record.tick.t_ns, _cells(self._row(seen))))
-        self.made = first + len(fresh)
+        for sample in fresh:
+            self.rows.append((sample.record.tick.t_ns, _cells(self._row(sample))))
+        self.row_count = first + len(fresh)
 
     def skip(self) -> None:
         """Begin with the next tick: nobody has watched the others."""
         self.ticks.clear()
         self.rows.clear()
-        self.made = self.looked
+        self.row_count = self.tick_count
 
     def frame(self, shown: int, columns: tuple[int, ...] | None) -> bytes | None:
-        """Return the rows after the first `shown` ones as an encoded message; None where there is none."""
-        number = min(self.made - shown, len(self.rows))
+        """Return the rows after the first `shown` ones as an encoded message; None where they do not exist."""
+        number = min(self.row_count - shown, len(self.rows))
         if number <= 0:
             return None
         rows = [self.rows[k] for k in range(-number, 0)]
@@ -130,21 +130,21 @@ class DriveRows:
             texts = [",".join(cells) for _, cells in rows]
         else:
             texts = [",".join([cells[c] for c in columns]) for _, cells in rows]
-        head = f'{{"is":"frame","t_ns":{rows[0][0]},"n":{self.made - number},"x":[['
+        head = f'{{"is":"frame","t_ns":{rows[0][0]},"n":{self.row_count - number},"x":[['
         return (head + "],[".join(texts) + "]]}\n").encode()
 
-    def _row(self, seen: RecordedTick) -> list[float]:
-        record = seen.record
+    def _row(self, sample: RecordedTick) -> list[float]:
+        record = sample.record
         tick, estimate, reference = record.tick, record.estimate, record.reference
         eta, nu, cov = estimate.eta.tolist(), estimate.nu.tolist(), estimate.cov
-        truth = [NAN] * 3 if seen.truth is None else seen.truth.eta.tolist()
+        truth = [NAN] * 3 if sample.truth is None else sample.truth.eta.tolist()
         z = [x for slot in tick.sensors for x in (slot.z.tolist() if slot.has > 0.0 else [NAN] * len(slot.z))]
         innovation, deviation, nis = self._innovations(record, len(z))
         return [
             seconds(tick.t_ns), *eta, float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]), float(cov[2, 2]), *nu,
             *reference.eta.tolist(), float(reference.nu[0]), *truth, *tick.u.tolist(), *record.requested.u.tolist(),
             *z, *(a - b for a, b in zip(z, innovation, strict=True)), *innovation, *deviation, nis,
-            *((NAN, NAN) if self._along is None else self._along.where(eta)), seen.battery_v, seen.late_ms,
+            *((NAN, NAN) if self._along is None else self._along.where(eta)), sample.battery_v, sample.late_ms,
         ]  # fmt: skip
 
     def _innovations(self, record: "Record", channels: int) -> tuple[list[float], list[float], float]:
@@ -201,7 +201,7 @@ class Frames:
         """Take a tick; never waits."""
         if (drive := self._drive) is not None:
             drive.ticks.append(RecordedTick(record, truth, battery_v, late_ms))
-            drive.looked += 1
+            drive.tick_count += 1
 
     def drive(self) -> tuple[DriveRows | None, list[JsonObject]]:
         """Return the rows of the drive that goes on, or of the last one, and what one who watches must know before its

@@ -22,22 +22,22 @@ from baqueano.vehicle_file import load
 
 def main(words: list[str] | None = None) -> int:
     """Run the service; its exit code."""
-    asked = _parser().parse_args(words)
+    options = _parser().parse_args(words)
     try:
-        file = load(asked.vehicle)
-        truth = file if asked.truth is None else load(asked.truth)
-        pace = PacedClock(asked.pace)
+        file = load(options.vehicle)
+        truth = file if options.truth is None else load(options.truth)
+        pace = PacedClock(options.pace)
     except BaqueanoError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    asked.runs.mkdir(parents=True, exist_ok=True)
-    routes = StoredRoutes(asked.routes)
-    service = SimulatedService(file, truth, asked.runs, routes, asked.seed, asked.backend, pace=pace)
-    door = Door(asked.socket, service.operator, asked.runs, service.words())
+    options.runs.mkdir(parents=True, exist_ok=True)
+    routes = StoredRoutes(options.routes)
+    service = SimulatedService(file, truth, options.runs, routes, options.seed, options.backend, pace=pace)
+    door = Door(options.socket, service.operator, options.runs, service.words())
     service.tell, service.frames = door.tell, door.frames
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked, and ends this process by its stdin
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
-    if asked.socket is None:
+    if options.socket is None:
         _on_pipes(door, service)
     service.run()
     door.close()

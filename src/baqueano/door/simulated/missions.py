@@ -64,24 +64,26 @@ class MissionPlan:
 
 
 @contextmanager
-def planned(asked: str, file: "VehicleFile", routes: "StoredRoutes", seed: int) -> Iterator[MissionPlan]:
-    """The plan of a mission in JSON, whole or by name; UsageError, FileError where it is none."""
+def planned(
+    mission_json: str, file: "VehicleFile", routes: "StoredRoutes", seed: int
+) -> Iterator[MissionPlan]:
+    """The plan of a mission in JSON, whole or by name; UsageError or FileError if it is not a mission."""
     try:
-        said = json.loads(asked)
-        whole = "format" in said
-        seed = int(said.get("seed", seed))
-        kind = str(said["kind"])
-        shake, hurry_s = said.pop("shake", []), _number(said, "hurry_s", 0.0)
+        request = json.loads(mission_json)
+        whole = "format" in request
+        seed = int(request.get("seed", seed))
+        kind = str(request["kind"])
+        shake, hurry_s = request.pop("shake", []), _number(request, "hurry_s", 0.0)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
     if not isinstance(shake, list) or len(shake) > MOST_FAULTS:
         raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
     faults = tuple(Fault.of_words(one) for one in shake)
     if not whole:
-        yield replace(_named(kind, said, file, routes, seed), shake=faults, hurry_s=hurry_s)
+        yield replace(_named(kind, request, file, routes, seed), shake=faults, hurry_s=hurry_s)
         return
     beside = ("seed", "shake", "hurry_s")
-    mission = Mission.of_json(json.dumps({k: v for k, v in said.items() if k not in beside}))
+    mission = Mission.of_json(json.dumps({k: v for k, v in request.items() if k not in beside}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
         file = unpacked(mission, Path(folder))
         yield MissionPlan(mission, file, seed=seed, shake=faults, hurry_s=hurry_s)
@@ -101,13 +103,13 @@ class StoredRoutes:
         self.folder = folder
 
     def path(self, name: str) -> Path:
-        """Return the file of this name; FileError for what is no plain name."""
+        """Return the file of this name; FileError if the name is not plain."""
         if not name or plain_label(name) != name:
             raise FileError(fault("door.route-name", found=repr(name)))
         return self.folder / f"{name}.csv"
 
     def read(self, name: str) -> "Route":
-        """Return the stored route; FileError where there is none of this name."""
+        """Return the stored route; FileError where it does not exist."""
         if not (path := self.path(name)).is_file():
             raise FileError(fault("door.no-route", found=repr(name), known=[*self.names()]))
         return read_route(path)
@@ -132,13 +134,15 @@ class StoredRoutes:
         return rows
 
 
-def _named(kind: str, said: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int) -> MissionPlan:
+def _named(
+    kind: str, request: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int
+) -> MissionPlan:
     match kind:
         case "teach":
-            keep = str(said.get("name") or "lesson")
+            keep = str(request.get("name") or "lesson")
             routes.path(keep)  # a wrong name is refused before anything moves
-            if (drawn := said.get("shape")) is None:
-                closed = said.get("closed")
+            if (drawn := request.get("shape")) is None:
+                closed = request.get("closed")
                 return MissionPlan(
                     Mission("teach"),
                     file,
@@ -146,37 +150,39 @@ def _named(kind: str, said: JsonObject, file: "VehicleFile", routes: StoredRoute
                     closed=None if closed is None else bool(closed),
                     seed=seed,
                 )
-            route = shape(str(drawn), _number(said, "size_m", SIZE_M), _number(said, "speed_m_s", SPEED_M_S))
+            route = shape(
+                str(drawn), _number(request, "size_m", SIZE_M), _number(request, "speed_m_s", SPEED_M_S)
+            )
             return MissionPlan(Mission("teach", route=route), file, keep, keep, bool(route.closed), seed)
         case "repeat":
-            name = str(said.get("route", ""))
-            laps = max(0, round(_number(said, "laps", 1)))
-            mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_blocks(said))
+            name = str(request.get("route", ""))
+            laps = max(0, round(_number(request, "laps", 1)))
+            mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_blocks(request))
             return MissionPlan(mission, file, name, seed=seed)
         case "experiment":
             from baqueano.identify.design.signals import excitation
 
-            length_s = min(_number(said, "seconds", SECONDS), MOST_SECONDS)
-            signal = str(said.get("signal", "random_steps")).replace("-", "_")
+            length_s = min(_number(request, "seconds", SECONDS), MOST_SECONDS)
+            signal = str(request.get("signal", "random_steps")).replace("-", "_")
             u = excitation(signal, file.command.limit, length_s, file.rate_hz, seed)
             return MissionPlan(Mission("experiment", u=u), file, seed=seed)
     return MissionPlan(Mission(kind), file, seed=seed)
 
 
-def _blocks(said: JsonObject) -> dict[str, str]:
+def _blocks(request: JsonObject) -> dict[str, str]:
     """Return the blocks of a repetition that are not those of the file."""
-    given = said.get("blocks", {})
-    named = isinstance(given, dict) and set(given) <= set(ROOMS)
-    if not named or not all(isinstance(kind, str) for kind in given.values()):
+    blocks = request.get("blocks", {})
+    named = isinstance(blocks, dict) and set(blocks) <= set(ROOMS)
+    if not named or not all(isinstance(kind, str) for kind in blocks.values()):
         raise UsageError(fault("mission.damaged", kind="TypeError", error="blocks"))
-    return dict(given)
+    return dict(blocks)
 
 
-def _number(said: JsonObject, name: str, usual: float) -> float:
+def _number(request: JsonObject, name: str, usual: float) -> float:
     try:
-        value = float(said.get(name, usual))
+        value = float(request.get(name, usual))
     except (TypeError, ValueError):
         value = float("nan")
     if not np.isfinite(value):
-        raise UsageError(fault("door.not-a-number", name=name, found=repr(said.get(name))))
+        raise UsageError(fault("door.not-a-number", name=name, found=repr(request.get(name))))
     return value

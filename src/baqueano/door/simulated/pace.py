@@ -45,16 +45,16 @@ class PacedClock:
         """Let time pass; for so many ticks, then it stands again."""
         self._more, self.paused = max(0, ticks), ticks > 0
 
-    def ticks(self, rate_hz: float, wanted: Callable[[], bool], hurry_s: float = 0.0) -> Iterator[int]:
-        """Yield the times of the ticks [ns], those until `hurry_s` without waiting. While `wanted` is true time passes
-        though it is paused: a stop is driven to its end.  (1)"""
+    def ticks(self, rate_hz: float, interrupted: Callable[[], bool], hurry_s: float = 0.0) -> Iterator[int]:
+        """Yield the times of the ticks [ns], those until `hurry_s` without waiting. Once `interrupted` is true time
+        passes though it is paused: a stop is driven to its end.  (1)"""
         k, due_s = 0, self._now_s()
         while True:
             if k < hurry_s * rate_hz:
                 k, due_s = k + 1, self._now_s()
                 yield round(k * NANOSECONDS / rate_hz)
                 continue
-            while self.paused and not self._more and not wanted():
+            while self.paused and not self._more and not interrupted():
                 self._sleep(STANDING_S)
                 due_s = self._now_s()
             self._more = max(0, self._more - 1)

@@ -68,19 +68,19 @@ class SimulatedService:
         self._drives = 0
         self._plan: MissionPlan | None = None
         self._run: str | None = None  # that is written just now
-        self._seen: Record | None = None
-        self._told_s = float("-inf")
+        self._record: Record | None = None
+        self._published_s = float("-inf")
         self.shaken = FaultWords(self.operator, lambda message: self.tell(message))
 
     def words(self) -> dict[str, Word]:
         """Return the words that the door does not know by itself."""
         return {
-            "pause": lambda guest, said: self._while_holding(guest, self.pace.pause),
-            "go": lambda guest, said: self._while_holding(guest, lambda: self.pace.go(int(said.get("ticks", 0)))),
-            "pace": lambda guest, said: self._while_holding(guest, lambda: self.pace.set(float(said["factor"]))),
-            "routes": lambda guest, said: {"is": "routes", "routes": self.routes.rows()},
-            "shake": lambda guest, said: self._while_holding(guest, lambda: self.shaken.take(said)),
-            "again": lambda guest, said: self._while_holding(guest, lambda: self.shaken.again(guest, said)),
+            "pause": lambda guest, request: self._while_holding(guest, self.pace.pause),
+            "go": lambda guest, request: self._while_holding(guest, lambda: self.pace.go(int(request.get("ticks", 0)))),
+            "pace": lambda guest, request: self._while_holding(guest, lambda: self.pace.set(float(request["factor"]))),
+            "routes": lambda guest, request: {"is": "routes", "routes": self.routes.rows()},
+            "shake": lambda guest, request: self._while_holding(guest, lambda: self.shaken.take(request)),
+            "again": lambda guest, request: self._while_holding(guest, lambda: self.shaken.again(guest, request)),
         }  # fmt: skip
 
     def run(self) -> None:
@@ -97,7 +97,7 @@ class SimulatedService:
     def idle(self) -> None:
         """Look at stops and their end while nothing drives."""
         machine = self.machine
-        cleared, self.operator.clear_asked = self.operator.clear_asked, False
+        cleared, self.operator.clear_requested = self.operator.clear_requested, False
         if (stopped := self.operator.why(attended=False)) is not None:
             self.operator.forget(stopped)
             machine.go("stop", stopped)
@@ -107,42 +107,42 @@ class SimulatedService:
             machine.go("ready")
         self.publish()
 
-    def take(self, asked: str, attended: bool, name: str = "") -> None:
+    def take(self, mission_json: str, attended: bool, name: str = "") -> None:
         """Drive a mission, and tell how the one of this name ended; nothing that is wrong with it ends the service."""
         self._drives += 1
         done: JsonObject = {"is": "done", "id": name, "run": None}
-        why, code = outcome_of(lambda: self._taken(asked, attended, done))
-        self._plan = self._seen = self._run = None
+        why, code = outcome_of(lambda: self._drive_mission(mission_json, attended, done))
+        self._plan = self._record = self._run = None
         self.publish(at_once=True)
         self.operator.free()
         self.tell({"why": why, "code": code} | done)
         self.shaken.ask_again()
 
-    def _taken(self, asked: str, attended: bool, done: JsonObject) -> None:
+    def _drive_mission(self, mission_json: str, attended: bool, done: JsonObject) -> None:
         """Drive a mission as far as it comes; `done` is told of it then."""
         self.file = refreshed(self.file)
-        with planned(asked, self.file, self.routes, self.seed + self._drives - 1) as plan:
+        with planned(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
             try:
                 by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
                 self.machine.go("manual" if by_hand else "mission")
                 self._plan, self._run = plan, path.name
                 self.publish(at_once=True)
-                why, code = outcome_of(lambda: self._driven(plan, asked, attended, path))
-                meant = why is None or code or self.operator.done
+                why, code = outcome_of(lambda: self._driven(plan, mission_json, attended, path))
+                regular_end = why is None or code or self.operator.done
                 late = self.operator.why(
                     attended=False
                 )  # said while the drive was prepared, or its run closed
-                stopped = late if meant else why
+                stopped = late if regular_end else why
                 self.machine.go("done" if stopped is None else "stop", stopped)
                 self.operator.forget(stopped)
                 done |= {"run": path.name if path.exists() else None, "why": why, "code": code}
                 if plan.keep and stopped is None and not code and path.exists():
-                    done |= self._kept(plan, path)
+                    done |= self._stored_lesson(plan, path)
             finally:
                 release(path)
 
-    def _driven(self, plan: MissionPlan, asked: str, attended: bool, path: Path) -> Diagnostic | None:
+    def _driven(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
         """Return why the vehicle was stopped, None if nothing stopped it."""
         truth, start = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
@@ -154,7 +154,7 @@ class SimulatedService:
         observers = (
             watching,
             Adjusting(self.operator, self.tell, plan.mission.blocks),
-            self.shaken.begin(plan, world, asked, attended),
+            self.shaken.begin(plan, world, mission_json, attended),
         )
         try:
             perform(
@@ -169,18 +169,18 @@ class SimulatedService:
         return watching.stopped
 
     def _ticks(self, plan: MissionPlan, attended: bool) -> Iterator[int]:
-        def wanted() -> bool:
+        def interrupted() -> bool:
             self.publish()
             return self.operator.done or self.operator.why(attended) is not None
 
-        for t_ns in self.pace.ticks(plan.file.rate_hz, wanted, plan.hurry_s):
+        for t_ns in self.pace.ticks(plan.file.rate_hz, interrupted, plan.hurry_s):
             if self.operator.done:
                 raise KeyboardInterrupt
             yield t_ns
             self.publish()
 
-    def _kept(self, plan: MissionPlan, path: Path) -> JsonObject:
-        """Store the route of a lesson; its name, or why there is none."""
+    def _stored_lesson(self, plan: MissionPlan, path: Path) -> JsonObject:
+        """Store the route of a lesson; return its name, or why it was not stored."""
         try:
             run = read_run(path)
             route, closed = route_of(run), plan.closed
@@ -200,9 +200,9 @@ class SimulatedService:
     def publish(self, at_once: bool = False) -> None:
         """Tell the state, TELL_S after the last time or at once."""
         now_s = time.monotonic()
-        if not at_once and now_s - self._told_s < TELL_S:
+        if not at_once and now_s - self._published_s < TELL_S:
             return
-        self._told_s, plan, seen = now_s, self._plan, self._seen
+        self._published_s, plan, record = now_s, self._plan, self._record
         mission = None if plan is None else plan.mission
         rate_hz = self.file.rate_hz if plan is None else plan.file.rate_hz
         self.tell(
@@ -210,7 +210,7 @@ class SimulatedService:
                 "is": "state", "state": str(self.machine.state), "why": self.machine.why, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
                 "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
-                **drive_words(mission, rate_hz, seen),
+                **drive_words(mission, rate_hz, record),
             }
         )  # fmt: skip
 
@@ -249,7 +249,7 @@ class _DriveObserver(Observer):
         return self._service.operator.marked()
 
     def look(self, record: Record) -> None:
-        self._service._seen = record
+        self._service._record = record
         self._service.frames.look(record, self._world.truth, late_ms=self._service.pace.late_ms)
 
     def unlogged(self, what: Diagnostic) -> None:

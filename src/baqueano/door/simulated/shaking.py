@@ -41,40 +41,40 @@ class FaultWords:
         self._by_hand = False
         self._again: tuple[object, JsonObject, bool, float] | None = None
 
-    def begin(self, plan: "MissionPlan", world: "ShakenWorld", asked: str, attended: bool) -> Observer:
+    def begin(self, plan: "MissionPlan", world: "ShakenWorld", mission_json: str, attended: bool) -> Observer:
         """A drive begins; its observer."""
-        said = {k: v for k, v in json.loads(asked).items() if k != "hurry_s"} | {"seed": plan.seed}
+        mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
         self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
-        self._world, self._last = world, (said, attended, world)
+        self._world, self._last = world, (mission, attended, world)
         return _LedgerKeeper(self, plan, world)
 
     def ended(self) -> None:
         """The drive is over."""
         self._world = None
 
-    def take(self, said: JsonObject) -> None:
-        """Let a fault begin or end. UsageError where nothing drives, or for what is none."""
+    def take(self, request: JsonObject) -> None:
+        """Let a fault begin or end. UsageError where nothing drives, or for a wrong fault."""
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
-        if "over" in said:
-            world.over(int(said["over"]))
+        if "over" in request:
+            world.over(int(request["over"]))
         else:
-            world.shake({name: value for name, value in said.items() if name not in ("do", "is", "at_s")})
+            world.shake({name: value for name, value in request.items() if name not in ("do", "is", "at_s")})
 
-    def again(self, guest: object, said: JsonObject) -> None:
-        """Ask for the last mission again. UsageError where there is none, or a hand drove it."""
+    def again(self, guest: object, request: JsonObject) -> None:
+        """Ask for the last mission again. UsageError where nothing was driven, or a hand drove it."""
         if self._last is None:
             raise UsageError(fault("shake.no-mission"))
         if self._by_hand:
             raise UsageError(fault("shake.by-hand"))
         mission, attended, world = self._last
-        without = {int(n) for n in said["without"]} if said.get("without") is not None else None
-        kept = [
+        without = {int(n) for n in request["without"]} if request.get("without") is not None else None
+        faults = [
             one.to_json() for number, one in enumerate(world.faults, 1)
             if without is not None and number not in without
         ]  # fmt: skip
-        hurry = {"hurry_s": max(0.0, float(said.get("from_s", 0.0)))}
-        self._again = guest, mission | hurry | {"shake": kept}, attended, self._operator.silence_s
+        hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
+        self._again = guest, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
         if self._operator.taken:
             self._operator.end(guest)
         else:
@@ -103,7 +103,7 @@ class _LedgerKeeper(Observer):
     def __init__(self, faults: FaultWords, plan: "MissionPlan", world: "ShakenWorld") -> None:
         self._faults, self._file, self._world = faults, plan.file, world
         self._ledger: Ledger | None = None
-        self._told_s, self._changed = 0.0, True
+        self._published_s, self._changed = 0.0, True
 
     def begin(self, blocks: "Blocks") -> "Blocks":
         self._ledger = Ledger(self._file, blocks.estimator)
@@ -124,9 +124,9 @@ class _LedgerKeeper(Observer):
             estimate.cov, self._world.truth.eta,
         )  # fmt: skip
         t_s = float(seconds(record.tick.t_ns))
-        due = t_s - self._told_s >= EVERY_S and any(row.watched(t_s) for row in ledger.rows)
+        due = t_s - self._published_s >= EVERY_S and any(row.watched(t_s) for row in ledger.rows)
         if self._changed or due or before != sum(len(row.noticed) for row in ledger.rows):
-            self._changed, self._told_s = False, t_s
+            self._changed, self._published_s = False, t_s
             self._faults.tell(ledger)
 
     def ended(self, why: Diagnostic | None) -> "Iterable[LastLine]":
@@ -140,9 +140,9 @@ def _row(ledger: Ledger, row: LedgerRow) -> JsonObject:
     until_s = None if row.until_s == float("inf") else row.until_s
     return {
         "number": row.number, "t_s": row.fault.at_s, "until_s": until_s, "over": row.until_s <= ledger.now_s,
-        "fault": row.fault.to_json(), "what": row.said,
+        "fault": row.fault.to_json(), "what": row.message,
         "noticed": [
-            {"who": note(f"ledger.who-{one.who}"), "after_s": one.after_s, "said": one.said} for one in row.noticed
+            {"who": note(f"ledger.who-{one.who}"), "after_s": one.after_s, "said": one.message} for one in row.noticed
         ],
         "silent": [note(f"ledger.who-{who}") for who in row.silent()], "nobody": ledger.nobody(row),
     }  # fmt: skip

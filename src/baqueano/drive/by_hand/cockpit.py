@@ -81,7 +81,7 @@ class Cockpit(Observer):
         self._limit = np.where(np.isfinite(limit), limit, 1.0)
         n = len(self._limit)
         self.status = screen.Status(
-            name, wanted=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share,
+            name, requested=np.zeros(n), applied=np.zeros(n), names=names, limit=self._limit, share=share,
             hold=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
@@ -90,8 +90,8 @@ class Cockpit(Observer):
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
         self._begun_s = now()
         self._stop: Diagnostic | None = None
-        self._ended, self._told_stop = False, False
-        self._marks, self._new_marks, self._said_marks = 0, 0, 0
+        self._ended, self._stop_sent = False, False
+        self._marks, self._new_marks, self._sent_marks = 0, 0, 0
 
     def __enter__(self) -> "Cockpit":
         self._line = terminal() if self._given is None else self._given
@@ -115,18 +115,18 @@ class Cockpit(Observer):
 
     def __call__(self) -> np.ndarray:
         """The command (n,) wanted now.  KeyboardInterrupt once the driver has ended the drive."""
-        untold = self._new_marks and self._said_marks < self._marks
-        if self._ended and not untold:
+        unsent = self._new_marks and self._sent_marks < self._marks
+        if self._ended and not unsent:
             raise KeyboardInterrupt
         now_s = self._now()
         self._listen(now_s)
-        ahead, left = (0.0, 0.0) if self._stop or self._ended else self._wanted(now_s)
+        ahead, left = (0.0, 0.0) if self._stop or self._ended else self._direction(now_s)
         u = np.zeros(len(self._limit))
         u[0], u[-1] = ahead, left
-        self.status.wanted = u * self.status.share * self._limit * self.near  # (1)
+        self.status.requested = u * self.status.share * self._limit * self.near  # (1)
         self.status.still = self._still()
         self._draw(now_s)
-        return self.status.wanted.copy()
+        return self.status.requested.copy()
 
     @property
     def near(self) -> float:
@@ -150,10 +150,10 @@ class Cockpit(Observer):
 
     def words(self) -> list[TableRow]:
         """Return the driver's messages to the vehicle besides the command, since the last call."""
-        commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._said_marks)
-        self._said_marks = self._marks
-        if self._stop and not self._told_stop:
-            self._told_stop = True
+        commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._sent_marks)
+        self._sent_marks = self._marks
+        if self._stop and not self._stop_sent:
+            self._stop_sent = True
             commands.append({"do": "stop", "why": self._stop})
         return commands
 
@@ -186,7 +186,7 @@ class Cockpit(Observer):
         """Return the request to the motors where the driver wants straight on, for the screen."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:
-            straight = s.wanted[0] != 0.0 and s.wanted[-1] == 0.0
+            straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
 
     def _still(self) -> str:
@@ -194,11 +194,11 @@ class Cockpit(Observer):
         over too soon for a reason."""
         by_pad = self._pad is not None and self._pad.holds
         short = None
-        if by_pad or not self._held.nudges:
-            short = short_of_motion(self._drivetrain, self.status.wanted)
+        if by_pad or not self._key_hold.nudges:
+            short = short_of_motion(self._drivetrain, self.status.requested)
         if short is None:
             return ""
-        more = _("push further, or press +") if by_pad else _(MORE[self._held.way])
+        more = _("push further, or press +") if by_pad else _(MORE[self._key_hold.way])
         return _(
             "{channel:.2f} is below the dead zone of {dead_zone:.2f}: nothing moves; {more}",
             channel=short.channel, dead_zone=short.dead_zone, more=more,
@@ -224,8 +224,8 @@ class Cockpit(Observer):
         if alive:
             self._line.change(WINDOW_ON, WINDOW_OFF)
         self._plain = RELEASES if alive and releases else REPEATS
-        self._held = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
-        self.status.way = HOW[self._held.way]
+        self._key_hold = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
+        self.status.way = HOW[self._key_hold.way]
         if not alive:
             self.say(_("this terminal does not confirm that it is alive: each key counts for a short time"))
 
@@ -253,7 +253,7 @@ class Cockpit(Observer):
     def _hear(self, event: KeyEvent, now_s: float) -> None:
         if event.kind == ALIVE:
             self._life.answered(now_s)
-        self._held.hear(event, now_s)
+        self._key_hold.hear(event, now_s)
         if event.kind != PRESS:
             return
         match event.key:
@@ -274,14 +274,14 @@ class Cockpit(Observer):
         """Between latched set-points and keys that are held; nothing is wanted at first."""
         if not self._life.answers:
             return
-        self._held.let_go()
-        self._held.way = self._plain if self._held.way == LATCHED else LATCHED
-        self.status.way = HOW[self._held.way]
+        self._key_hold.let_go()
+        self._key_hold.way = self._plain if self._key_hold.way == LATCHED else LATCHED
+        self.status.way = HOW[self._key_hold.way]
 
-    def _wanted(self, now_s: float) -> tuple[float, float]:
+    def _direction(self, now_s: float) -> tuple[float, float]:
         if self._pad is not None and self._pad.holds:
-            return self._pad.wanted()
-        return self._held.wanted(now_s)
+            return self._pad.direction()
+        return self._key_hold.direction(now_s)
 
     def _draw(self, now_s: float) -> None:
         if now_s - self._drawn_s < DRAW_S:

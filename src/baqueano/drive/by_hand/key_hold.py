@@ -38,7 +38,7 @@ class KeyHold:
     def __init__(self, way: str = REPEATS) -> None:
         self.way = way
         self._keys: set[str] = set()
-        self._newest, self._heard_s, self._repeats, self._delay_s = "", float("-inf"), 0, 0.0
+        self._newest, self._last_event_s, self._repeats, self._delay_s = "", float("-inf"), 0, 0.0
         self._delays: deque[float] = deque(maxlen=9)
         self._gaps: deque[float] = deque(maxlen=31)
         self._set = (0.0, 0.0)
@@ -85,7 +85,7 @@ class KeyHold:
         elif event.kind in (PRESS, REPEAT):
             self._again(event.key, now_s)
 
-    def wanted(self, now_s: float) -> tuple[float, float]:
+    def direction(self, now_s: float) -> tuple[float, float]:
         """(ahead, to the left) at this time [s]."""
         if self.way == LATCHED:
             return self._set
@@ -96,11 +96,11 @@ class KeyHold:
         return part * ahead, part * left
 
     def _counts(self, now_s: float) -> bool:
-        return now_s - self._heard_s <= (self.gap_s if self._repeats else self.first_s)
+        return now_s - self._last_event_s <= (self.gap_s if self._repeats else self.first_s)
 
     def _again(self, key: str, now_s: float) -> None:
         """A letter in (2): the repeat of one that is held, or a press."""
-        counts, gap_s = self._counts(now_s), now_s - self._heard_s
+        counts, gap_s = self._counts(now_s), now_s - self._last_event_s
         if key == self._newest and counts:
             self._learn(gap_s)
             self._repeats += 1
@@ -113,7 +113,7 @@ class KeyHold:
             }
             self._newest, self._repeats = key, 0
         self._keys.add(key)
-        self._heard_s = now_s
+        self._last_event_s = now_s
 
     def _learn(self, gap_s: float) -> None:
         """The first wait is a delay only if more follow soon: two taps do not count."""

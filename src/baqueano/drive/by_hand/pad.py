@@ -70,7 +70,7 @@ class Pad:
             else _("pad: let go of its stick and buttons first")
         )
 
-    def wanted(self) -> tuple[float, float]:
+    def direction(self) -> tuple[float, float]:
         """(ahead, to the left), each in [-1, 1].  (1)"""
         return (-self._part(Y), -self._part(X)) if self.holds else (0.0, 0.0)
 

@@ -30,7 +30,7 @@ class Status:
     t_s: float = 0.0
     state: str = ""
     why: str = ""
-    wanted: np.ndarray = field(default_factory=lambda: np.zeros(3))  # of the driver
+    requested: np.ndarray = field(default_factory=lambda: np.zeros(3))  # of the driver
     applied: np.ndarray = field(default_factory=lambda: np.zeros(3))  # at the motors
     names: tuple[str, ...] = ("u_x", "u_y", "u_psi")
     limit: np.ndarray = field(default_factory=lambda: np.ones(3))
@@ -70,7 +70,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
         ),
         *(
             f"   {s.names[k]:6} {_bar(s.applied[k])} {number(float(s.applied[k])):+5.2f}   "
-            + _("wanted {wanted:+5.2f}", wanted=float(s.wanted[k]))
+            + _("wanted {wanted:+5.2f}", wanted=float(s.requested[k]))
             + (f"   {_hold(s.hold)}" if k == len(s.limit) - 1 else "")
             for k in shown
         ),

@@ -22,9 +22,9 @@ START_S = 1.0
 class Heartbeat:
     """Ask the terminal by `ask` for a sign of life; the caller gives the time."""
 
-    def __init__(self, ask: Callable[[bytes], object]) -> None:
-        self._ask = ask
-        self._asked: deque[float] = deque(maxlen=100)
+    def __init__(self, query_message: Callable[[bytes], object]) -> None:
+        self._ask = query_message
+        self._query_times_s: deque[float] = deque(maxlen=100)
         self._last_s, self._answer_s = float("-inf"), float("-inf")
         self._looked_s, self._paused_s = float("-inf"), float("-inf")
         self._trips_ms: deque[float] = deque(maxlen=20)
@@ -37,22 +37,22 @@ class Heartbeat:
         self._looked_s = now_s
         if now_s - self._last_s >= ASK_S:
             self._last_s = now_s
-            self._asked.append(now_s)
+            self._query_times_s.append(now_s)
             self._ask(ASK)
 
     def answered(self, now_s: float) -> None:
         """An answer came."""
         self.answers, self._answer_s = True, now_s
-        if self._asked:
-            asked_s = self._asked.popleft()
-            if asked_s >= self._paused_s:
-                self._trips_ms.append(1e3 * (now_s - asked_s))
+        if self._query_times_s:
+            query_s = self._query_times_s.popleft()
+            if query_s >= self._paused_s:
+                self._trips_ms.append(1e3 * (now_s - query_s))
 
     def silent_s(self, now_s: float) -> float:
         """Seconds for which a terminal that gives answers has given none; else 0.  (2)"""
-        if not self.answers or not self._asked:
+        if not self.answers or not self._query_times_s:
             return 0.0
-        return now_s - max(self._answer_s, self._asked[0] - ASK_S)
+        return now_s - max(self._answer_s, self._query_times_s[0] - ASK_S)
 
     def gone(self, now_s: float) -> bool:
         """(2)."""

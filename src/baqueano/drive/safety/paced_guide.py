@@ -9,31 +9,31 @@ from baqueano.supervisor import guarded
 
 
 class PacedGuide:
-    """A guide, and the paces that are wanted of it.
+    """A guide, and the paces that are requested of it.
 
     >>> from baqueano.guides import Idle
     >>> guide = PacedGuide(Idle(2.0))
     >>> guide.want("caution", 0.5)
     >>> guide.want("holder", 0.8)
-    >>> guide.wanted
+    >>> guide.pace
     0.5
     """
 
     def __init__(self, guide: Tree) -> None:
         self.block = AtPace(guarded("guide", guide))
-        self._wants: dict[str, float] = {}
+        self._paces: dict[str, float] = {}
 
     @property
-    def wanted(self) -> float:
+    def pace(self) -> float:
         """Return the pace that is in force, once the ramp has come to it."""
-        return self.block.wanted
+        return self.block.pace
 
     def want(self, who: str, pace: float) -> None:
         """Take the pace that `who` wants from the next tick on; ValueError for one outside of 0 to 1."""
-        replace(self.block, wanted=pace)
-        self._wants[who] = pace
-        if (slowest := min(self._wants.values())) != self.block.wanted:
-            self.block = replace(self.block, wanted=slowest)
+        replace(self.block, pace=pace)
+        self._paces[who] = pace
+        if (slowest := min(self._paces.values())) != self.block.pace:
+            self.block = replace(self.block, pace=slowest)
 
     def init(self) -> Tree:
         """The guide at its beginning."""

@@ -28,10 +28,10 @@ class Patience(Observer):
 
     def look(self, record: Record) -> None:
         """Look whether the vehicle moves, or is where it is wanted."""
-        eta, wanted = record.estimate.eta, record.reference.eta
+        eta, reference = record.estimate.eta, record.reference.eta
         moved = not np.hypot(*(eta - self._where)[:2]) < STILL_M
         moved = moved or not abs(wrap(eta[2] - self._where[2])) < STILL_RAD
-        self._away_m = float(np.hypot(*(wanted - eta)[:2]))
+        self._away_m = float(np.hypot(*(reference - eta)[:2]))
         if moved or self._away_m <= AWAY_M:
             self._where, self._since_ns = eta, record.tick.t_ns
 

@@ -18,7 +18,7 @@ def gate(sigma: float, m: int) -> float:
     the χ² quantile, by bisection on its survival function (finite series in m)."""
     if sigma == INF:
         return INF
-    wanted = erfc(sigma / sqrt(2.0))
+    probability = erfc(sigma / sqrt(2.0))
 
     def survival(x: float) -> float:
         total = erfc(sqrt(x / 2.0)) if m % 2 else 0.0
@@ -27,9 +27,9 @@ def gate(sigma: float, m: int) -> float:
         )
 
     low, high = 0.0, sigma**2 + 1.0
-    while survival(high) > wanted:
+    while survival(high) > probability:
         high *= 2.0
     for _ in range(80):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if survival(middle) > wanted else (low, middle)
+        low, high = (middle, high) if survival(middle) > probability else (low, middle)
     return high

@@ -84,13 +84,13 @@ def judged(
         off = came & ((d2 > limit) | (right < 0.5))
         mistake = off & (right < 0.5) & (other2 <= limit) & (past.mistakes < OVERLOOKED)
         waited = past.since_s >= AGAIN_S
-        tells = off & ~mistake & waited
-        again = tells & (past.witness > 0.0)
+        informative = off & ~mistake & waited
+        again = informative & (past.witness > 0.0)
         same = again & (apart2 <= limit)
         weights |= dict.fromkeys(group, np.where(same, 1.0, right / (1.0 + (d2 / limit) ** 4)))
         grown = np.maximum(grown, np.where(again, np.sqrt(d2 / len(group)), 1.0))
         for k in group:
-            before[k] = np.where(tells & ~same, numbers.y[k], before[k])
+            before[k] = np.where(informative & ~same, numbers.y[k], before[k])
         after.append(_later(past, off & ~same, mistake, came & (same | ~off)))
     past = Past(*(np.array(column) for column in zip(*after, strict=True)))
     return GateDecision(weights, grown, PlaceDoubt(np.array(before), past))

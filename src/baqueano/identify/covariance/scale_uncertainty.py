@@ -113,25 +113,25 @@ def covariance_by_zeros(
         end += size
         if name not in gyros or f"sensors.{name}.gyro_bias" in free or not len(at):
             continue
-        g, asks, power = np.zeros(problem.size), 0.0, 0.0
+        g, score, power = np.zeros(problem.size), 0.0, 0.0
         for (r, d, index), weight in zip(slopes_of(problem, theta), problem.weights, strict=True):
             r, W = r[:, end - 1], weight[:, end - 1]
             inside = W * (np.abs(r) < HUBER)
             g[index] += inside @ d[:, end - 1]
-            asks, power = asks + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inside @ W)
+            score, power = score + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inside @ W)
         A = bread[np.ix_(at, at)]
         if not (np.isfinite(g).all() and np.isfinite(A).all()):
             continue  # a model that ran away
         v, measured = inverse(A) @ g[at], _measured_zero(file, name)
-        sd = _shown_zero(asks, power - float(g[at] @ v)) if measured is None else measured
+        sd = _shown_zero(score, power - float(g[at] @ v)) if measured is None else measured
         cov[np.ix_(at, at)] += sd**2 * np.outer(v, v)
     return cov
 
 
-def _shown_zero(asks: float, power: float) -> float:
+def _shown_zero(score: float, power: float) -> float:
     """σ of a zero that nobody measured.  (4)"""
     sheet = of_tolerance(ZERO_RAD_S)
-    return min(sheet, float(np.hypot(asks / power, power**-0.5))) if power > sheet**-2 else sheet
+    return min(sheet, float(np.hypot(score / power, power**-0.5))) if power > sheet**-2 else sheet
 
 
 def with_systematic(

@@ -55,9 +55,9 @@ class Unknowns(NamedTuple):
 def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     """Return the parameters and the nuisance that a fit of this vehicle estimates."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
-    wanted = [described(blocks, p, {}) for p in default_free(blocks)]
-    frozen = frozen_columns(wanted, np.asarray(vehicle_file.command.limit)[None])
-    free = [one.path for k, one in enumerate(wanted) if k not in frozen]
+    candidates = [described(blocks, p, {}) for p in default_free(blocks)]
+    frozen = frozen_columns(candidates, np.asarray(vehicle_file.command.limit)[None])
+    free = [one.path for k, one in enumerate(candidates) if k not in frozen]
     interest = [p for p in free if value(blocks, p) != 0.0]
     zero = [p for p in free if p not in interest]
     own = [
@@ -68,7 +68,7 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
         for p in entries(blocks, f"sensors.{name}.{field}")
     ]
     start = kept(blocks.model)
-    size = [abs(value(blocks, p)) for p in interest] + [_size(blocks, p, wanted) for p in zero]
+    size = [abs(value(blocks, p)) for p in interest] + [_size(blocks, p, candidates) for p in zero]
     size += [NUISANCE_SD] * (len(own) + len(start))
     return Unknowns((*interest, *zero, *own), len(interest), start, np.array(size))
 
@@ -128,11 +128,11 @@ def mean_error(relative_sd: np.ndarray) -> float:
     return float(np.exp(np.mean(np.log(relative_sd))))
 
 
-def _size(blocks: FittedBlocks, path: str, wanted: Sequence[Free]) -> float:
+def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
     """Return the largest entry of the row of a matrix; of the frictions of an axis, as if it went at 1 m/s or 1 rad/s;
     of the whole field, where these are 0; 1 where it is."""
     one = described(blocks, path, {})
-    same = [other for other in wanted if one.axis is not None and other.axis == one.axis]
+    same = [other for other in candidates if one.axis is not None and other.axis == one.axis]
     row = [
         abs(value(blocks, other.path))
         for other in same

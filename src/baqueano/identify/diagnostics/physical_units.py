@@ -89,7 +89,7 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     cleared. The search has ended: it turns as they say, or as wheels do, or the fit explains it with the file's own
     gains. Where the search began tells nothing of it.  (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    freed = [end.wanted[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
+    freed = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
     by_file, _, _ = first_theta(end.blocks, freed, problem.shape, problem.records, FitOptions())
     at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = channel_map.measured(problem), channel_map.predicted(problem, by_file)

@@ -57,7 +57,7 @@ DIFFERS = 0.05  # part of itself
 SHARE, EXCESS = 0.05, 1.3  # (1), (2)
 ENOUGH = 20  # measurements of a channel
 FAR, FEW, FAR_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
-TOLD = 2  # answers that are told, the clearest first
+MOST_REPORTED = 2  # answers that are told, the clearest first
 RUNS = 8  # that are held against the others one by one
 
 
@@ -83,7 +83,7 @@ def check_residuals(
     for one in (missing := _missing(here, answers)) + parts:
         for path, by in here.widens(one.by):
             off[path] = max(by, off.get(path, 0.0))
-    return [*messages, *(one.message for one in (*missing[:TOLD], *parts[:TOLD]))], off
+    return [*messages, *(one.message for one in (*missing[:MOST_REPORTED], *parts[:MOST_REPORTED]))], off
 
 
 class _Clear(NamedTuple):

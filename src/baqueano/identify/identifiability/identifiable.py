@@ -185,7 +185,7 @@ class FinishedFit(NamedTuple):
     file: "VehicleFile"
     blocks: FittedBlocks
     task: Task
-    wanted: list[Free]  # (p,) all parameters that were asked for
+    requested: list[Free]  # (p,) all parameters that were asked for
     frozen: list[int]  # those whose command never moved; they are not in θ
     search: Search
     identifiability: Identifiability
@@ -199,13 +199,13 @@ class FinishedFit(NamedTuple):
 
     @property
     def in_theta(self) -> list[int]:
-        """Which of `wanted` are in θ; they are its first entries, in order."""
-        return [k for k in range(len(self.wanted)) if k not in self.frozen]
+        """Return which of `requested` are in θ; they are its first entries, in order."""
+        return [k for k in range(len(self.requested)) if k not in self.frozen]
 
     @property
     def free(self) -> list[Free]:
-        """Return those of `wanted` that are in θ."""
-        return [self.wanted[k] for k in self.in_theta]
+        """Return those of `requested` that are in θ."""
+        return [self.requested[k] for k in self.in_theta]
 
     def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
         """The shared parameters that entry i of θ is like, by `which` of its sight."""

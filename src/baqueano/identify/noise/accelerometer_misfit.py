@@ -7,8 +7,9 @@ r_a of the accelerometer, over two windows of τ that follow one another,
     B = (r_v(t + τ) − 2 r_v(t) + r_v(t − τ))/τ,   A = (∫ r_a from t to t + τ − ∫ r_a from t − τ to t)/τ   (1)
     φ = Σ w A B / Σ w (B² − 6 q/τ²),   q the variance of white noise in r_v, w = 1/mean A² of each τ     (2)
 
-φ is 1 where all is felt, 0 where only the wheels know of it; noise of the accelerometer does not change its mean.
-Nobody feels a slope either. Its push goes with the heading, so what cos ψ, sin ψ and their integrals explain leaves B.
+φ is 1 where the accelerometer measures all of it, 0 where only the wheels do; its own noise does not change the mean.
+An accelerometer does not measure a slope. Its push goes with the heading, so what cos ψ, sin ψ and their integrals
+explain leaves B.
 The upper end of the 95 % interval counts, of blocks drawn with replacement: what is not clearly contradicted stays.
 """
 
@@ -60,7 +61,7 @@ def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int
     return best if best and best[2] != 0.0 else None
 
 
-def felt_part(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
+def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
     """Return φ within [LEAST, 1] by all runs of the fit; 1 where too little tells of it.  (2)"""
     sums = np.concatenate([np.zeros((0, 2)), *(sums_of(*each) for each in _series(ekf, fit, inertial))])
     if len(sums) < FEWEST or not np.sum(sums[:, 1]) > 0.0:

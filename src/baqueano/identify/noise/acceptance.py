@@ -79,7 +79,7 @@ class Acceptance(NamedTuple):
 
 def accepted(
     ekf: AugmentedEkf,
-    found_again: Callable[[], AugmentedEkf],
+    refit: Callable[[], AugmentedEkf],
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> tuple[AugmentedEkf, Acceptance]:
@@ -92,7 +92,7 @@ def accepted(
     off, code = [one for one in judged if one.disagrees], "noise.holds"
     figures: JsonObject = {"runs": runs, "nis": _figures(judged)}
     if off:
-        ekf, code = found_again(), "noise.found-again"
+        ekf, code = refit(), "noise.found-again"
         kernel, names = _filtered(ekf, backend), {one.name for one in off}
         then = [one for one in nis_of(ekf, validation_runs, kernel) if one.name in names or one.disagrees]
         figures |= {"nis": _figures(off), "again": _figures(then)}

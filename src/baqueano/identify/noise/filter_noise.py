@@ -23,7 +23,7 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree
 from baqueano.estimators.augmented.state import FORWARD, TURNING, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.identify.noise.accelerometer_misfit import accelerometer_ahead, felt_part
+from baqueano.identify.noise.accelerometer_misfit import accelerometer_ahead, accelerometer_share
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.run import Run
@@ -107,7 +107,7 @@ def filter_noise(
         ekf = put(ekf, one.path, float(np.exp(one.power * value)))
     if is_dynamic(ekf.vehicle):
         speed_is_measured = np.any(its.moving[:, FORWARD[0]])
-        ekf = (_with_felt_misfit if speed_is_measured else _with_unseen_misfit)(ekf, fit, inertial)
+        ekf = (_with_measured_misfit if speed_is_measured else _with_unmeasured_misfit)(ekf, fit, inertial)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_rad(fit))))
 
 
@@ -122,15 +122,15 @@ def _crab_rad(fit: "Fit") -> float:
     return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > LEAST_M_S else 0.0
 
 
-def _with_felt_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
+def _with_measured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
     """The filter without that part of the misfit of the speed which is slip of wheels.  accelerometer_misfit.py"""
-    part = np.sqrt(felt_part(ekf, fit, inertial))
+    part = np.sqrt(accelerometer_share(ekf, fit, inertial))
     for path, low, _ in (OF_FORWARD[0], OF_FORWARD[2]):
         ekf = put(ekf, path, max(low, float(part * get(ekf, path))))
     return ekf
 
 
-def _with_unseen_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
+def _with_unmeasured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
     """The filter with the misfit of the speed by the residuals of what shows ν̇_x best, if there are enough.  (3)"""
     ahead = accelerometer_ahead(ekf, inertial)
     if ahead is None:

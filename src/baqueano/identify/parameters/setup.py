@@ -78,7 +78,7 @@ class Parameters:
     """θ (p,): the parameters that all runs share first, then those of each run, then the start of each piece."""
 
     blocks: FittedBlocks  # with room for what is free
-    wanted: tuple[Free, ...]  # (q,) all parameters that were asked for
+    requested: tuple[Free, ...]  # (q,) all parameters that were asked for
     frozen: tuple[int, ...]  # those of them whose command never moved; they are not in θ
     records: tuple[FitRecord, ...]  # per piece
     shape: Shape
@@ -89,36 +89,36 @@ class Parameters:
 
     @property
     def free(self) -> list[Free]:
-        """Return the parameters of `wanted` that are in θ; they are its first entries, in order."""
-        return [one for k, one in enumerate(self.wanted) if k not in self.frozen]
+        """Return the parameters of `requested` that are in θ; they are its first entries, in order."""
+        return [one for k, one in enumerate(self.requested) if k not in self.frozen]
 
 
 def unknowns(
     blocks: FittedBlocks,
-    wanted: Sequence[Free],
+    requested: Sequence[Free],
     runs: Sequence[Run],
     channels: Mapping[str, list[int]],
     rate_hz: float,
     options: FitOptions,
 ) -> Parameters:
-    """Return the parameters `wanted` of `blocks` for all rows of `runs`; `channels` as those of a Dataset. UsageError
-    where no command moved, or bounds and start values belong to no free parameter."""
-    _are_free(options.bounds, [*(one.path for one in wanted), *options.per_run])
+    """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` as those of a Dataset.
+    UsageError where no command moved, or bounds and start values belong to no free parameter."""
+    _are_free(options.bounds, [*(one.path for one in requested), *options.per_run])
     options = for_sensors(options, blocks)
     for run in runs:
         if len(run.applied) and not np.any(np.isfinite(run.applied)):
             raise UsageError(fault("runs.no-command", run=run.name))
     u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
-    frozen = frozen_columns(list(wanted), u)
-    if (wanted and len(frozen) == len(wanted)) or not np.any(u):
+    frozen = frozen_columns(list(requested), u)
+    if (requested and len(frozen) == len(requested)) or not np.any(u):
         raise UsageError(fault("runs.all-still", typed("runs", "calibrate", runs[0].name)))
-    blocks, wanted = enable_parameters(blocks, list(wanted), rate_hz, u, past_of(runs))
+    blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_of(runs))
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
-    free = [one for k, one in enumerate(wanted) if k not in frozen]
+    free = [one for k, one in enumerate(requested) if k not in frozen]
     shape = shape_of(blocks, free, records, options)
     layout = layout_of(shape, records)
     begin = first_theta(blocks, free, shape, records, options)
-    return Parameters(blocks, tuple(wanted), tuple(frozen), tuple(records), shape, layout, *begin)
+    return Parameters(blocks, tuple(requested), tuple(frozen), tuple(records), shape, layout, *begin)
 
 
 def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:

@@ -176,9 +176,9 @@ def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         at = with_speed(there.model, free.nu, aided.nu[0])
         free, motion = there.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
         aided, readings = move(there, aided, row)
-        says = imu.h(motion)[2]
-        slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - says
-        return (aided, free), np.array([readings.nu[0], says, slope])
+        reading = imu.h(motion)[2]
+        slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - reading
+        return (aided, free), np.array([readings.nu[0], reading, slope])
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 

@@ -74,7 +74,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(basis.cov)))
     fit = Fit(
         names=evidence.names,
-        units=tuple(one.unit for one in end.wanted),
+        units=tuple(one.unit for one in end.requested),
         start=_start(end),
         estimate=evidence.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
@@ -133,7 +133,7 @@ def _evidence(
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     identifiable = end.identifiability.mask[:s]
     return Evidence(
-        tuple(one.path for one in end.wanted),
+        tuple(one.path for one in end.requested),
         _placed(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _placed(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _placed(end, end.identifiability.weak[:s], False).astype(bool),
@@ -197,20 +197,20 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 
 
 def _placed(end: FinishedFit, values: np.ndarray, rest: float) -> np.ndarray:
-    """Values of the shared entries of θ in the order of `wanted`, `rest` for the frozen ones."""
-    out = np.full(len(end.wanted), rest, dtype=float)
+    """Values of the shared entries of θ in the order of `requested`, `rest` for the frozen ones."""
+    out = np.full(len(end.requested), rest, dtype=float)
     out[end.in_theta] = values
     return out
 
 
 def _spread_out(end: FinishedFit, cov: np.ndarray) -> np.ndarray:
-    out = np.full((len(end.wanted), len(end.wanted)), np.nan)
+    out = np.full((len(end.requested), len(end.requested)), np.nan)
     out[np.ix_(end.in_theta, end.in_theta)] = cov
     return out
 
 
 def _start(end: FinishedFit) -> np.ndarray:
-    start = np.array([value(end.blocks, one.path) for one in end.wanted])
+    start = np.array([value(end.blocks, one.path) for one in end.requested])
     start[end.in_theta] = end.task.first[: len(end.in_theta)]
     return start
 
@@ -256,7 +256,7 @@ def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic,
     """Return findings on parameters that a better run would show, and on those that no run can."""
     unobservable_terms, never = [], []
     columns: dict[int, list[Free]] = {}
-    for one in (end.wanted[k] for k in end.frozen):
+    for one in (end.requested[k] for k in end.frozen):
         assert one.column is not None
         columns.setdefault(one.column, []).append(one)
     n, drivetrain = len(end.file.command.names), end.blocks.model.drivetrain

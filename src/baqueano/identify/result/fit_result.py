@@ -233,7 +233,7 @@ class Fit(Result):
                 f"{short(row['name']):{wide}}  {number(value):>12.5g} ± {sd:>10}  {shown_unit(row['unit'])}"
                 + (f"  ({remarks})" if remarks else "")
             )
-        lines += ["", *self._asked_run_by_run(), *self._channel_lines(), "", *verdict_lines(self, reported)]
+        lines += ["", *self._per_run_lines(), *self._channel_lines(), "", *verdict_lines(self, reported)]
         return "\n".join(lines)
 
     def run_by_run(self) -> list["TableRow"]:
@@ -249,11 +249,11 @@ class Fit(Result):
             for run, x, sd in zip(self.runs, self.own, self.own_sd, strict=False)
         ]
 
-    def _asked_run_by_run(self) -> list[str]:
+    def _per_run_lines(self) -> list[str]:
         """Return lines on the numbers of each run that the user requested; biases and starts are left out."""
         rows = [row for row in self.run_by_run() if requested(row["name"])]
         if len(self.runs) > LISTED:
-            return self._asked_together(rows)
+            return self._per_run_summary(rows)
         out = []
         for row in rows:
             sd = _("not identifiable") if row["sd"] is None else f"± {number(row['sd']):.2g}"
@@ -261,7 +261,7 @@ class Fit(Result):
             out.append(_("{name} of {run}: {estimate:.5g} {sd}{unit}", **row | {"sd": sd, "unit": unit}))
         return [*out, ""] if out else []
 
-    def _asked_together(self, rows: list["TableRow"]) -> list[str]:
+    def _per_run_summary(self, rows: list["TableRow"]) -> list[str]:
         """One line a number, of all runs."""
         out = []
         for name in dict.fromkeys(row["name"] for row in rows):

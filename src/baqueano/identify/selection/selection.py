@@ -162,7 +162,7 @@ class _Growing:
         say: Callable[[str], object],
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = how
-        self.how, self.said_least, self.terms, self.say = how, least, terms, say
+        self.how, self.least_paths, self.terms, self.say = how, least, terms, say
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # where each term ended, tried last
         file = with_gyro_at_rest(bare, runs)[0] if acts_alone(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
@@ -172,15 +172,17 @@ class _Growing:
         blocks = room_for(blocks, terms)
         records = records_of(runs, blocks, only, options)
         paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
-        wanted = free_parameters(blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths})
+        candidates = free_parameters(
+            blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths}
+        )
         u = np.concatenate([r.u for r in records])
-        blocks, wanted = enable_parameters(blocks, wanted, file.rate_hz, u, past_of(runs))
+        blocks, candidates = enable_parameters(blocks, candidates, file.rate_hz, u, past_of(runs))
         records = with_voltage(records, runs, blocks)
-        self.paths = [one.path for one in wanted]
-        shape = shape_of(blocks, wanted, records, options)
+        self.paths = [one.path for one in candidates]
+        shape = shape_of(blocks, candidates, records, options)
         rest = [begins_at_rest(run, blocks.sensors) for run in runs]
         every = HeldOut(blocks, shape, records, rest, len(validation_runs), how.options.backend)
-        theta, every.low, every.high = first_theta(blocks, wanted, shape, records, FitOptions())
+        theta, every.low, every.high = first_theta(blocks, candidates, shape, records, FitOptions())
         floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
         self.small = np.zeros(len(theta))  # differences from neutral that are none
         if LAG in self.paths:
@@ -251,7 +253,7 @@ class _Growing:
         near, close_s = {}, NEAR / bare.rate_hz
         if DELAY in taken:
             near = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
-        return self.how.fit(file, [*self.said_least, *taken], {p: values[p] for p in self.said_least}, near)
+        return self.how.fit(file, [*self.least_paths, *taken], {p: values[p] for p in self.least_paths}, near)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """The model with `terms`, its noise found anew."""

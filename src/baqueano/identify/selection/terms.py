@@ -67,9 +67,9 @@ def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -
     blocks = FittedBlocks(file.vehicle, file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
     paths = [p for path in requested_paths(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
-    wanted = [described(blocks, p, {}) for p in paths if p not in optional]
-    frozen = frozen_columns(wanted, u)
-    return [one.path for k, one in enumerate(wanted) if k not in frozen]
+    candidates = [described(blocks, p, {}) for p in paths if p not in optional]
+    frozen = frozen_columns(candidates, u)
+    return [one.path for k, one in enumerate(candidates) if k not in frozen]
 
 
 def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":

@@ -55,9 +55,9 @@ def scene(run: Run) -> Scene:
     if corridor is not None and len(corridor.t_s) > 1:
         half = np.interp(t_s, corridor.t_s, corridor.across_m, right=np.nan)
     route = None
-    if run.asked is not None and len(run.asked.t_ns) > 1:
-        first = seconds(run.asked.t_ns, run.asked.t_ns[0]) <= lap_s
-        route = run.asked.eta[first, :2][:: max(1, int(first.sum()) // 160)]
+    if run.guide_reference is not None and len(run.guide_reference.t_ns) > 1:
+        first = seconds(run.guide_reference.t_ns, run.guide_reference.t_ns[0]) <= lap_s
+        route = run.guide_reference.eta[first, :2][:: max(1, int(first.sum()) // 160)]
     return Scene(t_s, logs[0], logs[1], half, route, laps, _radius_m(run))
 
 

@@ -78,7 +78,7 @@ class Mpu6050:
         self._recovery = Recovery(device.path)
         self._steps: Iterator[int] | None = self._start()
         self._closed = False
-        self._told = False  # that the chip is being started, and not yet that it runs
+        self._start_reported = False  # that the chip is being started, and not yet that it runs
         self._wait_until = 0
         self._check_at = 0
         self._failures = 0
@@ -246,15 +246,15 @@ class Mpu6050:
 
     def _remembers(self, now: int) -> bool:
         """Return True if the chip still has its registers; else it is being started again."""
-        wanted = bytes(self._registers())
-        stored = self.device.read(SMPLRT_DIV, len(wanted))
+        expected = bytes(self._registers())
+        stored = self.device.read(SMPLRT_DIV, len(expected))
         control, power = self.device.read(USER_CTRL, 2)
-        if stored == wanted and power == PLL_X and control & FIFO_ON == self._control:
+        if stored == expected and power == PLL_X and control & FIFO_ON == self._control:
             return True
         lost = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.tell(now, lost, power=power, found=stored.hex(), expected=wanted.hex())
+        self._watch.tell(now, lost, power=power, found=stored.hex(), expected=expected.hex())
         self._restart(now, quietly=True)
-        self._told = True
+        self._start_reported = True
         return False
 
     @property
@@ -301,9 +301,9 @@ class Mpu6050:
             self._wait_until = self._now_ns() + wait_ms * MILLISECOND
         except StopIteration:
             self._steps, self._failures = None, 0
-            if self._told:
+            if self._start_reported:
                 self._watch.tell(now, "imu.started")
-            self._told = False
+            self._start_reported = False
             self._check_at = now + SECOND
             self._looked = now
         except (OSError, BaqueanoError) as error:
@@ -326,7 +326,7 @@ class Mpu6050:
         self._steps = self._start(reopen=True)
         self._wait_until = now
         if not quietly:
-            self._told = True
+            self._start_reported = True
             self._watch.tell(now, "imu.restart")
 
 

@@ -7,7 +7,8 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.robot.imu.settings import Counts
 from baqueano.robot.uno.statistics import Statistics
 
-LINE = ("sent", "unsent", "heard", "lost", "late", "damaged", "resets")
+LINE = ("sent", "unsent", "received", "lost", "late", "damaged", "resets")
+KEYS = {"received": "heard"}  # of the figures of a run, where they differ
 HARM = ("unsent", "lost", "late", "damaged", "resets")
 Line = tuple[str, Diagnostic]  # level, message
 
@@ -31,7 +32,8 @@ class Lateness:
 
 def line_losses(before: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
     """Return what the line lost since `before`; a warning where it lost any. `trouble`: the fault of the Uno now."""
-    n = dict(zip(LINE, now.since(before, *LINE), strict=True))
+    counts = now.since(before, *LINE)
+    n = {KEYS.get(name, name): count for name, count in zip(LINE, counts, strict=True)}
     if trouble is not None:
         return _line("drive.line-in-trouble", True, **n, cause=trouble)
     return _line("drive.line", any(n[name] for name in HARM), **n)

@@ -78,8 +78,8 @@ class Service:
         self.machine, self.done = Machine(), threading.Event()
         self.health = ComputerHealth(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
-        self._told_ns = 0
-        self._seen: Record | None = None  # the last one of a drive
+        self._published_ns = 0
+        self._record: Record | None = None  # the last one of a drive
         self._mission: Mission | None = None
         self._rate_hz = 1.0  # of its ticks
         self._run: str | None = None  # that is written just now
@@ -133,7 +133,7 @@ class Service:
     def _cleared(self) -> bool:
         """Return True if a stop is over. After a request each look clears the latch of the Uno, until telemetry
         shows that it is gone: a frame may be lost."""
-        clear_requested, self.operator.clear_asked = self.operator.clear_asked, False
+        clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         trouble = self.uno.trouble
         gone = self._clearing and (trouble is None or trouble.code != StopReason.UNO_LATCHED)
         self._clearing = clear_requested or (self._clearing and not gone)
@@ -203,9 +203,9 @@ class Service:
             self.journal.end()
             self.health.limits = self.hardware
             self.patience(HANGING_S)
-        meant = why is None or code or self.operator.done
+        regular_end = why is None or code or self.operator.done
         late = self.operator.why(attended=False)  # said while the drive was prepared, or its run closed
-        stopped = late if meant else why
+        stopped = late if regular_end else why
         self.machine.go("done" if stopped is None else "stop", stopped)
         self.operator.forget(stopped)
         self._run = self._mission = None
@@ -228,7 +228,7 @@ class Service:
             body = body_of(file, self.uno, self.sleep)
             world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
             self._mission, self._rate_hz = mission, file.rate_hz
-            self._seen, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
+            self._record, self._bus, _ = None, None, self.operator.marked()  # those of before this drive
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
             self._counted, watching = None, _ServiceObserver(self, world, late, attended, mission, file)
@@ -289,9 +289,9 @@ class Service:
 
     def _publish(self, world: Robot | None = None, at_once: bool = False) -> None:
         now_ns = self.now_ns()
-        if not at_once and now_ns - self._told_ns < NANOSECONDS / TELL_HZ:
+        if not at_once and now_ns - self._published_ns < NANOSECONDS / TELL_HZ:
             return
-        self._told_ns = now_ns
+        self._published_ns = now_ns
         link = world or self._world
         trips = sorted(self.uno.statistics.trips_ms)
         self.tell(
@@ -302,7 +302,7 @@ class Service:
                 "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 "world": "real",
-                **drive_words(self._mission, self._rate_hz, self._seen if world is not None else None),
+                **drive_words(self._mission, self._rate_hz, self._record if world is not None else None),
             }
         )  # fmt: skip
 
@@ -359,7 +359,7 @@ class _ServiceObserver(Observer):
 
     def look(self, record: Record) -> None:
         s = self._service
-        s._seen = record
+        s._record = record
         s.frames.look(record, battery_v=self._world.battery_v, late_ms=self._late.now_ms)
 
     def unlogged(self, what: Diagnostic) -> None:

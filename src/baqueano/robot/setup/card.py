@@ -5,12 +5,12 @@ One script does it all (files/firstrun.sh). What starts it depends on the image:
     no user-data on the boot partition (Bookworm)        systemd.run=… in cmdline.txt, then it starts anew      (1)
     user-data there, an image with cloud-init (Trixie)   runcmd of user-data                                    (2)
 
-The user logs in by key alone, and has no password; sudo asks for none. In its own network the robot is 10.42.0.1.
-Campus networks keep their clients apart, so that a laptop does not reach the robot: use the robot's own network, or a
-router of the class (a Pi's own network serves about four clients).
+The user logs in by key alone, without a password; sudo does not ask for one either. In its own network the robot is
+10.42.0.1. Campus networks keep their clients apart, so that a laptop does not reach the robot: use the robot's own
+network, or a router of the class (a Pi's own network serves about four clients).
 
-Neither was tried on a real card here: the script was run in a folder that stands for the Pi, and the two ways to start
-it are as Raspberry Pi Imager and cloud-init have them.
+Neither was tried on a real card here: the script was run in a folder that stands for the Pi. The two ways to start it
+are those of Raspberry Pi Imager and of cloud-init.
 """
 
 import re
@@ -60,9 +60,9 @@ def new_password() -> str:
 
 
 def boot_partition(folder: Path | None) -> Path:
-    """The mounted boot partition that is meant, or the only one there is. FileError where it is none."""
+    """Return the mounted boot partition: `folder`, or the only one there is. FileError if it is not one."""
     if folder is None:
-        there = [found for label in LABELS for found in Path("/").glob(label.lstrip("/"))]
+        there = [path for label in LABELS for path in Path("/").glob(label.lstrip("/"))]
         if len(there) != 1:
             raise FileError(fault("card.cards", cards=len(there) or "no"))
         folder = there[0]
@@ -72,7 +72,7 @@ def boot_partition(folder: Path | None) -> Path:
 
 
 def public_key(path: Path | None) -> str:
-    """The text of an ssh key that the user has. FileError where there is none, or it is not the public part."""
+    """Return the text of the user's ssh key. FileError where it does not exist, or is not the public part."""
     tried = (
         [path] if path else [Path.home() / ".ssh" / f"id_{kind}.pub" for kind in ("ed25519", "ecdsa", "rsa")]
     )

@@ -31,7 +31,7 @@ class RenewedFile(NamedTuple):
     """A vehicle file for a robot."""
 
     text: str
-    seen: bytes  # what it has now; empty: nothing
+    base: bytes  # what it has now; empty: nothing
     lines: list[str]  # what changes there, key by key
 
 
@@ -39,18 +39,18 @@ def renewed(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
     """Return the new file at HOST, made of the laptop's `file`. RobotUnreachable where the old one cannot be read,
     UsageError where it holds a calibration for which `file` lacks the place."""
     path = f"{root.rstrip('/')}{VEHICLE}"
-    seen, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
+    content, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
     if code:
         raise RobotUnreachable(fault("setup.file-not-read", f"ssh {host}", host=host, path=path))
-    if not seen:
+    if not content:
         return RenewedFile(file.text, b"", [])
     try:
-        theirs = parsed(seen.decode("utf-8"), f"{host}:{path}")
+        theirs = parsed(content.decode("utf-8"), f"{host}:{path}")
     except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
-        said = _("the vehicle file there is not TOML ({error}): yours takes its place", error=error)
-        return RenewedFile(file.text, seen, [said])
+        line = _("the vehicle file there is not TOML ({error}): yours takes its place", error=error)
+        return RenewedFile(file.text, content, [line])
     file, kept = _with_calibration(host, file, theirs)
-    return RenewedFile(file.text, seen, [*differences(theirs, parsed(file.text, file.label)), *kept])
+    return RenewedFile(file.text, content, [*differences(theirs, parsed(file.text, file.label)), *kept])
 
 
 def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
@@ -67,11 +67,11 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
 def _with_calibration(
     host: str, file: "VehicleFile", theirs: "JsonObject"
 ) -> tuple["VehicleFile", list[str]]:
-    found, leaves = theirs.get("provenance", {}), _leaves(theirs)
+    provenance, leaves = theirs.get("provenance", {}), _leaves(theirs)
     values: JsonObject = {}
     origins: JsonObject = {}
     lines: list[str] = []
-    for key, origin in found.items():
+    for key, origin in provenance.items():
         if not isinstance(origin, dict) or origin.get("run") != CALIBRATION or key not in leaves:
             continue
         if not exists(file.data, key, file.folder):
@@ -114,16 +114,16 @@ def _with_calibration(
     return file.with_values(values, origins) if origins else file, lines
 
 
-def _in(found: "JsonObject", key: str) -> str:
-    return _shown(found[key]) if key in found else _("not there")
+def _in(leaves: "JsonObject", key: str) -> str:
+    return _shown(leaves[key]) if key in leaves else _("not there")
 
 
 def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
-    found: JsonObject = {}
+    leaves: JsonObject = {}
     for name, value in table.items():
         key = f"{path}{name}"
-        found |= _leaves(value, f"{key}.") if isinstance(value, dict) else {key: value}
-    return found
+        leaves |= _leaves(value, f"{key}.") if isinstance(value, dict) else {key: value}
+    return leaves
 
 
 def _shown(value: object) -> str:

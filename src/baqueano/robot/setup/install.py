@@ -43,13 +43,16 @@ GLIBC = (
     "manylinux_2_31",
 )
 THERE = "/tmp/baqueano-setup"
-SEEN = "vehicle.toml.seen"
+BASE = "vehicle.toml.seen"
 IMPORT = re.compile(
     r"^from baqueano\.robot\.setup\.machine import .*\n", re.MULTILINE
 )  # of what stands before it
 NO_WORDS = "WORDS: dict[str, str] = {}"
-ASK = 'python3 -c "import sys, os, pwd; print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
-MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to ASK
+PROBE = (
+    'python3 -c "import sys, os, pwd; '
+    'print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
+)
+MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to PROBE
 Say = Callable[[str], object]
 
 
@@ -63,25 +66,25 @@ class TargetMachine(NamedTuple):
 
 def machine_at(host: str) -> TargetMachine:
     """RobotUnreachable where ssh does not get there, UsageError for a machine that cannot be a vehicle."""
-    said, code = run(ssh(host, ASK))
-    words = said.decode(errors="replace").split()
+    output, code = run(ssh(host, PROBE))
+    words = output.decode(errors="replace").split()
     if code or not re.fullmatch(MACHINE, " ".join(words)):
         raise RobotUnreachable(fault("setup.no-answer", f"ssh {host}", host=host))
-    found = TargetMachine((int(words[0]), int(words[1])), words[2], words[3])
-    if found.kind not in MACHINES:
-        raise UsageError(fault("setup.32-bit", host=host, computer=found.kind))
-    if found.python < LEAST_PYTHON:
+    target = TargetMachine((int(words[0]), int(words[1])), words[2], words[3])
+    if target.kind not in MACHINES:
+        raise UsageError(fault("setup.32-bit", host=host, computer=target.kind))
+    if target.python < LEAST_PYTHON:
         raise UsageError(
             fault(
                 "setup.old-python",
                 host=host,
-                major=found.python[0],
-                minor=found.python[1],
+                major=target.python[0],
+                minor=target.python[1],
                 least_major=LEAST_PYTHON[0],
                 least_minor=LEAST_PYTHON[1],
             )
         )
-    return found
+    return target
 
 
 def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -> Path:
@@ -96,9 +99,9 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
     else:
         _piped([*pip, "download", "--no-deps", "--dest", str(folder), f"baqueano=={baqueano.__version__}"])
     lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text(encoding="utf-8")
-    packages = {found[1]: found[0] for found in LOCK.finditer(lock)}
+    packages = {match[1]: match[0] for match in LOCK.finditer(lock)}
     missing = [
-        found[1] for found in LOCK.finditer(lock) if not list(folder.glob(f"{found[1]}-{found[2]}-*.whl"))
+        match[1] for match in LOCK.finditer(lock) if not list(folder.glob(f"{match[1]}-{match[2]}-*.whl"))
     ]
     if missing:
         say(
@@ -138,8 +141,8 @@ def steps_in_this_language() -> str:
         for call in calls
         if isinstance(call.func, ast.Name) and call.func.id == "_" and isinstance(call.args[0], ast.Constant)
     ]
-    known = {str(one): _(str(one)) for one in words}
-    return text.replace(NO_WORDS, f"{NO_WORDS[:-2]}{known!r}", 1)
+    catalogue = {str(one): _(str(one)) for one in words}
+    return text.replace(NO_WORDS, f"{NO_WORDS[:-2]}{catalogue!r}", 1)
 
 
 def _write_locks(folder: Path, packages: dict[str, str]) -> None:
@@ -156,8 +159,8 @@ def _write_locks(folder: Path, packages: dict[str, str]) -> None:
 def _piped(command: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if done.returncode:
-        said = done.stderr.strip().splitlines() or [_("without output")]
-        raise FileError(fault("setup.packages", said=said[-1]))
+        lines = done.stderr.strip().splitlines() or [_("without output")]
+        raise FileError(fault("setup.packages", said=lines[-1]))
 
 
 def setup(
@@ -166,12 +169,12 @@ def setup(
 ) -> None:  # fmt: skip
     """Sends `folder` and runs the steps; their lines go to the terminal. With `vehicle`, a vehicle file, the one at
     HOST is made like it, but for what was calibrated there; `say` tells what changes. Without, the one there stays."""
-    (folder / SEEN).unlink(missing_ok=True)
+    (folder / BASE).unlink(missing_ok=True)
     if vehicle is not None:
         new = renewed(host, vehicle, root)
         (folder / "vehicle.toml").write_bytes(new.text.encode())
-        if new.seen:
-            (folder / SEEN).write_bytes(new.seen)
+        if new.base:
+            (folder / BASE).write_bytes(new.base)
         for line in new.lines:
             say(f"vehicle.toml  {line}")
     packed = io.BytesIO()

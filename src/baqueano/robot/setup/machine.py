@@ -37,12 +37,12 @@ class Pi:
         try:
             self.noted: JsonObject = json.loads(text_of(self.kept) or "{}")
         except ValueError as error:
-            said = _(
+            message = _(
                 "{path} is damaged ({error}): the former state of this machine is lost. Type on the vehicle sudo mv "
                 "{path} {path}.damaged, and then set it up again",
                 path=self.kept, error=error,
             )  # fmt: skip
-            sys.exit(said)
+            sys.exit(message)
 
     def at(self, path: str) -> Path:
         """A path of the machine."""
@@ -80,7 +80,7 @@ class Pi:
         return {group: there[group] for group in names if group in there}
 
     def account(self) -> list[str] | None:
-        """Fields of the account of the service; None while there is none."""
+        """Fields of the account of the service; None while it does not exist."""
         lines = [line.split(":") for line in text_of(self.at("etc/passwd")).splitlines()]
         return next((fields for fields in lines if fields[0] == ACCOUNT and len(fields) == 7), None)
 
@@ -91,7 +91,7 @@ class Pi:
 
 
 def text_of(path: Path) -> str:
-    """Return the text of a file, "" where there is none."""
+    """Return the text of a file, "" where it does not exist."""
     return path.read_text(encoding="utf-8") if path.exists() else ""
 
 
@@ -115,6 +115,6 @@ def commanded(*command: str) -> str:
     """Return the output of a command; SystemExit with its words where it fails."""
     done = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if done.returncode:
-        said, line = (done.stderr or done.stdout).strip()[-2000:], " ".join(command)
-        sys.exit(_("{command} failed ({code}): {words}", command=line, code=done.returncode, words=said))
+        output, line = (done.stderr or done.stdout).strip()[-2000:], " ".join(command)
+        sys.exit(_("{command} failed ({code}): {words}", command=line, code=done.returncode, words=output))
     return done.stdout

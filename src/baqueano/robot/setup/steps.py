@@ -5,9 +5,9 @@ python3 runs it as root.
 
     python3 steps.py plan|do|undo --bundle FOLDER --user NAME [--root /] [--now SECONDS]
 
-Each step says whether it is done already, does it, and undoes what it did: what was there before is kept in
-/etc/baqueano/setup.json, which is written after each step, so a setup that was cut off can be undone as well. Runs and
-the vehicle file in /var/lib/baqueano are the user's, and stay, with the vehicle.toml.before of the last change.
+Each step reports whether it is done already, does it, and undoes what it did. The former state stands in
+/etc/baqueano/setup.json, which is written after each step: an interrupted setup can be undone as well. Runs and the
+vehicle file in /var/lib/baqueano are the user's, and stay, with the vehicle.toml.before of the last change.
 """
 
 import argparse
@@ -217,7 +217,7 @@ def environment(pi: Pi) -> Step:
             name: (pi.bundle / f"{name}.lock").read_text(encoding="utf-8") for name in ("pip", "packages")
         }
         pips = [(path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in pi.bundle.glob("pip-*.whl")]
-        pip = next((path for path, found in pips if f"sha256:{found}" in locks["pip"]), None)
+        pip = next((path for path, digest in pips if f"sha256:{digest}" in locks["pip"]), None)
         if pip is None:
             sys.exit(_("the wheel of pip differs from the lock, so nothing was installed"))
         words = (
@@ -228,8 +228,8 @@ def environment(pi: Pi) -> Step:
             "--no-warn-script-location",
             "--require-hashes",
         )
-        wanted = ("--find-links", str(pi.bundle), "-r", str(pi.bundle / "packages.lock"))
-        pi.run(str(pi.venv / "bin/python"), str(pip / "pip"), *words, *wanted)
+        packages = ("--find-links", str(pi.bundle), "-r", str(pi.bundle / "packages.lock"))
+        pi.run(str(pi.venv / "bin/python"), str(pip / "pip"), *words, *packages)
         whole(stamp, "\n".join(wheels))
 
     def undo() -> None:
@@ -246,17 +246,17 @@ def vehicle(pi: Pi) -> Step:
     """The vehicle file. One that is there is replaced only by one that was made from it, whose text is in the bundle as
     vehicle.toml.seen; it stays beside it."""
     target, ours = pi.at(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
-    before, seen = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
+    before, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
 
     def done() -> bool:
         if not ours.exists() or not target.exists():
             return not ours.exists()
-        return not seen.exists() or target.read_bytes() == ours.read_bytes()
+        return not base.exists() or target.read_bytes() == ours.read_bytes()
 
     def do() -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.exists():
-            if target.read_bytes() != seen.read_bytes():
+            if target.read_bytes() != base.read_bytes():
                 sys.exit(
                     _("another program changed {path}, so it stays as it is: repeat the line", path=target)
                 )

@@ -34,7 +34,7 @@ class UnoClock:
         self._answers: deque[PongTimes] = deque()
         self._at = (0, 0)  # (d₀ [µs], h₀ [ns])
         self._last_us = -1
-        self.known = False
+        self.synchronised = False
 
     def unwrapped(self, t_us: int) -> int:
         """Device time [µs] that does not fall back after 71 minutes. Frames come in order, within half of that."""
@@ -45,10 +45,10 @@ class UnoClock:
         self._last_us = max(self._last_us, now)
         return now
 
-    def answered(self, sent_ns: int, device_us: int, heard_ns: int) -> None:
+    def answered(self, sent_ns: int, device_us: int, received_ns: int) -> None:
         """Add a ping. `device_us` as `unwrapped` gives it."""
-        self._answers.append(PongTimes(device_us, (sent_ns + heard_ns) // 2, heard_ns - sent_ns))
-        while heard_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
+        self._answers.append(PongTimes(device_us, (sent_ns + received_ns) // 2, received_ns - sent_ns))
+        while received_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()
         parts: dict[int, PongTimes] = {}
         for answer in self._answers:
@@ -56,7 +56,7 @@ class UnoClock:
             if part not in parts or answer.trip_ns < parts[part].trip_ns:
                 parts[part] = answer
         quick = sorted(parts.values(), key=lambda a: a.trip_ns)
-        self._at, self.known = (quick[0].device_us, quick[0].middle_ns), True
+        self._at, self.synchronised = (quick[0].device_us, quick[0].middle_ns), True
         if len(quick) > 2:
             device = np.array([a.device_us - self._at[0] for a in quick], dtype=float) * NS_PER_US
             host = np.array([a.middle_ns - self._at[1] for a in quick], dtype=float)

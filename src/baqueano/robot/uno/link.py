@@ -45,7 +45,7 @@ KEPT = 2000  # telemetry that nobody asked for: 20 s
 ANSWER_S = 1.0  # within which a question outside a drive is answered
 ASK_AGAIN_S = 0.2
 SILENCE_US = 500_000  # in which fewer than 128 frames are sent
-HEARD_S = 0.01  # within which what is sent is heard: telemetry of later shows it
+ARM_DELAY_S = 0.01  # within which what is sent is heard: telemetry of later shows it
 ARMING_S = 0.2  # for which arming is said again, before it is a trouble
 MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
 LASTING = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # until telemetry no longer says them
@@ -98,7 +98,7 @@ class Uno:
         self._pings: dict[int, int] = {}
         self._before: EarlierFrame | None = None
         self._nonce: int | None = None  # of the boot that was heard last
-        self._drive_seq, self._seq_heard, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
+        self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed, self._damaged = False, False, 0
         self._armed_ns = 0  # when it was said
         self._unarmed_ns: int | None = None  # since when telemetry shows that it was not heard
@@ -208,7 +208,7 @@ class Uno:
         question: Any,
         answer: type[Reply],
         wait: Callable[[float], object] = time.sleep,
-        meant: Callable[[Reply], bool] = lambda reply: True,
+        accepts: Callable[[Reply], bool] = lambda reply: True,
     ) -> Reply:
         """The answer to a question, the first that is meant: an older one may still be on its way. RobotUnreachable if
         none comes within ANSWER_S."""
@@ -222,7 +222,7 @@ class Uno:
             wait(0.002)
             self.pump()
             answered = self._replies.pop(answer, answered)
-            if answered is not None and meant(answered):
+            if answered is not None and accepts(answered):
                 return answered
         if answered is not None:
             raise RobotUnreachable(fault("uno.refused-number", question=str(question), said=str(answered)))
@@ -270,7 +270,7 @@ class Uno:
             return True
 
     def _take(self, received: ReceivedFrame, now_ns: int) -> None:
-        self.statistics.heard += 1
+        self.statistics.received += 1
         if isinstance(received.frame, State | Info):
             self._of_boot(received.frame)
         if not self._in_turn(received):
@@ -292,12 +292,12 @@ class Uno:
     def _in_turn(self, received: ReceivedFrame) -> bool:
         """Return True if neither this frame nor a newer one came before; count those missing before it. After
         a long silence its sequence says nothing, and the time of telemetry counts."""
-        ahead = (received.seq - self._seq_heard) & 0xFF
-        if self._seq_heard >= 0 and not 0 < ahead < 128 and not self._newer(received.frame, SILENCE_US):
+        ahead = (received.seq - self._seq_received) & 0xFF
+        if self._seq_received >= 0 and not 0 < ahead < 128 and not self._newer(received.frame, SILENCE_US):
             return False
-        if self._seq_heard >= 0:
+        if self._seq_received >= 0:
             self.statistics.lost += (ahead - 1) & 0xFF
-        self._seq_heard = received.seq
+        self._seq_received = received.seq
         return True
 
     def _newer(self, frame: Frame, by_us: int = 0) -> bool:
@@ -316,7 +316,7 @@ class Uno:
     def _restarted(self, cause: int) -> None:
         """The firmware began anew: what was armed is not, and its clock and counts begin at 0."""
         self.statistics.resets += 1
-        self.clock, self._before, self._seq_heard = UnoClock(), None, -1
+        self.clock, self._before, self._seq_received = UnoClock(), None, -1
         if self._armed:
             self.trouble = stop(StopReason.UNO_RESET, cause=causes(cause) or "cause unknown")
         self._armed = self._confirmed = False
@@ -325,7 +325,7 @@ class Uno:
         if (self._drive_seq - state.drive_seq) & 0xFF > MOST_AHEAD:  # they were lost on the line, or refused
             self._drive_seq = state.drive_seq
         t_us = self.clock.unwrapped(state.t_us)
-        t_ns = min(self.clock.host_ns(t_us), now_ns) if self.clock.known else now_ns
+        t_ns = min(self.clock.host_ns(t_us), now_ns) if self.clock.synchronised else now_ns
         before = self._before
         if before is not None:
             t_ns = max(t_ns, before.t_ns + 1)
@@ -336,7 +336,7 @@ class Uno:
             Telemetry(
                 t_ns, applied(state, before, t_us), (state.left_counts, state.right_counts),
                 1e-3 * state.battery_mv, state.mark_count,
-                self.clock.host_ns(self.clock.unwrapped(state.mark_t_us)) if self.clock.known else now_ns,
+                self.clock.host_ns(self.clock.unwrapped(state.mark_t_us)) if self.clock.synchronised else now_ns,
                 self.trouble, bool(state.flags & StateFlag.ENCODER_FAULT),
                 (1e-3 * state.left_permille, 1e-3 * state.right_permille), state.nonce,
             )
@@ -361,7 +361,7 @@ class Uno:
                 self.trouble = stop(StopReason.UNO_DEAD_MAN, silent_ms=state.drive_age_ms)
         elif self._armed and self._confirmed:
             self.trouble = stop(StopReason.UNO_DISARMED)
-        elif self._armed and t_ns - self._armed_ns > HEARD_S * 1e9:
+        elif self._armed and t_ns - self._armed_ns > ARM_DELAY_S * 1e9:
             self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
             if t_ns - self._unarmed_ns > ARMING_S * 1e9:
                 self.trouble = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_S)

@@ -121,13 +121,13 @@ def as_typed(settings: Settings) -> str:
     return " ".join(["baqueano robot settings --defaults", *words])
 
 
-def changed(settings: Settings, wanted: Mapping[str, Sequence[str]]) -> Settings:
+def changed(settings: Settings, changes: Mapping[str, Sequence[str]]) -> Settings:
     """`settings` with what was typed behind each name; UsageError for a word or number that none of them takes.
 
     >>> changed(Settings(), {"bridge": ["tb6612"], "dead-zone": ["all=0.1", "left-forwards=0.12"]}).ways[0]
     Way(dead_zone_permille=120, slope_permille=1000, kick_permille=0)
     """
-    for name, texts in wanted.items():
+    for name, texts in changes.items():
         for text in texts:
             settings = _with(settings, name, text)
     return settings
@@ -176,11 +176,11 @@ def _number(name: str, text: str, size: str, layout: type, field: str, unit: int
     return round(value * unit)
 
 
-def store(uno: "Uno", wanted: Callable[[Settings], Settings], wait: Wait = time.sleep) -> StoredSettings:
-    """Write `wanted` of its settings to the Uno, and return them as read back from it. AnswerNo while a motor
+def store(uno: "Uno", change: Callable[[Settings], Settings], wait: Wait = time.sleep) -> StoredSettings:
+    """Write the changed settings to the Uno, and return them as read back from it. AnswerNo while a motor
     runs."""
     before = uno.settings(wait)
-    settings = wanted(before)
+    settings = change(before)
     if settings != before:
         _at_rest(uno, wait)
         uno.disarm()

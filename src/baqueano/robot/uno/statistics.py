@@ -11,7 +11,7 @@ class Statistics:
     written: int = 0  # frames of any kind that the line took
     sent: int = 0  # commands
     unsent: int = 0  # commands that the line did not take, or that nobody had armed
-    heard: int = 0  # frames
+    received: int = 0  # frames
     lost: int = 0  # frames that did not come in their turn, by their sequence
     late: int = 0  # frames that came twice, or after a newer one
     damaged: int = 0  # pieces that are not frames

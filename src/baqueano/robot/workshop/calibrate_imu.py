@@ -84,13 +84,13 @@ class ImuReader:
                 return accel.mean(axis=0), gyro.mean(axis=0)
         raise AnswerNo(fault("calibrate.not-still", what=what, within_s=PATIENCE_S))
 
-    def changed(self, what: str, meant: Callable[[np.ndarray], bool]) -> np.ndarray:
+    def changed(self, what: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
         """The mean force (3,) once it is still, and is what was meant. AnswerNo after a minute."""
         end = self.now_ns() + round(PATIENCE_S * 1e9)
         while self.now_ns() < end:
             accel, gyro = self.samples(STEADY_S)
             at_rest = np.abs(gyro.mean(axis=0) - self.bias).max() < HELD * STILL_RAD_S
-            if at_rest and _steady(accel, gyro, HELD) and meant(accel.mean(axis=0)):
+            if at_rest and _steady(accel, gyro, HELD) and accepts(accel.mean(axis=0)):
                 return accel.mean(axis=0)
         raise AnswerNo(fault("calibrate.not-felt", what=what, within_s=PATIENCE_S))
 

@@ -359,7 +359,7 @@ def _held_heading(floor: "FloorTests", sign: float, reach: float) -> float:
     bias = floor.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
     hold = HeadingHold(straight, placed(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)
-    state, psi, r, felt_ns = hold.init(), 0.0, 0.0, -1
+    state, psi, r, imu_ns = hold.init(), 0.0, 0.0, -1
 
     def duties(t_s: float) -> tuple[float, float]:
         nonlocal state
@@ -372,10 +372,10 @@ def _held_heading(floor: "FloorTests", sign: float, reach: float) -> float:
         return float(left), float(right)
 
     def feel(sample: "Sample") -> bool:
-        nonlocal psi, r, felt_ns
+        nonlocal psi, r, imu_ns
         r = float(sample.gyro[2] - bias)
-        psi += r * seconds(sample.t_ns, felt_ns) if felt_ns >= 0 else 0.0
-        felt_ns = sample.t_ns
+        psi += r * seconds(sample.t_ns, imu_ns) if imu_ns >= 0 else 0.0
+        imu_ns = sample.t_ns
         return False
 
     floor.follow(duties, STRAIGHT_S, feel)

@@ -84,12 +84,12 @@ def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
         yield Check("IMU", "bad", _("none answers"), str(error))
         return
     try:
-        yield from feels(chip, time.sleep)
+        yield from imu_checks(chip, time.sleep)
     finally:
         chip.close()
 
 
-def feels(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
+def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
     """Chip, bus, rate and noise of an IMU that runs."""
     identity, samples = chip.identity, []
     for _look in range(round(seconds / 0.02)):

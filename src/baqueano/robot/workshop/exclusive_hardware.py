@@ -89,7 +89,7 @@ def there(host: str, *verb: str) -> list["TableRow"]:
 
     Raises what it raised there, KeyboardInterrupt where it was interrupted, RobotUnreachable where it was not reached.
     """
-    answer, code = answer_of(ssh(host, shlex.join([*_spoken(), "baqueano", *verb, "--json"])))
+    answer, code = answer_of(ssh(host, shlex.join([*_language_setting(), "baqueano", *verb, "--json"])))
     try:
         rows = words(json.loads(answer)["rows"])
         if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
@@ -107,7 +107,7 @@ def there(host: str, *verb: str) -> list["TableRow"]:
     raise of_code(code, why, otherwise=RobotUnreachable)
 
 
-def _spoken() -> list[str]:
+def _language_setting() -> list[str]:
     """Return what makes the vehicle answer in the current language."""
     return [] if current() == "en" else ["env", f"{VARIABLE}={current()}"]
 

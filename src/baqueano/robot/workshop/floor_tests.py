@@ -59,18 +59,18 @@ class FloorTests:
         until: Callable[["Sample"], bool] = lambda sample: False,
     ) -> ImuSamples:  # fmt: skip
         """Send duties by the time [s] for this time, or until a sample meets the condition."""
-        start = felt_ns = heard_ns = self.now_ns()
+        start = imu_ns = uno_ns = self.now_ns()
         samples, done = [], False
         self.imu.read()
         while not done and (t_s := (self.now_ns() - start) * 1e-9) < seconds:
             self.uno.drive(*duties(t_s))
             self.wait(STEP_S)
-            heard_ns = self.now_ns() if self.uno.receive() else heard_ns
+            uno_ns = self.now_ns() if self.uno.receive() else uno_ns
             new = self.imu.read()
             samples += new
             done = any(until(sample) for sample in new)
-            felt_ns = self.now_ns() if new else felt_ns
-            self._check(heard_ns, felt_ns)
+            imu_ns = self.now_ns() if new else imu_ns
+            self._check(uno_ns, imu_ns)
         return ImuSamples(
             np.array([(s.t_ns - start) * 1e-9 for s in samples]),
             np.array([s.accel for s in samples]).reshape(-1, 3),
@@ -102,11 +102,11 @@ class FloorTests:
         self.uno.keep(settings, self.wait)
         self.uno.arm()
 
-    def _check(self, heard_ns: int, felt_ns: int) -> None:
+    def _check(self, uno_ns: int, imu_ns: int) -> None:
         why, silent_ns = self.uno.trouble, self.now_ns() - round(SILENT_S * 1e9)
-        if felt_ns < silent_ns:
+        if imu_ns < silent_ns:
             why = stop(StopReason.IMU_SILENT)
-        if heard_ns < silent_ns:
+        if uno_ns < silent_ns:
             why = stop(StopReason.UNO_ABSENT)
         if why is not None:
             self.uno.stop()

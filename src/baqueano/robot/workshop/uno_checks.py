@@ -113,7 +113,7 @@ def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
         )
     else:
         yield Check(N_("link round trip"), "bad", _("no answer to a ping"), _("Type: baqueano robot flash"))
-    lost, damaged, came = link.statistics.since(before, "lost", "damaged", "heard")
+    lost, damaged, came = link.statistics.since(before, "lost", "damaged", "received")
     yield Check(
         N_("frames"),
         of_share((lost + damaged) / max(1, came + lost)),

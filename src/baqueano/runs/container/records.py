@@ -27,7 +27,7 @@ LAST_KNOWN = 15
 PAIRS = 10_000  # of one map from string to string
 NAMED = 10  # times its bytes is what a name or a map takes in memory
 AGAIN = 16  # times the file may damaged chunks be searched for others inside them
-TOLD = 8  # damaged places that are described
+MOST_REPORTED = 8  # damaged places that are described
 
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -204,7 +204,7 @@ class _Walk:
         """Names a damaged place, once for all that follows it without a gap."""
         if at < 0 or at != self.lost_to:
             self.contents.places += 1
-            if self.contents.places <= TOLD:
+            if self.contents.places <= MOST_REPORTED:
                 self.contents.problems.append(
                     why if at < 0 else note("damage.at", first=at, last=to, cause=why)
                 )

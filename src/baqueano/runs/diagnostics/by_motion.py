@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Truth = Callable[[float], np.ndarray]
 CLOCK_S, APART_S = 0.25, 0.02  # search range of the offset of two clocks, and the least offset reported
-MOVED, TURNED_RAD_S, FELT_M_S2 = 0.05, 0.1, 0.2  # standard deviations of a drive that shows something
+MOVED, TURNED_RAD_S, MOVED_M_S2 = 0.05, 0.1, 0.2  # standard deviations of a drive that shows something
 SCALE, ACCEL_SCALE = 1.25, 2.5  # either way
 TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; one that skids seems twice as wide
 
@@ -172,19 +172,19 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
     """Check if a_x and a_y are swapped, inverted, or in another unit. A turning in a_y `opposed` to the wheels' is
     reported there.  (3)"""
     a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
-    if not max(np.std(predicted), np.std(a[:, 1])) > FELT_M_S2 or not np.isfinite(a).all():
+    if not max(np.std(predicted), np.std(a[:, 1])) > MOVED_M_S2 or not np.isfinite(a).all():
         return []
     of_speed = {1.0 / r: line for r, line in _lines("speed", speed).items()} if speed else {}
-    meant = [_lines("acceleration", x) | of_speed, _lines("acceleration", y) | of_speed]
+    lines_by_axis = [_lines("acceleration", x) | of_speed, _lines("acceleration", y) | of_speed]
     if motion.run.truth is None:
         in_g = _lines("acceleration", y, "g")
         for r, line in _lines("angular rate", gyro, "rad/s", "deg/s").items():
-            meant[1] |= {1.0 / r: line} | {
+            lines_by_axis[1] |= {1.0 / r: line} | {
                 one / r: note("recording.list", first=line, then=more)
                 for one, more in in_g.items()
                 if r > 1.0
             }
-    channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in meant]
+    channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in lines_by_axis]
     along, across = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
     if along.code == "swapped":
         first, second = along.relation.correlation, across.relation.correlation

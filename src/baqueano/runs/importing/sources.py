@@ -348,8 +348,8 @@ def quaternion_of(entry: Entry) -> Sequence[str]:
 
 def _chosen(table: LogTable, spec: FileSpec) -> LogTable:
     """The rows that `where` asks for: a value or several, or {min = …, max = …, not = …}."""
-    for column, wanted in spec.where.items():
-        limits = wanted if isinstance(wanted, dict) else {"is": wanted}
+    for column, condition in spec.where.items():
+        limits = condition if isinstance(condition, dict) else {"is": condition}
         for what, limit in limits.items():
             table = table.only(_kept(table, spec, column, what, limit))
     return table

@@ -306,8 +306,8 @@ class _Parser:
         """The unit of an entry, that measures what it should."""
         name = "rad" if made.quaternion is not None else spec.get("unit")
         if name is None:
-            wanted = note("expect.unit-of", known=units_of(measures)) if measures else note("expect.unit")
-            raise self.wrong(f"{key} unit", None, wanted)
+            expected = note("expect.unit-of", known=units_of(measures)) if measures else note("expect.unit")
+            raise self.wrong(f"{key} unit", None, expected)
         unit_ = unit(name)
         if unit_ is None:
             expected = note("expect.known-unit", near=near_units(name))
@@ -379,8 +379,8 @@ class _Parser:
                 raise self.wrong(place, value, note("expect.finite"))
         return spec
 
-    def wrong(self, place: str, value: object, wanted: Diagnostic | str) -> FileError:
+    def wrong(self, place: str, value: object, expected: Diagnostic | str) -> FileError:
         """Return what to raise: where, what was found, and what to write."""
         code = "map.missing" if value is None else "map.wrong"
         value_text = repr(value)[:200]
-        return FileError(fault(code, map=self.path.name, place=place, found=value_text, expected=wanted))
+        return FileError(fault(code, map=self.path.name, place=place, found=value_text, expected=expected))

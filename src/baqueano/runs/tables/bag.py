@@ -44,12 +44,12 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
     try:
         with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             types = {c.topic: f"{c.topic} ({c.msgtype})" for c in reader.connections}
-            wanted = [c for c in reader.connections if c.topic == topic]
-            if not wanted:
+            connections = [c for c in reader.connections if c.topic == topic]
+            if not connections:
                 code = "bag.topic-unsaid" if topic is None else "bag.no-topic"
                 raise FileError(fault(code, file=label, found=topic, known=types.values()))
             made = {column: array("q" if column in TIMES else "d") for column in {*columns, "bag"}}
-            for connection, t_ns, raw in reader.messages(connections=wanted):
+            for connection, t_ns, raw in reader.messages(connections=connections):
                 message = reader.deserialize(raw, connection.msgtype)
                 made["bag"].append(t_ns)
                 for column in columns - {"bag"}:

@@ -242,8 +242,8 @@ def _separator(lines: list[str], label: str) -> str:
         if not present:
             return ","  # a single column
     names = " or ".join(SEPARATORS[s] for s in fits or present)
-    wanted = (fits or present)[0].replace("\t", "\\t")
-    raise FileError(fault("table.delimiter", file=label, delimiters=names, wanted=wanted))
+    delimiter = (fits or present)[0].replace("\t", "\\t")
+    raise FileError(fault("table.delimiter", file=label, delimiters=names, wanted=delimiter))
 
 
 def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:

@@ -94,9 +94,9 @@ def follow(
             rows.append(row)
         if not rests and k % EVERY == 0:
             samples.append((*_error(estimates, eta), eta[:, :2], reference.eta[:2]))
-    error, cov, place, wanted = (np.array(one) for one in zip(*samples, strict=True))
-    ticks = np.arange(len(wanted)) * round(EVERY / RATE_HZ * NANOSECONDS)
-    across = [cross_track(ticks, place[:, i], ticks, wanted) for i in range(len(loops))]
+    error, cov, place, reference_xy = (np.array(one) for one in zip(*samples, strict=True))
+    ticks = np.arange(len(reference_xy)) * round(EVERY / RATE_HZ * NANOSECONDS)
+    across = [cross_track(ticks, place[:, i], ticks, reference_xy) for i in range(len(loops))]
     stopped = np.array([bool(x[2].stopped > 0.0) for x in states])
     runs = _runs(team, t_ns, rows) if log else ()
     parts = [slice(i * n, i * n + n) for i in range(len(ways))]

@@ -48,8 +48,8 @@ def differentiated(program: Program) -> DerivativeProgram:
         rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
         changing = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
         initial = (*program.initial, *(x for block in rows for x in block.initial))
-        wanted = (x for block in rows for x in (*block.outputs, *block.next_carry))
-        order = plan(initial, (*program.outputs, *program.next_carry, *wanted), changing)
+        row_nodes = (x for block in rows for x in (*block.outputs, *block.next_carry))
+        order = plan(initial, (*program.outputs, *program.next_carry, *row_nodes), changing)
         bodies.append((cost_of(order.loop), DerivativeProgram(program, rows, order)))
     return min(bodies, key=lambda choice: choice[0])[1]
 
@@ -169,10 +169,12 @@ def batch(program: Program, shared: Sequence[bool], outputs: bool) -> str:
     all vehicles, (n, ·), and which are each vehicle's own, (L, n, ·). The last vehicle fills idle lanes."""
     text = CText(width=LANES)
     text.lines.append(LANES_SIGNATURE)
-    wanted = program.outputs if outputs else ()
-    order = plan(program.initial, (*wanted, *program.next_carry), {*program.carry, *program.inputs}, False)
+    outputs_of_tick = program.outputs if outputs else ()
+    order = plan(
+        program.initial, (*outputs_of_tick, *program.next_carry), {*program.carry, *program.inputs}, False
+    )
     sizes = {"theta": len(program.theta), "start": len(program.start), "final": len(program.carry)}
-    strides = {"own": f"n * {len(shared) - sum(shared)}", "outputs": f"n * {len(wanted)}"} | sizes
+    strides = {"own": f"n * {len(shared) - sum(shared)}", "outputs": f"n * {len(outputs_of_tick)}"} | sizes
     text.open(f"for (int64_t group = 0; group < vehicles; group += {LANES}) {{")
     text.add(*(f"int64_t at_{name}[{LANES}];" for name in strides))
     text.open(f"for (int lane = 0; lane < {LANES}; ++lane) {{")
@@ -191,8 +193,8 @@ def batch(program: Program, shared: Sequence[bool], outputs: bool) -> str:
     _begin(text, program, order, head=_load_inputs(shared))
     text.add(
         *(
-            f"scatter_{LANES}(outputs + tick * {len(wanted)} + {k}, at_outputs, {text.whole(y)});"
-            for k, y in enumerate(wanted)
+            f"scatter_{LANES}(outputs + tick * {len(outputs_of_tick)} + {k}, at_outputs, {text.whole(y)});"
+            for k, y in enumerate(outputs_of_tick)
         )
     )
     text.assign(program.carry, program.next_carry)

@@ -76,23 +76,23 @@ def find() -> FoundCompiler:
 
 
 @cache
-def _find(wanted: str, path: str) -> FoundCompiler:
+def _find(requested: str, path: str) -> FoundCompiler:
     whys: list[Diagnostic] = []
-    for compiler in _candidates(wanted, path):
+    for compiler in _candidates(requested, path):
         try:
             _load(PROBE, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
             whys.append(error.diagnostic)
         else:
             return FoundCompiler(compiler, joined(whys))
-    if wanted and not whys:
-        whys.append(fault("compiler.no-command", found=wanted))
+    if requested and not whys:
+        whys.append(fault("compiler.no-command", found=requested))
     return FoundCompiler(None, joined(whys) or fault("compiler.absent", "pip install ziglang"))
 
 
-def _candidates(wanted: str, path: str) -> Iterator[Compiler]:
-    if wanted:
-        command = [wanted] if shutil.which(wanted, path=path) else shlex.split(wanted)
+def _candidates(requested: str, path: str) -> Iterator[Compiler]:
+    if requested:
+        command = [requested] if shutil.which(requested, path=path) else shlex.split(requested)
         file = shutil.which(command[0], path=path)
         if file:
             yield _compiler((file, *command[1:]))

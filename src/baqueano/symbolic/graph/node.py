@@ -45,7 +45,7 @@ class Graph:
 
     def __init__(self) -> None:
         self.lock = RLock()
-        self.known: dict[tuple[Value, ...], Node] = {}
+        self.nodes: dict[tuple[Value, ...], Node] = {}
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:
@@ -63,7 +63,7 @@ class Graph:
 
     def symbol(self, name: str) -> Node:
         """A new free value; two symbols are never the same node."""
-        return self._intern(("symbol", len(self.known)), "symbol", (), name)
+        return self._intern(("symbol", len(self.nodes)), "symbol", (), name)
 
     def make(self, op: str, *args: Node, value: Value = None) -> Node:
         """The node of this operation, simplified where a local rule allows it."""
@@ -98,9 +98,9 @@ class Graph:
         return [made[root] for root in roots]
 
     def _intern(self, key: tuple[Value, ...], op: str, args: tuple[Node, ...], value: Value) -> Node:
-        node = self.known.get(key)
+        node = self.nodes.get(key)
         if node is None:
-            node = self.known[key] = Node(self, op, args, value, len(self.known))
+            node = self.nodes[key] = Node(self, op, args, value, len(self.nodes))
         return node
 
 

@@ -126,8 +126,8 @@ class PythonKernel:
         """All lanes at once, tick by tick."""
         order = np.argsort(np.argsort([not x for x in is_shared], kind="stable"), kind="stable")
         ticks = ([[*shared[k], *own[:, k].T][i] for i in order] for k in range(n))
-        wanted = [] if outputs is None else [self.program.outputs]
-        kernel = self._function(ARRAYS, _LANES, (), wanted)
+        groups = [] if outputs is None else [self.program.outputs]
+        kernel = self._function(ARRAYS, _LANES, (), groups)
         with np.errstate(all="ignore"):
             _, rows, last = kernel(theta.T, start.T, ticks)
         for column, value in enumerate(last):
@@ -140,16 +140,16 @@ class PythonKernel:
     def _tick(self, inputs: Array, outputs: Array) -> Callable[[], object]:
         """Write a tick: only inputs that are used become numbers of Python, and each value is written once."""
         program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
-        wanted = list(dict.fromkeys(program.outputs))
-        used = sorted(place[node] for node in below(wanted) if node in place)
+        nodes = list(dict.fromkeys(program.outputs))
+        used = sorted(place[node] for node in below(nodes) if node in place)
         zeros, which = (np.array(x, dtype=np.intp) for x in ([place[node] for node in program.zeros], used))
-        nothing, outputs_ = bytes(8 * len(zeros)), np.empty(len(wanted))
-        number = {node: k for k, node in enumerate(wanted)}
+        nothing, outputs_ = bytes(8 * len(zeros)), np.empty(len(nodes))
+        number = {node: k for k, node in enumerate(nodes)}
         spread = np.array([number[node] for node in program.outputs], dtype=np.intp)
-        write, to = struct.Struct(f"={len(wanted)}d").pack_into, outputs_.data.cast("B")
+        write, to = struct.Struct(f"={len(nodes)}d").pack_into, outputs_.data.cast("B")
 
         def made(formats: Formats, operators: dict[str, Callable[..., Value]]) -> Callable[..., Value]:
-            text = tick_text(formats, [program.inputs[k] for k in used], wanted)
+            text = tick_text(formats, [program.inputs[k] for k in used], nodes)
             return self._executed(text, operators)["tick"]
 
         ticks = [made(FLOATS, _FAST)]
@@ -183,7 +183,7 @@ class PythonKernel:
     def _call(
         self,
         first: Sequence[Node],
-        wanted: Sequence[Sequence[Node]],
+        groups: Sequence[Sequence[Node]],
         theta: Array,
         start: Array,
         inputs: Array,
@@ -191,21 +191,21 @@ class PythonKernel:
         lists = theta.tolist(), start.tolist(), inputs.tolist()
         if not self.careful:
             try:
-                return self._function(FLOATS, _FAST, first, wanted)(*lists)
+                return self._function(FLOATS, _FAST, first, groups)(*lists)
             except (ArithmeticError, ValueError):
                 self.careful = True
-        return self._function(CAREFUL, ieee.OPERATORS, first, wanted)(*lists)
+        return self._function(CAREFUL, ieee.OPERATORS, first, groups)(*lists)
 
     def _function(
         self,
         formats: Formats,
         operators: dict[str, Callable[..., Value]],
         first: Sequence[Node],
-        wanted: Sequence[Sequence[Node]],
+        groups: Sequence[Sequence[Node]],
     ) -> Callable[..., Value]:
-        key = f"{formats.name} {len(first)} {len(wanted)}"
+        key = f"{formats.name} {len(first)} {len(groups)}"
         if key not in self.functions:
-            text = kernel_text(self.program, formats, wanted, first)
+            text = kernel_text(self.program, formats, groups, first)
             self.functions[key] = self._executed(text, operators)["kernel"]
         return self.functions[key]
 

@@ -44,10 +44,10 @@ ARRAYS = Formats("arrays", _COMMON, truths_are_numbers=False)
 
 
 def kernel_text(
-    program: Program, formats: Formats, wanted: Sequence[Sequence[Node]], first: Sequence[Node] = ()
+    program: Program, formats: Formats, groups: Sequence[Sequence[Node]], first: Sequence[Node] = ()
 ) -> str:
-    """`first` is wanted once, before the loop; a row holds a tuple for each group of nodes in `wanted`."""
-    each = [*program.next_carry, *(node for group in wanted for node in group)]
+    """`first` is computed once, before the loop; a row holds a tuple for each of `groups`."""
+    each = [*program.next_carry, *(node for group in groups for node in group)]
     once = [*program.initial, *first]
     text = _PythonText(formats, [*each, *once])
     head = [
@@ -60,7 +60,7 @@ def kernel_text(
     fixed = [node for node in below([*each, *once]) if node not in moving]
     head += text.statements(fixed, "    ", name_all=True)
     loop = text.statements([node for node in below(each) if node in moving], "        ")
-    row = "".join(f"{text.all(group)}, " for group in wanted)
+    row = "".join(f"{text.all(group)}, " for group in groups)
     return "\n".join([
         *head,
         f"    first = {text.all(first)}",
@@ -68,20 +68,20 @@ def kernel_text(
         "    out = []",
         f"    for {inputs} in rows:",
         *loop,
-        *([f"        out.append(({row}))"] if wanted else []),
+        *([f"        out.append(({row}))"] if groups else []),
         f"        {carry} = {text.all(program.next_carry)}",
         f"    return first, out, {carry}",
     ])  # fmt: skip
 
 
-def tick_text(formats: Formats, inputs: Sequence[Node], wanted: Sequence[Node]) -> str:
+def tick_text(formats: Formats, inputs: Sequence[Node], nodes: Sequence[Node]) -> str:
     """Write a tick without parameters and carry; terms of one arm of a choice are sunk into a branch."""
-    text = _PythonText(formats, wanted)
+    text = _PythonText(formats, nodes)
     leaves = text.leaves("i", inputs)
-    text.statements([node for node in below(wanted) if node.op == "const"], "")
-    loop = schedule(wanted, lambda node: node.op in LEAVES, pays=BRANCH_PAYS)
+    text.statements([node for node in below(nodes) if node.op == "const"], "")
+    loop = schedule(nodes, lambda node: node.op in LEAVES, pays=BRANCH_PAYS)
     lines = text.statements(loop, "    ")
-    return "\n".join(["def tick(row):", f"    {leaves} = row", *lines, f"    return {text.all(wanted)}"])
+    return "\n".join(["def tick(row):", f"    {leaves} = row", *lines, f"    return {text.all(nodes)}"])
 
 
 def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:

@@ -191,10 +191,12 @@ def _drop_unknown(document: Any, changed: Iterable[tuple[str, ...]], paths: list
 
 
 def _with_entry(
-    file: VehicleFile, path: tuple[str, ...], so_far: object, entry: tuple[int, ...], value: object
+    file: VehicleFile, path: tuple[str, ...], array_value: object, entry: tuple[int, ...], value: object
 ) -> np.ndarray:
     """The whole array that one entry belongs to."""
-    array = np.array(value_in_force(file, ".".join(path)) if so_far is None else so_far, dtype=float)
+    array = np.array(
+        value_in_force(file, ".".join(path)) if array_value is None else array_value, dtype=float
+    )
     if len(entry) != array.ndim or any(i >= n for i, n in zip(entry, array.shape, strict=True)):
         raise UsageError(
             fault("vehicle.no-entry", key=".".join(path), shape=str(array.shape), entry=str(list(entry)))

@@ -55,7 +55,7 @@ class Client(NamedTuple):
     """A program that looks: subscription → topic."""
 
     line: Visitor
-    wanted: dict[int, str]
+    subscriptions: dict[int, str]
 
 
 class Foxglove:
@@ -94,7 +94,7 @@ class Foxglove:
                     self._subscribe(client, word["subscriptions"])
                 case "unsubscribe":
                     for number in word["subscriptionIds"]:
-                        client.wanted.pop(int(number), None)
+                        client.subscriptions.pop(int(number), None)
                 case "getParameters":
                     line.say(self._parameters(word["parameterNames"], word.get("id")))
                 case "subscribeConnectionGraph":
@@ -117,7 +117,7 @@ class Foxglove:
         bodies: dict[str, list[tuple[int, bytes]]] = {}
         for client in self._clients.values():
             messages = []
-            for number, topic in client.wanted.items():
+            for number, topic in client.subscriptions.items():
                 if topic not in bodies:
                     bodies[topic] = [(self._stamp(row), _body(topic, fields, row)) for row in rows]
                 messages += [
@@ -138,10 +138,10 @@ class Foxglove:
             number, channel = int(one["id"]), int(one["channelId"])
             if not 0 < channel <= len(self._topics) or not 0 <= number < 1 << 32:
                 client.line.say(_status("web.foxglove-channel", str(channel)))
-            elif len(client.wanted) >= MOST:
+            elif len(client.subscriptions) >= MOST:
                 client.line.say(_status("web.foxglove-most", str(MOST)))
             else:
-                client.wanted[number] = self._topics[channel - 1]
+                client.subscriptions[number] = self._topics[channel - 1]
                 if self._topics[channel - 1] == ROUTE:
                     self._send(ROUTE, self._route())
 
@@ -168,7 +168,7 @@ class Foxglove:
         if before == self._topics:
             return
         for client in self._clients.values():
-            client.wanted.clear()
+            client.subscriptions.clear()
             client.line.say({"op": "unadvertise", "channelIds": [*range(1, len(before) + 1)]})
             client.line.say({"op": "advertise", "channels": channels})
 
@@ -214,8 +214,8 @@ class Foxglove:
     def _send(self, topic: str, message: "JsonObject") -> None:
         body = encoded(message)
         for client in self._clients.values():
-            for number, wanted in client.wanted.items():
-                if wanted == topic:
+            for number, subscribed in client.subscriptions.items():
+                if subscribed == topic:
                     client.line.show(packed(MESSAGE.pack(DATA, number, self._now_ns()) + body))
 
     def _stamp(self, row: list[float]) -> int:

@@ -22,14 +22,14 @@ class Lab:
     def __init__(self) -> None:
         self._program: asyncio.subprocess.Process | None = None
         self._turn = asyncio.Lock()
-        self._asked: set[asyncio.Task[tuple[JsonObject, bytes]]] = set()
+        self._tasks: set[asyncio.Task[tuple[JsonObject, bytes]]] = set()
 
     async def ask(self, do: str, **words: object) -> tuple["JsonObject", bytes]:
         """Return the answer to a word, and the bytes behind it. The error that the worker met is raised here. Who goes
         meanwhile leaves an answer that is read all the same: it is not taken for the next."""
         task = asyncio.create_task(self._exchange({"do": do, **words}))
-        self._asked.add(task)
-        task.add_done_callback(self._asked.discard)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
         reply, behind = await asyncio.shield(task)
         if "no" in reply:
             raise of_code(reply["code"], Diagnostic.of_json(reply["no"]))
@@ -51,9 +51,9 @@ class Lab:
 
     async def close(self) -> None:
         """End the worker."""
-        for task in list(self._asked):
+        for task in list(self._tasks):
             task.cancel()
-        await asyncio.gather(*self._asked, return_exceptions=True)
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._end()
 
     async def _running(self) -> asyncio.subprocess.Process:

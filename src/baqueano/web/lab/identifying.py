@@ -47,7 +47,7 @@ class Identifying:
         self._last_s = 0.0
         self._drive = 0
         self._warm = ""  # the vehicle for which the worker has what it needs
-        self._said: JsonObject | None = None
+        self._reply: JsonObject | None = None
         self._asking: asyncio.Task[None] | None = None
 
     def begin(self, names: list[str], ahead: bool = False) -> None:
@@ -78,8 +78,8 @@ class Identifying:
             self._looking.discard(visitor)
             return
         self._looking.add(visitor)
-        if self._said is not None:
-            self._say(visitor, self._said)
+        if self._reply is not None:
+            self._say(visitor, self._reply)
         if self._asking is None or self._asking.done():
             self._asking = asyncio.create_task(self._ask())
 
@@ -100,7 +100,7 @@ class Identifying:
         self._frames.clear()
         self._last_s = 0.0
         self._drive += 1
-        self._said = None
+        self._reply = None
 
     async def _ask(self, once: bool = False) -> None:
         """Hand rows to the worker each second, and tell what it answers, while somebody looks."""
@@ -115,7 +115,7 @@ class Identifying:
 
     @property
     def _busy(self) -> bool:
-        return self._said is not None and bool(self._said.get("busy"))
+        return self._reply is not None and bool(self._reply.get("busy"))
 
     async def _once(self) -> None:
         drive, wide = self._drive, len(self._names)
@@ -130,7 +130,7 @@ class Identifying:
         except BaqueanoError as error:
             reply = {"parameters": [], "why": error.diagnostic.to_json(), "busy": False}
         if drive == self._drive:
-            self._said = reply
+            self._reply = reply
             for visitor in self._looking:
                 self._say(visitor, reply)
 

@@ -93,7 +93,7 @@ class RunPlayer:
         self._on_word({"is": "route", "x": [], "y": []} | (about["route"] or {}))
         if not await self._somebody():
             return
-        events, shown, done_s, told_s = about["events"], 0, 0.0, float("-inf")
+        events, shown, done_s, published_s = about["events"], 0, 0.0, float("-inf")
         before_s = begun_s = time.monotonic()
         taught = about["kind"] == "experiment"
         await self._show({"screen": "drive"})
@@ -120,8 +120,8 @@ class RunPlayer:
                 if taught and now_s - begun_s > LOOKS_S:
                     taught = False
                     await self._show({"screen": "identify"})
-                if now_s - told_s >= TELL_S:
-                    told_s = now_s
+                if now_s - published_s >= TELL_S:
+                    published_s = now_s
                     self._mission = {
                         "mission": about["kind"], "laps": None, "t_s": done_s, "left_s": about["seconds"] - done_s,
                     }  # fmt: skip

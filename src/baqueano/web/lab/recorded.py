@@ -84,7 +84,7 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
     columns |= {f"eta.{a}": eta[:, k] for k, a in enumerate(ETA)}
     columns |= {f"P.{a}": silent if cov is None else cov[:, i, j] for a, (i, j) in P.items()}
     columns |= {f"nu.{a}": nu[:, k] for k, a in enumerate(NU)}
-    target = run.asked
+    target = run.guide_reference
     ref = _poses(target, t)
     columns |= {f"ref.{a}": ref[:, k] for k, a in enumerate(ETA)} | {"ref.u": _rates(target, t)[:, 0]}
     true = _poses(run.truth, t)
@@ -218,7 +218,7 @@ def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
 
 def route_of(run: Run) -> "JsonObject | None":
     """Return the path that was asked for, None of a run in which no guide asked."""
-    target = run.asked
+    target = run.guide_reference
     if target is None:
         return None
     xy = target.eta[np.isfinite(target.eta).all(axis=1), :2]

@@ -15,10 +15,10 @@ from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import SHAPES, shape
 from baqueano.runs.route_file import read_route
-from baqueano.tune.asked import file_values
 from baqueano.tune.laps import SimulatedLaps, simulated_laps
 from baqueano.tune.rehearsal import JERK_M2
 from baqueano.tune.search import UNUSABLE, descend, gains, place
+from baqueano.tune.search_space import file_values
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -44,7 +44,7 @@ class TuningBench:
         names = route_names(word)
         name = word.get("route") or names[0]
         file, route, laps = self._laps(word | {"route": name})
-        search = laps.asked
+        search = laps.space
         block = search.block
         meanings = dict(_meanings(block))
         complete = bool(np.all(np.isfinite(search.before)))
@@ -77,7 +77,7 @@ class TuningBench:
         """Return both terms of the cost of laps, whose gains vary along two axes: {gains, a, b, at: [[x, y], …]}; x and
         y are places in [0, 1] of the range of gains a and b (search.py)."""
         _, _, laps = self._laps(word)
-        search, base = laps.asked, _values(word["gains"], laps)
+        search, base = laps.space, _values(word["gains"], laps)
         a, b = (search.names.index(word[axis]) for axis in "ab")
         at = np.clip(np.array(word["at"], dtype=float).reshape(-1, 2)[:MOST], 0.0, 1.0)
         each = np.tile(base, (len(at), 1))
@@ -88,7 +88,7 @@ class TuningBench:
     def downhill(self, word: "JsonObject") -> "JsonObject":
         """Return the steps of a descent from `gains` at a `price` of jerks: places in [0, 1], gains, and costs."""
         _, _, laps = self._laps(word)
-        price, search = max(0.0, float(word["price"])), laps.asked
+        price, search = max(0.0, float(word["price"])), laps.space
         began = time.perf_counter()
         start = np.clip(_values(word["gains"], laps), search.low, search.high)
         descent = descend(lambda g: laps.cost_and_gradient(g, price), start, search.low, search.high)
@@ -107,8 +107,8 @@ class TuningBench:
         file, _, laps = self._laps(word)
         if file.path is None:
             raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=file.name))
-        block = laps.asked.with_gains(_values(word["gains"], laps))
-        values = file_values(block, laps.asked.names, word.get("kind") or None)
+        block = laps.space.with_gains(_values(word["gains"], laps))
+        values = file_values(block, laps.space.names, word.get("kind") or None)
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
         file.with_values(values, dict.fromkeys(values, origin)).save()
         self._kept.clear()
@@ -197,9 +197,9 @@ def _values(given: object, laps: SimulatedLaps) -> np.ndarray:
         values = np.array(given, dtype=float)
     except (TypeError, ValueError, OverflowError):
         values = np.zeros(0)
-    if values.shape != laps.asked.low.shape or not np.all(np.isfinite(values)):
+    if values.shape != laps.space.low.shape or not np.all(np.isfinite(values)):
         raise UsageError(fault("web.not-understood", error="gains"))
-    return np.clip(values, laps.asked.low, laps.asked.high)
+    return np.clip(values, laps.space.low, laps.space.high)
 
 
 def _finite(costs: np.ndarray) -> "list[list[float | None]]":

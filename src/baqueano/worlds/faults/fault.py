@@ -40,7 +40,7 @@ RANGES: dict[str, dict[str, Usual]] = {  # fields that count for a kind, beside 
     "lose": {"part": (0.0, 1.0)},
 }
 OF_CHANNEL, OF_SENSOR, OF_WHEEL = ("drift", "spikes"), ("cut",), ("slip",)
-Wanted: TypeAlias = "Fault | str | JsonObject"
+FaultLike: TypeAlias = "Fault | str | JsonObject"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ class Fault:
         return cls(**{one.name: message.figures[one.name] for one in fields(cls)})
 
     @classmethod
-    def of_words(cls, words: Wanted) -> Self:
+    def of_words(cls, words: FaultLike) -> Self:
         """Return the fault that a text, or a mapping of its fields, asks for."""
         from baqueano.worlds.faults.text import fields_of
 

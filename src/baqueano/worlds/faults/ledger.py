@@ -44,7 +44,7 @@ class LedgerNotice(NamedTuple):
 
     who: str  # of WITNESSES
     after_s: float
-    said: Diagnostic
+    message: Diagnostic
 
 
 @dataclass
@@ -53,12 +53,12 @@ class LedgerRow:
 
     number: int
     fault: Fault
-    said: Diagnostic
+    message: Diagnostic
     until_s: float
     noticed: list[LedgerNotice] = field(default_factory=list)
     worst_nis: float = float("nan")  # mean over a window, while it lasted
     error_m: float = float("nan")  # of the estimate at the end of what was watched
-    believed_m: float = float("nan")  # 1.96 standard deviations then
+    bound_m: float = float("nan")  # 1.96 standard deviations then
 
     def watched(self, t_s: float) -> bool:
         """Return True while what is noticed may be of this fault."""
@@ -125,7 +125,7 @@ class Ledger:
             if row.watched(t_s):
                 if truth is not None:
                     row.error_m = float(np.hypot(*(eta[:2] - truth[:2])))
-                row.believed_m = 1.96 * sqrt(max(float(np.linalg.eigvalsh(cov[:2, :2])[-1]), 0.0))
+                row.bound_m = 1.96 * sqrt(max(float(np.linalg.eigvalsh(cov[:2, :2])[-1]), 0.0))
 
     def nobody(self, row: LedgerRow) -> Diagnostic | None:
         """Return why nobody has noticed a fault; None where somebody has, or it is too early to tell."""
@@ -133,8 +133,8 @@ class Ledger:
         if row.noticed or lasted_s < SOON_S:
             return None
         figures = {"after_s": lasted_s, "nis": row.worst_nis, "why": self.why(row.fault)}
-        if isfinite(row.error_m) and isfinite(row.believed_m):
-            off = note("ledger.off", off_cm=100.0 * row.error_m, believed_cm=100.0 * row.believed_m)
+        if isfinite(row.error_m) and isfinite(row.bound_m):
+            off = note("ledger.off", off_cm=100.0 * row.error_m, believed_cm=100.0 * row.bound_m)
             return note("ledger.nobody-and-off", subject="nobody", off=off, **figures)
         return note("ledger.nobody", subject="nobody", **figures)
 

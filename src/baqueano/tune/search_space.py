@@ -29,8 +29,8 @@ SPREAD = 20.0  # of a size that has no bounds, to either side
 WIDER = 4.0  # soft bounds, before a search is repeated
 
 
-class SoughtGains(NamedTuple):
-    """The gains that are looked for."""
+class SearchSpace(NamedTuple):
+    """The gains that a search varies, with their bounds."""
 
     names: tuple[str, ...]  # "k_x", "e_max[0]"
     units: tuple[str, ...]
@@ -38,7 +38,7 @@ class SoughtGains(NamedTuple):
     high: np.ndarray  # (p,)
     hard_low: np.ndarray  # (p,) bounds beyond which no search goes
     hard_high: np.ndarray
-    before: np.ndarray  # (p,) in the file, NaN where it has none
+    before: np.ndarray  # (p,) in the file, NaN where it lacks them
     block: Controller  # with allowed values of them
 
     @property
@@ -46,7 +46,7 @@ class SoughtGains(NamedTuple):
         """Allowed values, by name."""
         return {name: float(np.asarray(get(self.block, name))) for name in self.names}
 
-    def widened(self, ends: np.ndarray) -> "SoughtGains":
+    def widened(self, ends: np.ndarray) -> "SearchSpace":
         """Return the same with wider soft bounds where a gain is on one: `ends` (p,) of −1, 0, +1."""
         high = np.where(ends > 0, np.minimum(WIDER * self.high, self.hard_high), self.high)
         low = np.where(ends < 0, np.maximum(self.low / WIDER, self.hard_low), self.low)
@@ -65,8 +65,8 @@ def with_gains(block: Controller, names: Iterable[str], gains: Iterable[float]) 
 
 
 def file_values(block: Controller, names: Iterable[str], controller: OwnBlock | None = None) -> JsonObject:
-    """The keys of a vehicle file, and their values, for the gains of a block, and the kind that it is in place of the
-    file's. UsageError for a class that no file holds."""
+    """Return the keys of a vehicle file and their values for the gains of a block; with `controller`, its kind too.
+    UsageError for a class that no file holds."""
     fields = dict.fromkeys(name.partition("[")[0] for name in names)
     values: JsonObject = {f"controller.{field}": getattr(block, field) for field in fields}
     return values if controller is None else {"controller.kind": _kind(controller)} | values
@@ -86,30 +86,30 @@ def _kind(controller: OwnBlock) -> str:
     return f"{file}:{kind.__qualname__}"
 
 
-def sought(
+def search_space(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None = None,
     bounds: dict[str, tuple[float, float]] | None = None, controller: OwnBlock | None = None,
-) -> SoughtGains:  # fmt: skip
-    """The gains, their bounds, and what the file has for them; `controller` in place of the file's."""
+) -> SearchSpace:  # fmt: skip
+    """Return the gains, their bounds and their values in the file; `controller` in place of the file's."""
     bounds = bounds or {}
-    block, known = _block(vehicle_file, gains, controller)
+    block, complete = _block(vehicle_file, gains, controller)
     if optional.of(block, "as_written"):
         raise UsageError(fault("tune.as-written", controller=type(block).__name__))
     entries = _entries(block)
     fields = {name.partition("[")[0] for name in entries}
-    asked = entries if gains is None else gains
-    for name in [*asked, *bounds]:
+    selection = entries if gains is None else gains
+    for name in [*selection, *bounds]:
         if name not in entries and name not in fields:
             kind = type(block).__name__
             raise UsageError(fault("tune.no-such-gain", kind=kind, found=repr(name), known=list(entries)))
-    names = tuple(dict.fromkeys(e for name in asked for e in _of(name, entries)))
+    names = tuple(dict.fromkeys(e for name in selection for e in _of(name, entries)))
     if not names:
         raise UsageError(fault("tune.no-gains", kind=type(block).__name__))
-    given = {e: bounds[name] for name in bounds for e in _of(name, entries)}
+    bounds = {e: bounds[name] for name in bounds for e in _of(name, entries)}
     limit = vehicle_file.command.limit
     full = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
-    before = np.array([float(np.asarray(get(block, n))) if known else float("nan") for n in names])
-    rows = [_bounds(entries[n], full, now, given.get(n)) for n, now in zip(names, before, strict=True)]
+    before = np.array([float(np.asarray(get(block, n))) if complete else float("nan") for n in names])
+    rows = [_bounds(entries[n], full, now, bounds.get(n)) for n, now in zip(names, before, strict=True)]
     low, high, hard_low, hard_high = np.array(rows, dtype=float).T
     for name, l, h in zip(names, low, high, strict=True):
         if not (np.isfinite(l) and np.isfinite(h) and l < h):
@@ -117,13 +117,13 @@ def sought(
     allowed = np.where(np.isfinite(before), before, 0.5 * (low + high))
     units = tuple(entries[name].unit for name in names)
     block = with_gains(block, names, allowed)
-    return SoughtGains(names, units, low, high, hard_low, hard_high, before, block)
+    return SearchSpace(names, units, low, high, hard_low, hard_high, before, block)
 
 
 def _block(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None, controller: OwnBlock | None
 ) -> tuple[Controller, bool]:
-    """The controller, and whether its gains are known; if not they are what is to be found."""
+    """Return the controller, and True if the file holds its gains; else they are all to be found."""
     try:
         return vehicle_file.controller(controller), True
     except BaqueanoError:
@@ -153,11 +153,11 @@ def _of(name: str, entries: dict[str, Parameter]) -> list[str]:
 
 
 def _bounds(
-    p: Parameter, full: float, now: float, given: tuple[float, float] | None
+    p: Parameter, full: float, now: float, bounds: tuple[float, float] | None
 ) -> tuple[float, float, float, float]:
     """Return the bounds to begin with, and the hard ones: those that were given, else those of the field."""
-    if given is not None:
-        return *given, *given
+    if bounds is not None:
+        return *bounds, *bounds
     low, high = p.low if np.isfinite(p.low) else 0.0, p.high
     if np.isfinite(high):
         return low, high, low, high

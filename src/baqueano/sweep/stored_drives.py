@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from baqueano.sweep.result import SweepDrive
 
 
-class Means(NamedTuple):
+class Resources(NamedTuple):
     """Processes, cluster and folder of a sweep."""
 
     processes: int = 1
@@ -35,24 +35,26 @@ class Means(NamedTuple):
     keep: Path | None = None  # a folder
 
 
-def all_done(
-    jobs: Sequence[SweepJob], means: Means, each: Callable[[int], None] | None
+def run_all(
+    jobs: Sequence[SweepJob], resources: Resources, each: Callable[[int], None] | None
 ) -> "list[SweepDrive]":
     """Return the drives in the order of their jobs; after Ctrl-C those that are done."""
-    if means.keep is not None:
-        means.keep.mkdir(parents=True, exist_ok=True)
-    names = [digest(job) for job in jobs] if means.keep is not None else [""] * len(jobs)
+    if resources.keep is not None:
+        resources.keep.mkdir(parents=True, exist_ok=True)
+    names = [digest(job) for job in jobs] if resources.keep is not None else [""] * len(jobs)
     each, rows = each or (lambda n: None), {}
     for k, name in enumerate(names):
-        if means.keep is not None and (row := _read(means.keep / f"{name}.json")) is not None:
+        if resources.keep is not None and (row := _read(resources.keep / f"{name}.json")) is not None:
             rows[k] = row
             each(1)
     ahead = [NumberedJob(k, job) for k, job in enumerate(jobs) if k not in rows]
-    task = partial(_kept, keep=means.keep, names={one.number: names[one.number] for one in ahead})
-    if means.cluster is not None and ahead:
-        done = on_cluster(ahead, means, names, each)
+    task = partial(
+        _run_and_store, keep=resources.keep, names={one.number: names[one.number] for one in ahead}
+    )
+    if resources.cluster is not None and ahead:
+        done = on_cluster(ahead, resources, names, each)
     else:
-        done = spread_over(task, ahead, means.processes if _travels(ahead) else 1, each)
+        done = spread_over(task, ahead, resources.processes if _travels(ahead) else 1, each)
     rows |= dict(done)
     return [of_row(jobs[k], rows[k]) for k in sorted(rows)]
 
@@ -64,8 +66,8 @@ class NumberedJob(NamedTuple):
     job: SweepJob
 
 
-def _kept(one: NumberedJob, keep: Path | None, names: dict[int, str]) -> tuple[int, dict]:
-    """Return number and row of a drive, which stands in `keep` from now on."""
+def _run_and_store(one: NumberedJob, keep: Path | None, names: dict[int, str]) -> tuple[int, dict]:
+    """Run a job, write its row to `keep`, and return its number and row."""
     row = as_row(work(one.job))
     if keep is not None:
         _write(keep / f"{names[one.number]}.json", row)
@@ -79,7 +81,7 @@ def _write(path: Path, row: dict) -> None:
 
 
 def _read(path: Path) -> dict | None:
-    """Return the row of a drive; None where there is none, or no whole one."""
+    """Return the row of a drive; None where it does not exist, or is not whole."""
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -103,9 +105,9 @@ def digest(job: SweepJob) -> str:
     """Return the name under which the drive of a job is kept."""
     import hashlib
 
-    said = [__version__, *Pieces._fields, job.file.text, repr(job.settings), str(job.seed), job.drive]
-    said += [_said_of(room, block, job) for room, block in job.blocks._asdict().items()]
-    whole = hashlib.sha256("\0".join(said).encode())
+    parts = [__version__, *Pieces._fields, job.file.text, repr(job.settings), str(job.seed), job.drive]
+    parts += [_block_text(room, block, job) for room, block in job.blocks._asdict().items()]
+    whole = hashlib.sha256("\0".join(parts).encode())
     for part in _arrays(job):
         whole.update(np.ascontiguousarray(part).tobytes())
     return whole.hexdigest()[:24]
@@ -119,7 +121,7 @@ def _arrays(job: SweepJob) -> list[np.ndarray]:
     return [] if job.route is None else [job.route.t_s, job.route.eta, job.route.nu]
 
 
-def _said_of(room: str, block: object, job: SweepJob) -> str:
+def _block_text(room: str, block: object, job: SweepJob) -> str:
     """Return a block in words: its kind or numbers, and its text where it is the user's."""
     if block is None:
         return ""
@@ -133,7 +135,7 @@ def _said_of(room: str, block: object, job: SweepJob) -> str:
 
 
 def on_cluster(
-    jobs: Sequence[NumberedJob], means: Means, names: Sequence[str], each: Callable[[int], None]
+    jobs: Sequence[NumberedJob], resources: Resources, names: Sequence[str], each: Callable[[int], None]
 ) -> list[tuple[int, dict]]:
     """Return the rows of the jobs from the workers of a Dask scheduler; they are kept here, not there. UsageError where
     it does not answer."""
@@ -142,17 +144,17 @@ def on_cluster(
     except ImportError as error:
         raise UsageError(fault("sweep.no-distributed", "pip install distributed")) from error
     try:
-        client = Client(means.cluster, timeout="10s", set_as_default=False)
+        client = Client(resources.cluster, timeout="10s", set_as_default=False)
     except (OSError, ValueError) as error:
-        raise UsageError(fault("sweep.no-cluster", address=means.cluster, cause=error)) from error
+        raise UsageError(fault("sweep.no-cluster", address=resources.cluster, cause=error)) from error
     done: list[tuple[int, dict]] = []
     with client:
-        waiting = [client.submit(_kept, job, keep=None, names={}, pure=False) for job in jobs]
+        waiting = [client.submit(_run_and_store, job, keep=None, names={}, pure=False) for job in jobs]
         try:
             for future in as_completed(waiting, loop=client.loop):
                 k, row = future.result()
-                if means.keep is not None:
-                    _write(means.keep / f"{names[k]}.json", row)
+                if resources.keep is not None:
+                    _write(resources.keep / f"{names[k]}.json", row)
                 done.append((k, row))
                 each(1)
         except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""Gains of any controller: entries of arrays, classes of one's own, and what the vehicle file then says."""
+"""Gains of any controller: entries of arrays, classes of one's own, and the vehicle file with them."""
 
 import numpy as np
 import pytest
@@ -8,9 +8,9 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.parameter import parameter
 from baqueano.tune import tune
-from baqueano.tune.asked import sought
 from baqueano.tune.rehearsal import rehearse
 from baqueano.tune.search import at_limit
+from baqueano.tune.search_space import search_space
 from baqueano.vehicle_file import load
 from tests.codes import refused
 
@@ -24,26 +24,30 @@ def lqr():
 
 
 def test_each_entry_of_an_array_is_a_gain():
-    asked = sought(load("small"), controller="lqr")
-    assert asked.names == (
+    space = search_space(load("small"), controller="lqr")
+    assert space.names == (
         "k_i", "e_max[0]", "e_max[1]", "e_max[2]", "change_max[0]", "change_max[1]",
     )  # fmt: skip
-    assert asked.units[1:4] == ("m", "m", "rad")
-    assert np.all(asked.low < asked.before)
-    assert np.all(asked.before < asked.high)
-    block = asked.with_gains(np.arange(1.0, 7.0))
+    assert space.units[1:4] == ("m", "m", "rad")
+    assert np.all(space.low < space.before)
+    assert np.all(space.before < space.high)
+    block = space.with_gains(np.arange(1.0, 7.0))
     assert block.e_max.tolist() == [2.0, 3.0, 4.0]
 
 
 def test_an_array_is_named_as_a_whole_or_by_an_entry():
-    assert sought(load("small"), ["e_max"], controller="lqr").names == ("e_max[0]", "e_max[1]", "e_max[2]")
-    one = sought(load("small"), ["e_max[1]"], {"e_max": (0.01, 1.0)}, "lqr")
+    assert search_space(load("small"), ["e_max"], controller="lqr").names == (
+        "e_max[0]",
+        "e_max[1]",
+        "e_max[2]",
+    )
+    one = search_space(load("small"), ["e_max[1]"], {"e_max": (0.01, 1.0)}, "lqr")
     assert (one.names, one.low[0], one.high[0]) == (("e_max[1]",), 0.01, 1.0)
 
 
 def test_the_gradient_by_an_entry_is_exact():
     drive = rehearse(load("small"), ROUTE, controller="lqr", gains=["e_max", "k_i"], duration_s=1.0)
-    gains = drive.asked.before
+    gains = drive.space.before
     slope = drive.cost_and_gradient(gains)[1]
     steps = np.diag(1e-6 * gains)
     numeric = [(drive.cost(gains + h) - drive.cost(gains - h)) / (2 * h.sum()) for h in steps]
@@ -67,7 +71,7 @@ def test_gains_of_the_controller_before_leave_the_file(lqr):
 def test_the_cost_that_is_reported_is_that_of_a_drive_with_these_gains(lqr):
     """The memory of a quadratic regulator begins with its gains."""
     drive = rehearse(lqr.applied(), ROUTE, gains=["e_max"], duration_s=1.0)
-    assert drive.cost(drive.asked.before) == pytest.approx(lqr.cost, rel=1e-3)
+    assert drive.cost(drive.space.before) == pytest.approx(lqr.cost, rel=1e-3)
 
 
 def own_class(module: str = "__main__") -> type:
@@ -78,7 +82,7 @@ def own_class(module: str = "__main__") -> type:
     class Steady(ModelFollower):
         k: float = parameter("1/s", "turn per error of the course", low=0.0, high=20.0, default=1.0)
 
-        def wants(self, memory, now):
+        def velocity_law(self, memory, now):
             return memory, (now.nu_f[0] + now.e[0], now.nu_f[2] + self.k * (now.e_chi + 4.0 * now.e[1]))
 
     Steady.__module__ = module
@@ -94,18 +98,18 @@ def test_a_class_of_a_cell_is_tuned_and_its_block_can_drive():
 
 
 def test_a_soft_bound_is_widened_and_a_hard_one_is_kept():
-    asked = sought(load("small"), ["e_max[0]", "k_i"], controller="lqr")
-    wider = asked.widened(np.array([1, 1]))
-    assert wider.high.tolist() == [4.0 * asked.high[0], 10.0]
-    given = sought(load("small"), ["e_max[0]"], {"e_max[0]": (0.1, 0.2)}, "lqr")
-    assert given.widened(np.array([1])).high.tolist() == [0.2]
-    assert asked.widened(np.array([-1, 0])).low[0] == asked.low[0] / 4.0
+    space = search_space(load("small"), ["e_max[0]", "k_i"], controller="lqr")
+    wider = space.widened(np.array([1, 1]))
+    assert wider.high.tolist() == [4.0 * space.high[0], 10.0]
+    bounded = search_space(load("small"), ["e_max[0]"], {"e_max[0]": (0.1, 0.2)}, "lqr")
+    assert bounded.widened(np.array([1])).high.tolist() == [0.2]
+    assert space.widened(np.array([-1, 0])).low[0] == space.low[0] / 4.0
 
 
 def test_a_gain_on_a_soft_bound_is_searched_for_again_beyond_it():
     """A drive of a second wants a far heavier error ahead than the first bounds allow."""
     narrow = load("small").with_values({"controller.kind": "lqr", "controller.e_max": [40.0, 0.05, 0.3]})
-    first = sought(narrow, ["e_max[0]"])
+    first = search_space(narrow, ["e_max[0]"])
     tuned = tune(narrow, ROUTE, gains=["e_max[0]"], **QUICK)
     (gain,) = tuned.gains
     assert gain.low < first.low[0]
@@ -117,4 +121,4 @@ def test_a_gain_on_a_soft_bound_is_searched_for_again_beyond_it():
 def test_a_controller_whose_step_calls_a_library_is_refused_before_the_search():
     pytest.importorskip("osqp")
     with refused("tune.as-written", UsageError, controller="Mpc"):
-        sought(load("small"), controller="mpc")
+        search_space(load("small"), controller="mpc")

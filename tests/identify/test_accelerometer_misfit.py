@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.noise.accelerometer_misfit import LEAST, felt_part
+from baqueano.identify.noise.accelerometer_misfit import LEAST, accelerometer_share
 from baqueano.vehicle_file import load
 
 DT, SECONDS, ODOMETER, ACCEL = 0.02, 60.0, 0.02, 0.6
@@ -33,7 +33,7 @@ def part_of(r_v, r_a, rate, seed=1, seconds=SECONDS):
         for (name, k), x, h in numbers
     ]
     assert layout(ekf).names == ("imu", "odometer")
-    return felt_part(ekf, SimpleNamespace(runs=("a",), channels=channels), {"imu"})
+    return accelerometer_share(ekf, SimpleNamespace(runs=("a",), channels=channels), {"imu"})
 
 
 @pytest.fixture
