@@ -98,12 +98,12 @@ def test_the_table_tells_every_round(commissioned):
 
 
 @pytest.mark.parametrize(
-    ("said", "expected"),
+    ("options", "expected"),
     [({"signal": "prbs", "rounds": 2, "update": False}, "Type: --signal designed"),
      ({"signal": "designed", "rounds": None, "update": True}, "without a fit there is nothing to write")],
 )  # fmt: skip
-def test_rounds_that_cannot_be_meant_are_refused(said, expected):
-    from baqueano.cli.driving.experiment import _meant
+def test_contradicting_options_are_refused(options, expected):
+    from baqueano.cli.driving.experiment import _check_options
 
     with pytest.raises(UsageError, match=expected):
-        _meant(**said)
+        _check_options(**options)

@@ -56,7 +56,7 @@ class Faults:
             fields = {name: value for name, value in word.items() if name not in ("is", "robot")}
             fault, number = Fault.of_words(fields | {"at_s": t_s}), len(self.rows) + 1
             with within(language):
-                what = text(fault.shown(number))
+                what = text(fault.message(number))
             self.rows.append({
                 "number": number, "t_s": t_s, "until_s": None, "over": fault.kind == "push", "fault": fault.to_json(),
                 "what": what, "noticed": [], "silent": [], "nobody": None,

@@ -295,7 +295,7 @@ def report(result: Run | Fit, path: str | Path | None = None, alignment: str = "
     >>> from baqueano.vehicle_file import load
     >>> page = report(simulate(load("small"), [[0.5, 0.0, 0.1]] * 100))
     >>> [section.title for section in page.sections]
-    ['Path', 'Speed', 'Commands', 'Measurements', 'What the run holds']
+    ['Path', 'Speed', 'Commands', 'Measurements', 'Content of the run']
     """
     if isinstance(result, Run):
         page = page_of_run(result, alignment)
