@@ -23,7 +23,7 @@ MODULES, NAMES = 12, 20  # of a folder
 FRONT_DOOR = 26  # names of `import baqueano as bq`
 AROUND_BLOCKS = {  # the supervisor, and what wraps or watches the block of any room
     "Supervisor", "GuardedBlock", "Off", "BudgetedBlock", "Watchdog", "Agreement", "Adjustable", "MyEstimator",
-    "MyGuide", "MyController",
+    "MyGuide", "MyController", "PacedGuide",
 }  # fmt: skip
 DOORS = {"time", "os", "random", "datetime", "pathlib", "io", "sys", "socket", "threading"}
 

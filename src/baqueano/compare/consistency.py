@@ -68,10 +68,11 @@ def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
         P = cov[np.ix_(rows, keep, keep)]
         scale = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 1e-300))
         R = P / (scale[:, :, None] * scale[:, None, :])  # correlations: metres and radians weigh alike
-        rows, R, scale = (one[np.linalg.eigvalsh(R)[:, 0] > 1e-12] for one in (rows, R, scale))
+        definite = np.linalg.eigvalsh(R)[:, 0] > 1e-12
+        rows = rows[definite]
         if rows.size:
-            e = error[np.ix_(rows, keep)] / scale
-            w[np.ix_(rows, keep)] = np.linalg.solve(np.linalg.cholesky(R), e[..., None])[..., 0]
+            e = error[np.ix_(rows, keep)] / scale[definite]
+            w[np.ix_(rows, keep)] = np.linalg.solve(np.linalg.cholesky(R[definite]), e[..., None])[..., 0]
     return w
 
 

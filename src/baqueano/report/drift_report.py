@@ -1,6 +1,6 @@
 """A page about a vehicle that ages: what moved, and each parameter over the runs."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,8 +12,13 @@ from baqueano.printable import typed
 from baqueano.report.lab import panels, styled
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-def page_of_drift(history: Any) -> Page:
+    from baqueano.identify.parameter_drift import ParameterHistory
+
+
+def page_of_drift(history: "ParameterHistory") -> Page:
     """The page of `over_time`."""
     sentences = "\n".join(text(one.message) for one in history.moved) or _(
         "No parameter changed beyond its error bars."
@@ -45,13 +50,13 @@ def page_of_drift(history: Any) -> Page:
     )
 
 
-def with_curves(history: Any) -> list[int]:
+def with_curves(history: "ParameterHistory") -> list[int]:
     """Return the entries of the parameters that two runs or more show."""
     return [i for i in range(len(history.names)) if np.isfinite(history.single[:, i]).sum() > 1]
 
 
 @styled
-def curves(history: Any, entries: list[int]) -> Any:
+def curves(history: "ParameterHistory", entries: list[int]) -> "Figure":
     """Draw these parameters over the runs."""
     columns = 2 if len(entries) > 1 else 1
     rows = -(-len(entries) // columns)

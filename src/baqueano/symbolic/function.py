@@ -26,9 +26,8 @@ from baqueano.symbolic.backends import Runner, chosen
 from baqueano.symbolic.graph.assemble import assemble, lasting_zeros
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.graph.trace import trace_function
-from baqueano.symbolic.graph.tree import Shape, shape_of
+from baqueano.symbolic.graph.tree import Shape, flat_row, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
-from baqueano.symbolic.scan import flat_row
 
 KEPT = 24  # texts of this process whose graph and kernel are kept
 

@@ -21,14 +21,16 @@ from baqueano.symbolic.graph.tree import (
     Shape,
     as_floats,
     build,
+    flat_row,
     leaves,
     restored,
     shape_of,
     size,
+    tree_of,
     values,
     with_kinds,
 )
-from baqueano.symbolic.scan import Scan, count_ticks, flat_row, tree_of
+from baqueano.symbolic.scan import Scan, count_ticks
 
 
 class PlainScan(Scan):

@@ -20,7 +20,7 @@ from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import below
 from baqueano.symbolic.graph.program import NormalEquations, Program
 from baqueano.symbolic.graph.trace import trace_step
-from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, build, leaves, restored, shape_of, values
+from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, flat_row, leaves, shape_of, tree_of, values
 
 
 def scan(
@@ -376,24 +376,6 @@ class TracedScan(Scan):
         for at, column in enumerate(columns):  # NumPy copies long columns faster than short rows
             rows[:, at] = column
         return rows
-
-
-def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
-    """The numbers of a tree as one row."""
-    pairs = zip(leaves(shape), values(shape, tree), strict=True)
-    return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in pairs)])
-
-
-def tree_of(shape: Shape, rows: np.ndarray) -> Tree:
-    """Rows (…, numbers) as the tree whose leaves lead with the axes of the rows."""
-    return build(shape, _columns(shape, rows))
-
-
-def _columns(shape: Shape, rows: np.ndarray) -> Iterator[Tree]:
-    at = 0
-    for leaf in leaves(shape):
-        yield restored(leaf, rows[..., at : at + leaf.size].reshape(rows.shape[:-1] + leaf.shape))
-        at += leaf.size
 
 
 def _symmetric_leaves(shape: Shape, start: np.ndarray | None) -> Iterator[Leaf]:

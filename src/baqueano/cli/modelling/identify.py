@@ -43,9 +43,7 @@ GROUPS = {
     help="Parameter to estimate. It replaces the default set; +KEY adds to that set.",
 )
 @click.option("--fix", multiple=True, metavar="KEY", help="Parameter to keep fixed.")
-@click.option(
-    "--bound", multiple=True, metavar="KEY=LOW,HIGH", help=("Lower and upper bound of a parameter.")
-)
+@click.option("--bound", multiple=True, metavar="KEY=LOW,HIGH", help="Lower and upper bound of a parameter.")
 @click.option(
     "--use",
     multiple=True,
@@ -57,12 +55,12 @@ GROUPS = {
 )
 @click.option("--per-run", multiple=True, metavar="KEY", help="Parameter with its own value in each run.")
 @click.option(
-    "--clock", multiple=True, metavar="SENSOR", help=("Sensor whose clock offset is estimated, one per run.")
+    "--clock", multiple=True, metavar="SENSOR", help="Sensor whose clock offset is estimated, one per run."
 )
 @click.option(
     "--segment",
     type=numbers.Number("s"),
-    help=("Split each run into segments of this length [s] (multiple shooting)."),
+    help="Split each run into segments of this length [s] (multiple shooting).",
 )
 @click.option(
     "--cost",
@@ -77,16 +75,16 @@ GROUPS = {
 @click.option(
     "--choose",
     is_flag=True,
-    help=("Start from the smallest model, and add the terms that lower the error on held-out data."),
+    help="Start from the smallest model, and add the terms that lower the error on held-out data.",
 )
 @click.option(
     "--over-time",
     "parameter_history",
     is_flag=True,
-    help=("Estimate the parameters run by run, and report their drift."),
+    help="Estimate the parameters run by run, and report their drift.",
 )
 @click.option(
-    "--held-out", multiple=True, metavar="RUN", help=("Run to test the fit with; it is not used in the fit.")
+    "--held-out", multiple=True, metavar="RUN", help="Run to test the fit with; it is not used in the fit."
 )
 @click.option(
     "--measured",
@@ -316,7 +314,7 @@ def _chosen(
     )
 
 
-def _other(arguments: dict[str, Any]) -> list[str]:
+def _other(arguments: "JsonObject") -> list[str]:
     """Return the options of the command line that only a plain fit takes."""
     return [_OPTIONS[name] for name in arguments["options"].changed if name in _OPTIONS]
 

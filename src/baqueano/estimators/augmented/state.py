@@ -9,10 +9,10 @@ the sensors are, and the estimate is worse than the model alone. So, by what a n
     the pose                x, all of it
     ν_x, not inertial       position, ν_x, ν_y, d_x; and what turns, if no number shows only that
     ν_ψ alone (a gyro)      ψ, ν_y, ν_ψ, d_ψ; at rest its bias
-    inertial, else          nothing but, at rest, its bias; with `speed_from` ν_x, ν_y, d_x                 (2)
+    inertial, else          nothing but, at rest, its bias; with `speed_from` ν_x, ν_y, d_x and its bias    (2)
 
-What a number shows is read from its h (sensor_numbers.py). Biases follow only at rest: while it drives, the misfit of
-the model looks like one. A number is inertial if its sensor has a bias that it shows.
+What a number shows is read from its h (sensor_numbers.py). A number is inertial if its sensor has a bias that it shows.
+Other biases follow only at rest: while it drives, the misfit of the model looks like one.
 """
 
 from functools import lru_cache
@@ -92,6 +92,8 @@ def layout(estimator: "AugmentedEkf") -> Layout:
             continue
         if (forward and not own[k]) or number in trusted:
             moving[k, [*PLACE, *FORWARD]] = 1.0
+        if number in trusted:
+            moving[k, [BIASES + j for j in own[k]]] = 1.0
         if turning and not (any(leads) and forward):
             moving[k, [*TURNING]] = 1.0
     if any(pose for pose, _, _ in shows):

@@ -245,8 +245,7 @@ class _Growing:
         return model, [last[term.name] for term in (*model.terms, *rest) if term.name in last]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
-        """The fit of a model with its error bars, begun where it is; a delay stays near it, for its
-        cost has a valley in every tick."""
+        """The fit of a model with its error bars, begun where it is; a delay, whose cost has valleys, stays near."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         taken = [path for term in model.terms for path in term.paths]
         file = with_terms(bare, self.terms, {path: values[path] for path in taken})
@@ -291,9 +290,8 @@ class _Growing:
         if not before - end.at.cost > WORTH * len(at):
             gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
             reason = note("term.brings-little", percent=100 * gained)
-            return TermTrial(
-                self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0), end.theta, None
-            )
+            judged = self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0)
+            return TermTrial(judged, end.theta, None)
         score = self._score(end.theta, free, model.sigma)
         test = paired(model.score, score)
         verdict = Decision.TAKEN if test.errors > test.beyond(alpha) else Decision.LEFT_OUT

@@ -232,3 +232,21 @@ def _described(shape: Branch) -> str:
 def _short(value: Tree) -> str:
     text = repr(value)
     return text if len(text) < 60 else f"{text[:57]}…"
+
+
+def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
+    """The numbers of a tree as one row."""
+    pairs = zip(leaves(shape), values(shape, tree), strict=True)
+    return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in pairs)])
+
+
+def tree_of(shape: Shape, rows: np.ndarray) -> Tree:
+    """Rows (…, numbers) as the tree whose leaves lead with the axes of the rows."""
+    return build(shape, _columns(shape, rows))
+
+
+def _columns(shape: Shape, rows: np.ndarray) -> Iterator[Tree]:
+    at = 0
+    for leaf in leaves(shape):
+        yield restored(leaf, rows[..., at : at + leaf.size].reshape(rows.shape[:-1] + leaf.shape))
+        at += leaf.size
