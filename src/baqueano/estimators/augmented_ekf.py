@@ -24,7 +24,7 @@ from baqueano.estimators.augmented.motion import ahead, beside_wheels, scaled
 from baqueano.estimators.augmented.state import BIASES, FORWARD, SCALES, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirrored
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.pauses import chosen, either, in_rows, row_of, rows_before
+from baqueano.estimators.pauses import chosen, effort_of, either, in_rows, row_of, rows_before
 from baqueano.estimators.readings.doubt import doubted
 from baqueano.estimators.readings.place_gate import PlaceDoubt, no_doubt
 from baqueano.estimators.readings.sensor_numbers import check_use
@@ -142,7 +142,7 @@ class AugmentedEkf:
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
         """One row, finite and positive definite whatever its length."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
+        drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x = ahead(self, Gaussian(belief.mean, belief.cov), effort, row)
         gain = (x.mean[3] - belief.mean[3]) / row.moved_s
         nu_dot = None  # of a dynamic model it follows from the state

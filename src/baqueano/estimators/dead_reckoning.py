@@ -25,7 +25,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.pauses import chosen, effort_of, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import UncertainNumber, age_s, arrived, scale_std, uncertain
 from baqueano.estimators.readings.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
 from baqueano.geometry import map_from_body
@@ -129,7 +129,7 @@ class DeadReckoning:
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
         """Advance by a row; beyond the longest one the mean stays and its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
+        drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
         noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
         augmented = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])

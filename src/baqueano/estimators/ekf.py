@@ -26,7 +26,16 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
-from baqueano.estimators.pauses import FilterRow, bounded, chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.pauses import (
+    FilterRow,
+    bounded,
+    chosen,
+    effort_of,
+    in_rows,
+    row_of,
+    rows_before,
+    unmoved_cov,
+)
 from baqueano.estimators.readings.gate import gate
 from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
 from baqueano.geometry import map_from_body, wrap
@@ -161,7 +170,7 @@ class Ekf:
         """Advance by a row, finite and positive definite for any length. Beyond the longest row the mean stays and its
         covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
+        drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         mean, cov = self._predict(belief, effort, row)
         y, s, w = [], [], []
         for name in self.use:

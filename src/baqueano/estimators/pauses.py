@@ -17,6 +17,8 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
+from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
+from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.rk4 import ROW_S
 
 ROW_NS = round(ROW_S * NANOSECONDS)
@@ -98,6 +100,14 @@ def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
     dt_s = np.where(new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
     return FilterRow(new, dt_s, np.minimum(dt_s, longest_s(rate_hz)), u)
+
+
+def effort_of(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
+    """Return the state of the motors after a row, and the effort in it. A vehicle that moves before its first tick has
+    had a command before: that of the first tick is the best guess of it."""
+    begins = (belief.t_ns < 0) & (np.sum(np.abs(belief.mean[3:6])) > 0.0)
+    state = either(begins, lambda: motors.settled(row.u), lambda: belief.drivetrain)
+    return motors.step(state, row.u, row.moved_s)
 
 
 def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
-from baqueano.estimators.pauses import FilterRow, chosen, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.pauses import FilterRow, chosen, effort_of, in_rows, row_of, rows_before, unmoved_cov
 from baqueano.estimators.readings.gate import gate
 from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
 from baqueano.estimators.sigma_points import spread
@@ -121,7 +121,7 @@ class Unscented:
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
         """Advance by a row; beyond the longest one the mean stays and its covariance grows."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
-        drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, row.u, row.moved_s)
+        drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x, y, s, w = self._predict(belief, effort, row), [], [], []
         for name in self.use:
             x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))

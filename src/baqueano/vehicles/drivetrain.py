@@ -212,6 +212,13 @@ class Drivetrain:
         past = np.zeros((self.delay_slots, self.commands))
         return DrivetrainState(past, BEFORE_S * np.ones(self.delay_slots), np.zeros(self.channels))
 
+    def settled(self, u: np.ndarray) -> DrivetrainState:
+        """Motors that have had the command `u` (n,) for long."""
+        off = self.init()
+        return off._replace(
+            past=off.past + u, lagged=self.static(self.mix(u)) if self.has_lag else off.lagged
+        )
+
     def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, Effort]:
         """Effort over the tick of `dt_s` during which `u` (n,) is sent.  (1)-(8)"""
         pieces = pieces_in_force(u, state.past, state.steps_s, self.delay_s, dt_s)

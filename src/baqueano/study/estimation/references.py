@@ -27,8 +27,8 @@ def open_loop(file: "VehicleFile", run: "Run", start: np.ndarray, backend: str =
     """Return ν (N, 3) at the ticks by the model of `file`; `start` (3,) is a pose, (6,) pose and velocity.  (1)"""
     vehicle, record = file.vehicle, record_of(run, {})
     begin = vehicle.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
-    past = np.tile(record.u[0], (len(begin.drivetrain.past), 1))  # who moves was commanded before
-    begin = begin._replace(drivetrain=begin.drivetrain._replace(past=past))
+    if np.any(start[3:] != 0.0):  # it moves, so it has had a command before
+        begin = begin._replace(drivetrain=vehicle.drivetrain.settled(record.u[0]))
 
     def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
         state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))

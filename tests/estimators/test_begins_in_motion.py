@@ -1,0 +1,58 @@
+"""A recording that begins in motion: the motors have had a command before, so the speed is held from the first tick."""
+
+import numpy as np
+import pytest
+
+from baqueano.estimators import AugmentedEkf, DeadReckoning, Ekf, Unscented
+from baqueano.sensors import Imu
+from baqueano.signals import Slot, Tick, sensor_slots
+from baqueano.vehicles import Drivetrain, Friction, Planar
+
+Sensors = sensor_slots(("imu",))
+SENSORS = Sensors(Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005))
+U, RATE = np.array([0.6, 0.0, 0.2]), 100.0
+VEHICLE = Planar(
+    mass_kg=0.61,
+    inertia_kg_m2=0.0015,
+    actuator_matrix=np.diag([1.5, 0.0, 0.03]),
+    friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
+    drivetrain=Drivetrain(
+        mixing="two_wheels", delay_s=0.1, delay_slots=10, lag_s=0.1, dead_zone_forward=np.array([0.1])
+    ),
+)
+BLOCKS = {
+    "augmented_ekf": AugmentedEkf(VEHICLE, SENSORS, use=()),
+    "dead_reckoning": DeadReckoning(VEHICLE, SENSORS, 1e-6 * np.eye(6), use=("imu",)),
+    "ekf": Ekf(VEHICLE, SENSORS, 1e-6 * np.eye(6), use=()),
+    "unscented": Unscented(VEHICLE, SENSORS, 1e-6 * np.eye(6), use=()),
+}
+
+
+def steady():
+    """ν that the command holds: 20 s after the start."""
+    state = VEHICLE.init()
+    for _ in range(2000):
+        state, motion = VEHICLE.step(state, U, 1.0 / RATE, np.zeros(3))
+    return motion.nu
+
+
+def speeds(block, nu, first=U):
+    """The estimated speeds of 30 silent ticks, from the velocity `nu`."""
+    belief, out = block.init(np.zeros(3), nu), []
+    for k in range(30):
+        u = first if k == 0 else U
+        belief, estimate = block.step(belief, Tick((k + 1) * 10_000_000, u, Sensors(Slot(0.0, np.zeros(3)))))
+        out.append(estimate.nu[0])
+    return np.array(out)
+
+
+@pytest.mark.parametrize("kind", BLOCKS)
+def test_the_speed_is_held_from_the_first_tick(kind):
+    np.testing.assert_allclose(speeds(BLOCKS[kind], steady()), steady()[0], rtol=2e-3)
+
+
+@pytest.mark.parametrize("kind", BLOCKS)
+def test_from_rest_the_delay_passes_first(kind):
+    held = speeds(BLOCKS[kind], np.zeros(3))
+    assert np.all(held[:10] == 0.0)
+    assert held[-1] > 0.05
