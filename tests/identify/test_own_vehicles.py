@@ -177,5 +177,5 @@ def test_the_noise_of_axes_along_which_it_never_moves_is_measured(files, fits):
 
 
 def test_a_vehicle_without_a_gyro_is_reported_how_it_is_driven(files):
-    with pytest.raises(UsageError, match=r"lacks a sensor imu.*Or type --known"):
+    with pytest.raises(UsageError, match=r"a sensor imu.*Or type --known"):
         careful_drive(files["servo_axis"])

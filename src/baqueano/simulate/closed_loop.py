@@ -193,7 +193,7 @@ def compilable(**blocks: Tree) -> None:
     """Raise UsageError, with what to type, for a block of a room whose step is never compiled."""
     for room, block in blocks.items():
         if optional.of(block, "as_written"):
-            how = typed("repeat", "ROUTE", f"--{room}", "KIND")
+            how = typed("repeat", "ROUTE", *(f"--{room}", "KIND"))
             raise UsageError(fault("simulate.as-written", how, room=room, block=type(block).__name__))
 
 
