@@ -1,5 +1,6 @@
 """What the documents say is what the code does."""
 
+import ast
 import os
 import re
 from pathlib import Path
@@ -42,11 +43,21 @@ def test_the_ten_lines_of_the_readme_run_and_say_what_they_found(tmp_path, monke
     assert "across the path" in said
 
 
-@pytest.mark.parametrize("page", ["docs/python.md", "docs/es/python.md"])
-def test_the_page_on_python_runs_from_its_first_line_to_its_last(page, tmp_path, monkeypatch, capsys):
+def code_of(page):
+    """The code of a page, in order."""
+    return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize("name", ["python.md", "sweep.md"])
+def test_both_languages_show_the_same_code(name):
+    english, spanish = (ast.dump(ast.parse("\n".join(code_of(f"docs/{room}{name}")))) for room in ("", "es/"))
+    assert english == spanish, "only comments are translated"
+
+
+def test_the_page_on_python_runs_from_its_first_line_to_its_last(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
-    exec(compile("\n".join(blocks), page, "exec"), {"__name__": "page"})
+    page = "docs/python.md"
+    exec(compile("\n".join(code_of(page)), page, "exec"), {"__name__": "page"})
     said = capsys.readouterr().out
     assert "USABLE" in said
     assert "dead reckoning, " in said
@@ -54,15 +65,18 @@ def test_the_page_on_python_runs_from_its_first_line_to_its_last(page, tmp_path,
 
 
 @pytest.mark.parametrize("page", ["docs/sweep.md", "docs/es/sweep.md"])
-def test_the_page_on_sweeps_shows_code_that_runs_and_names_every_figure(page, tmp_path, monkeypatch, capsys):
+def test_the_page_on_sweeps_names_every_figure(page):
     from baqueano.sweep.figures import SINGLE, SUMMED
 
-    monkeypatch.chdir(tmp_path)
     text = (ROOT / page).read_text(encoding="utf-8")
     assert {name for name in (*SUMMED, *SINGLE) if f"`{name}`" not in text} == set()
-    held = {"__name__": "page"}
-    exec(compile(re.findall(r"```python\n(.*?)```", text, re.DOTALL)[0], page, "exec"), held)
-    assert len(held["frame"]) == 12
+
+
+def test_the_code_of_the_page_on_sweeps_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "page"}
+    exec(compile(code_of("docs/sweep.md")[0], "docs/sweep.md", "exec"), names)
+    assert len(names["frame"]) == 12
     assert "kanayama" in capsys.readouterr().out
 
 

@@ -106,7 +106,7 @@ def test_the_first_seconds_can_be_left_out():
 
 
 def test_the_table_has_a_column_per_run_and_the_verdict():
-    text = compare([made(), made("0002-repeat")]).table()
+    text = compare([made(off=(0.2, 0, 0)), made("0002-repeat", off=(0.2, 0, 0))]).table()
     assert "0002-repeat" in text.splitlines()[0]
     assert "NEES, 1 if consistent" in text
     assert len([line for line in text.splitlines() if line.startswith("INCONSISTENT")]) == 1

@@ -17,7 +17,7 @@ VEHICLE = Planar(
     actuator_matrix=np.diag([1.5, 0.0, 0.03]),
     friction=Friction(linear=np.array([1.2, 4.0, 0.006])),
     drivetrain=Drivetrain(
-        mixing="two_wheels", delay_s=0.1, delay_slots=10, lag_s=0.1, dead_zone_forward=np.array([0.1])
+        mixing="two_wheels", delay_s=0.03, delay_slots=3, lag_s=0.03, dead_zone_forward=np.array([0.1])
     ),
 )
 BLOCKS = {
@@ -29,17 +29,17 @@ BLOCKS = {
 
 
 def steady():
-    """ν that the command holds: 20 s after the start."""
+    """ν that the command holds: 10 s after the start."""
     state = VEHICLE.init()
-    for _ in range(2000):
+    for _ in range(1000):
         state, motion = VEHICLE.step(state, U, 1.0 / RATE, np.zeros(3))
     return motion.nu
 
 
 def speeds(block, nu, first=U):
-    """The estimated speeds of 30 silent ticks, from the velocity `nu`."""
+    """The estimated speeds of 8 silent ticks, from the velocity `nu`."""
     belief, out = block.init(np.zeros(3), nu), []
-    for k in range(30):
+    for k in range(8):
         u = first if k == 0 else U
         belief, estimate = block.step(belief, Tick((k + 1) * 10_000_000, u, Sensors(Slot(0.0, np.zeros(3)))))
         out.append(estimate.nu[0])
@@ -54,5 +54,5 @@ def test_the_speed_is_held_from_the_first_tick(kind):
 @pytest.mark.parametrize("kind", BLOCKS)
 def test_from_rest_the_delay_passes_first(kind):
     held = speeds(BLOCKS[kind], np.zeros(3))
-    assert np.all(held[:10] == 0.0)
-    assert held[-1] > 0.05
+    assert np.all(held[:3] == 0.0)
+    assert held[-1] > 0.005

@@ -55,13 +55,13 @@ def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return w (N, d) of errors (N, d) with covariances (N, d, d).  (1)
 
     An entry that is not known is left out, as a silent sensor: NaN. A row whose P is singular is NaN."""
-    known, w = (
+    given, w = (
         np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2)),
         np.full(error.shape, np.nan),
     )
-    for pattern in np.unique(known, axis=0):
+    for pattern in np.unique(given, axis=0):
         keep = np.flatnonzero(pattern)
-        rows = np.flatnonzero(np.all(known == pattern, axis=1))
+        rows = np.flatnonzero(np.all(given == pattern, axis=1))
         rows = rows[np.all(np.isfinite(cov[np.ix_(rows, keep, keep)]), axis=(1, 2))]
         if not (keep.size and rows.size):
             continue
@@ -86,18 +86,18 @@ def band(w: np.ndarray, false_alarm: float = FALSE_ALARM) -> Band:
     w = w[np.any(np.isfinite(w), axis=1)]
     if not len(w):
         return NOT_REPORTED
-    known, w = np.sum(np.isfinite(w), axis=1).astype(float), np.nan_to_num(w)
-    sums, d = np.sum(w**2, axis=1), float(np.mean(known))
-    mean, samples = float(np.sum(sums) / np.sum(known)), independent(w) / d
+    entries, w = np.sum(np.isfinite(w), axis=1).astype(float), np.nan_to_num(w)
+    sums, d = np.sum(w**2, axis=1), float(np.mean(entries))
+    mean, samples = float(np.sum(sums) / np.sum(entries)), independent(w) / d
     lasting = float(np.sum(np.mean(w, axis=0) ** 2))
     lacking = 1.0 - mean + lasting / d
     if lacking > 0.0 and lasting / lacking > d * _limits(d, false_alarm)[0]:
         samples = min(samples, 1.0 / lacking**2)  # (5)
     low, high = _limits(samples * d, false_alarm)
     if samples >= LEAST and mean > 0.0:
-        least, most = _bootstrap(sums, known, round(2.0 * len(w) / samples), false_alarm)
+        least, most = _bootstrap(sums, entries, round(2.0 * len(w) / samples), false_alarm)
         low, high = min(low, mean / most), max(high, mean / max(least, 1e-300))
-    return Band(mean, low, high, int(np.max(known)), samples)
+    return Band(mean, low, high, int(np.max(entries)), samples)
 
 
 def independent(w: np.ndarray) -> float:
@@ -129,7 +129,7 @@ def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return out
 
 
-def _bootstrap(sums: np.ndarray, known: np.ndarray, length: int, false_alarm: float) -> tuple[float, float]:
+def _bootstrap(sums: np.ndarray, entries: np.ndarray, length: int, false_alarm: float) -> tuple[float, float]:
     """Return the interval of Σ NEES / Σ d by drawing blocks of `length` samples with replacement."""
     n = len(sums)
     length = min(max(length, 1, n // BLOCKS), max(n // 4, 1))
@@ -140,7 +140,7 @@ def _bootstrap(sums: np.ndarray, known: np.ndarray, length: int, false_alarm: fl
         return np.sum(total[first + length] - total[first], axis=1)
 
     low, high = np.quantile(
-        block_sums(sums) / block_sums(known), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm]
+        block_sums(sums) / block_sums(entries), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm]
     )
     return float(low), float(high)
 
