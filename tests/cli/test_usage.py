@@ -8,7 +8,7 @@ from importlib import import_module
 import pytest
 
 from baqueano import __version__
-from baqueano.cli import VERBS
+from baqueano.cli import VERBS, command_of
 from baqueano.diagnostics import fault
 
 
@@ -76,6 +76,12 @@ def test_help_is_for_every_verb(baqueano):
         shown = baqueano(verb, "-h")
         assert shown.code == 0
         assert shown.out.startswith(f"Usage: baqueano {verb}")
+
+
+def test_a_verb_that_is_called_by_itself_keeps_the_short_help(baqueano):
+    """click keeps the help option of the first call, also of one without the group."""
+    command_of("blocks").main(["--help"], standalone_mode=False)
+    assert baqueano("blocks", "-h").code == 0
 
 
 def test_version_is_reported(baqueano):

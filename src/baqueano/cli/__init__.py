@@ -89,10 +89,15 @@ class Verbs(click.Group):
             )
 
 
+HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
+
+
 def command_of(verb: str) -> click.Command:
     """Import a verb of VERBS and return its command, its help in the current language."""
     room = next((f"{room}." for room, verbs in ROOMS.items() if verb in verbs), "")
-    return in_language(importlib.import_module(f"baqueano.cli.{room}{verb}").command)
+    command = importlib.import_module(f"baqueano.cli.{room}{verb}").command
+    command.context_settings |= HELP_OPTIONS  # click keeps the option of the first call, whoever makes it
+    return in_language(command)
 
 
 def in_language(command: click.Command) -> click.Command:
@@ -146,7 +151,7 @@ class _LazyVerbs(click.Group):
             formatter.write_dl([(verb, _(help_text)) for verb, help_text in VERBS.items()])
 
 
-@click.group(cls=_LazyVerbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_LazyVerbs, context_settings=HELP_OPTIONS)
 @click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
 @click.option(
     "--lang",
