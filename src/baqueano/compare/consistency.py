@@ -3,15 +3,16 @@
     w_t = L⁻¹ e_t,   P = L Lᵀ;   e = estimate − truth with its heading wrapped, or an innovation, whose P is S    (1)
     NEES_t or NIS_t = w_tᵀ w_t;   mean d if consistent, d the entries that are known                             (2)
     ρ̄ = Σ w_tᵀ w_t / Σ d,   1 if consistent; a consistent filter's lies in  χ²_f(a/2, 1 − a/2) / f               (3)
-    f = N (tr Γ_0)² / Σ_k (1 − |k|/N) |Γ_k|²,   Γ_k = mean of w_t w_{t+k}ᵀ, summed until |Γ_k|² < 0.05 |Γ_0|²     (4)
-    N_b = 1/(1 − ρ̄_b)²,   ρ̄_b the part of ρ̄ without w̄, if |w̄|²/(1 − ρ̄_b) is a probable draw of χ²_d            (5)
+    f = N (tr Γ_0)² / Σ_k (1 − |k|/N) |Γ_k|²,   Γ_k = mean of w_t w_{t+k}ᵀ, until |Γ_k|² < 0.05 |Γ_0|², then w̄ w̄ᵀ (4)
+    l_i = 1 − mean of w_i² + w̄_i²  in place of w̄_i²  unless  w̄_i²/l_i < χ²_1(a)                                  (5)
 
 Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4) f/d counts independent samples of Gaussian errors. They are
 correlated about 0, their known mean: an error that lasts for the whole drive is one sample. Such a draw may be small
-by chance; then ρ̄ < 1 though the filter is right. So what ρ̄ lacks counts as lasting, unless that is improbable (5).
-The interval is the wider of (3) and of a circular block bootstrap (Politis, Romano 1992), blocks of ≥ 2 N d/f samples.
+by chance; then ρ̄ < 1 though the filter is right. So what an entry lacks counts as lasting, unless that is improbable
+(5). The interval is the wider of (3) and of a circular block bootstrap (Politis, Romano 1992), blocks of ≥ 2 N d/f.
 """
 
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -86,13 +87,9 @@ def band(w: np.ndarray, false_alarm: float = FALSE_ALARM) -> Band:
     w = w[np.any(np.isfinite(w), axis=1)]
     if not len(w):
         return NOT_REPORTED
-    entries, w = np.sum(np.isfinite(w), axis=1).astype(float), np.nan_to_num(w)
-    sums, d = np.sum(w**2, axis=1), float(np.mean(entries))
+    entries = np.sum(np.isfinite(w), axis=1).astype(float)
+    sums, d = np.nansum(w**2, axis=1), float(np.mean(entries))
     mean, samples = float(np.sum(sums) / np.sum(entries)), independent(w) / d
-    lasting = float(np.sum(np.mean(w, axis=0) ** 2))
-    lacking = 1.0 - mean + lasting / d
-    if lacking > 0.0 and lasting / lacking > d * _limits(d, false_alarm)[0]:
-        samples = min(samples, 1.0 / lacking**2)  # (5)
     low, high = _limits(samples * d, false_alarm)
     if samples >= LEAST and mean > 0.0:
         least, most = _bootstrap(sums, entries, round(2.0 * len(w) / samples), false_alarm)
@@ -101,20 +98,26 @@ def band(w: np.ndarray, false_alarm: float = FALSE_ALARM) -> Band:
 
 
 def independent(w: np.ndarray) -> float:
-    """Return the degrees of freedom f of the sum of squares of errors (N, d) with mean 0.  (4)"""
-    n = len(w)
-    power = float(np.sum(w**2)) / n
+    """Return the degrees of freedom f of the sum of squares of errors (N, d) with mean 0; NaN: not known.  (4), (5)"""
+    x, count = np.nan_to_num(w), np.maximum(np.sum(np.isfinite(w), axis=0), 1)
+    n, power = len(x), float(np.sum(x**2)) / len(x)
     if power == 0.0:
         return float(w.size)
     length = 1 << (2 * n - 1).bit_length()
-    spectra = np.fft.rfft(w, length, axis=0).T
+    spectra = np.fft.rfft(x, length, axis=0).T
     squares = np.zeros(n)
     for one in spectra:
         for other in spectra:
             squares += (np.fft.irfft(np.conj(one) * other, length)[:n] / n) ** 2
     rho, left = squares / squares[0], 1.0 - np.arange(n) / n
     end = int(np.argmax(rho < FADED)) if np.any(rho < FADED) else n
-    return n * power**2 / squares[0] / (1.0 + 2.0 * float(np.sum(rho[1:end] / left[1:end])))
+    fading = squares[0] * (1.0 + 2.0 * float(np.sum(rho[1:end] / left[1:end]))) / (n * power**2)
+    bias = (np.sum(x, axis=0) / count) ** 2
+    lacking = 1.0 - np.sum(x**2, axis=0) / count + bias
+    by_chance = (lacking > 1.0 - 1.0 / CLOSE) & (bias > _chi2_of_one(FALSE_ALARM) * lacking)
+    share, d = count / n, float(np.sum(count)) / n
+    lasting = np.maximum(bias * (1.0 - end / n) / power, np.where(by_chance, lacking, 0.0) / d)
+    return 1.0 / (fading + float(np.sum((share * lasting) ** 2)))
 
 
 def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
@@ -143,6 +146,11 @@ def _bootstrap(sums: np.ndarray, entries: np.ndarray, length: int, false_alarm: 
         block_sums(sums) / block_sums(entries), [0.5 * false_alarm, 1.0 - 0.5 * false_alarm]
     )
     return float(low), float(high)
+
+
+def _chi2_of_one(probability: float) -> float:
+    """Return what χ² of one degree of freedom stays below with this probability."""
+    return NormalDist().inv_cdf(0.5 + 0.5 * probability) ** 2
 
 
 def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
