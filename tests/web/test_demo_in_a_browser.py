@@ -45,7 +45,7 @@ def demo(tmp_path):
     script, seen = tmp_path / "browser.py", tmp_path / "seen.json"
     script.write_text(BROWSER, encoding="utf-8")
     environment = {
-        **os.environ, "DISPLAY": ":0", "BAQUEANO_BACKEND": "python",
+        **os.environ, "DISPLAY": ":0",
         "BROWSER": f"{sys.executable} {script} {seen} %s &",
     }  # fmt: skip
     environment.pop("CI", None)
