@@ -1,4 +1,4 @@
-# Two commands: `make demo` runs the main job, `make test` runs all tests. Both set up .venv first.
+# Two commands: `make demo` runs the main job, `make test` the tests. Both set up .venv first.
 PYTHON ?= python3
 VENV := .venv
 ifeq ($(OS),Windows_NT)
@@ -17,7 +17,7 @@ DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude ard
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools chromium
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 
-.PHONY: demo test test-fast browser-tools fuzz docs promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean
+.PHONY: demo test test-all test-fast browser-tools fuzz docs promises golden catalogues test-emulated aarch64 firmware debian lint bench lock wheel clean
 
 demo: $(VENV)/run.stamp
 	$(BIN)/baqueano demo
@@ -25,7 +25,11 @@ demo: $(VENV)/run.stamp
 test: $(VENV)/test.stamp debian browser-tools
 	$(BIN)/python -m pytest $(BOTH_CORES)
 
-# The tests of blocks, runs and engine, in less than a minute on two cores; tests/conftest.py says what is slow.
+# With the studies, tutorials and benchmarks that `make test` skips by name: a third more.
+test-all: $(VENV)/test.stamp debian browser-tools
+	BAQUEANO_LONG=1 $(BIN)/python -m pytest $(BOTH_CORES)
+
+# The tests of blocks, runs and engine, in some minutes on two cores; tests/conftest.py says what is slow.
 test-fast: $(VENV)/test.stamp
 	$(BIN)/python -m pytest $(BOTH_CORES) -m "not slow"
 
@@ -45,7 +49,7 @@ fuzz: $(VENV)/test.stamp
 
 # What the package promises, and which tests keep it.
 promises: $(VENV)/test.stamp debian
-	$(BIN)/python -m tests.promises $(BOTH_CORES)
+	BAQUEANO_LONG=1 $(BIN)/python -m tests.promises $(BOTH_CORES)
 
 # The sentences of all messages, and the pages on the keys of a vehicle file, to be read as a diff.
 golden: $(VENV)/test.stamp

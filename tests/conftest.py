@@ -2,6 +2,8 @@
 
 What drives, fits, draws, installs or emulates has the mark `slow`; `make test-fast` leaves it out.
 
+What studies many fits, a whole tutorial or every benchmark has the mark `long`: only `make test-all` runs it.
+
 Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in the background ignore it; here it counts.
 Hypothesis judges no example by the clock on the wall: a busy machine is slow. A machine that stalls lets sockets,
 firmware and browsers miss their time. So a test of REAL_TIME that fails runs up to twice again, whatever the cause. The
@@ -90,6 +92,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("slow")
         if is_in(item.path, REAL_TIME):
             item.add_marker(pytest.mark.flaky(reruns=2))
+        if item.get_closest_marker("long") and not os.environ.get("BAQUEANO_LONG"):
+            item.add_marker(pytest.mark.skip(reason=f"{item.name} is long. Type: make test-all"))
 
 
 @pytest.hookimpl(wrapper=True)

@@ -112,6 +112,7 @@ def test_the_verbs_of_the_demo_run_on_such_a_laptop(laptop):
     assert b"backend python" in laptop("runs", "show", "last").stdout
 
 
+@pytest.mark.long
 def test_the_demo_runs_whole_on_such_a_laptop(laptop):
     reply = json.loads(laptop("demo", "--json").stdout.decode("cp1252"))
     assert reply["verdict"] == "USABLE"

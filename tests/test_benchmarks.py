@@ -17,6 +17,8 @@ import pytest
 
 from benchmarks.__main__ import BENCHES
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 300.0  # until a benchmark counts as hung
 TREES = {

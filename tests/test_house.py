@@ -49,6 +49,7 @@ def test_code_passes_the_linter():
     run("ruff", "check", ".")
 
 
+@pytest.mark.long
 def test_every_signature_is_typed():
     run("pyright", "--warnings")
 

@@ -117,6 +117,7 @@ def with_mark_at(run, ahead, left, turned_rad):
     return replace(run, truth=run.truth._replace(eta=eta))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turned_rad", [0.05, np.nan])
 def test_the_place_of_a_mark_is_found_and_belongs_to_no_vehicle_file(turned_rad):
     small, mount = load("small"), {"lever_arm_m[0]": 0.06, "lever_arm_m[1]": -0.03, "heading_rad": turned_rad}

@@ -15,6 +15,8 @@ from baqueano.study.estimation.simulated import ODOMETER
 from baqueano.study.identification.trials import FLOOR, as_sent, robot
 from baqueano.vehicle_file import parse
 
+pytestmark = pytest.mark.long
+
 SENSOR, VELOCITY = 1.5, 2.0  # times, of a variance
 SECONDS = 40.0
 

@@ -76,6 +76,7 @@ def test_the_floor_is_found_with_its_error_bars_and_stands_in_the_file(disturbed
     assert written.value(floor[0]) == pytest.approx(fits[0][1].estimate[k], rel=1e-6)
 
 
+@pytest.mark.long
 def test_one_sample_in_ten_may_be_an_outlier(disturbed):
     file, fits = disturbed
     names = seen(fits[0][1])[:-3]
@@ -133,6 +134,7 @@ def test_what_the_floor_explains_is_not_a_doubt_any_more(disturbed):
         assert second.verdict == "USABLE", second.reasons
 
 
+@pytest.mark.long
 def test_a_low_pass_of_the_imu_passes_for_no_floor(small):
     """Innovations can be white without it, and wrong: two answers, and a larger error in open loop, say so."""
     run = simulate(small, random_steps(small.command.limit, 60.0, small.rate_hz, 1), 1)

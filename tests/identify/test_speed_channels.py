@@ -35,6 +35,7 @@ def test_without_a_witness_nothing_is_decided_and_what_to_type_is_reported(fit):
     assert measure_noise(*fit, held_out=[blind]).speed == noise.speed
 
 
+@pytest.mark.long
 def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     """A floor that pushes: no command tells the model of it, an accelerometer feels it."""
     pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}

@@ -86,6 +86,7 @@ class Mine(Kanayama):
 '''
 
 
+@pytest.mark.long
 def test_the_papers_pd_and_ones_own_are_judged_on_the_same_robot(tmp_path, monkeypatch):
     (tmp_path / "my.py").write_text(MINE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)

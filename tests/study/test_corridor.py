@@ -48,6 +48,7 @@ def test_the_vehicles_have_the_imu_of_a_data_sheet():
     assert np.abs(np.diff(robots.wheel, axis=1)) == pytest.approx(np.full((40, 1), 0.02))
 
 
+@pytest.mark.long
 def test_a_vehicle_is_identified_driven_and_inside_its_corridor(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 30.0)
     monkeypatch.setattr(drives, "DRIVE_S", 12.0)

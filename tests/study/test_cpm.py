@@ -7,6 +7,8 @@ import pytest
 from baqueano.study.recorded import cpm
 from baqueano.study.recorded.bars import row
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def rows(cpm_recordings):

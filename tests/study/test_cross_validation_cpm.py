@@ -10,6 +10,8 @@ from baqueano.study.cross_validation_cpm import CrossValidation, fit_to, judge
 from baqueano.study.recordings import MAPS
 from baqueano.study.recordings_page import page_of_recordings
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def study(cpm_recordings):

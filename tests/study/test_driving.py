@@ -1,9 +1,12 @@
 """`baqueano study driving` on one robot: the controller is judged by physics that it did not write."""
 
+import pytest
+
 from baqueano.study import driving
 from baqueano.study.driving import Driving, EvenDrive
 
 
+@pytest.mark.long
 def test_an_identified_robot_drives_evenly_on_physics_that_is_not_the_models(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
     monkeypatch.setattr(driving, "SHAPES", {"rectangle": driving.SHAPES["rectangle"]})

@@ -22,6 +22,8 @@ from baqueano.study.imu_only import (
 )
 from baqueano.vehicle_file import load
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def study(cpm_recordings):

@@ -73,6 +73,7 @@ def slow(f, *examples):
     return f
 
 
+@pytest.mark.long
 def test_laps_over_two_tags_stay_bounded_and_within_what_is_claimed(monkeypatch):
     """A gyro known to 3 % alone turns the heading by up to 43° in four laps."""
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
