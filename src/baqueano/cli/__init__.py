@@ -89,14 +89,11 @@ class Verbs(click.Group):
             )
 
 
-HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
-
-
 def command_of(verb: str) -> click.Command:
     """Import a verb of VERBS and return its command, its help in the current language."""
     room = next((f"{room}." for room, verbs in ROOMS.items() if verb in verbs), "")
     command = importlib.import_module(f"baqueano.cli.{room}{verb}").command
-    command.context_settings |= HELP_OPTIONS  # click keeps the option of the first call, whoever makes it
+    command._help_option = None  # click keeps that of the first call, whoever made it
     return in_language(command)
 
 
@@ -151,7 +148,7 @@ class _LazyVerbs(click.Group):
             formatter.write_dl([(verb, _(help_text)) for verb, help_text in VERBS.items()])
 
 
-@click.group(cls=_LazyVerbs, context_settings=HELP_OPTIONS)
+@click.group(cls=_LazyVerbs, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
 @click.option(
     "--lang",
