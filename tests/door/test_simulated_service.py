@@ -75,7 +75,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("class")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture  # of its own: a pace or a pause of one test is not that of the next
 def child(folder):
     child = Child(folder)
     yield child
