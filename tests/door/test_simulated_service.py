@@ -82,7 +82,6 @@ def child(folder):
     assert child.close() == 0
 
 
-@pytest.mark.long  # fails where the first mission starts slowly: the operator counts as silent
 def test_it_teaches_repeats_and_shows_each_tick(child, folder):
     child.say(do="watch", hz=20)
     names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
@@ -253,7 +252,6 @@ def truths(said, names):
     return {row[t]: (row[x], row[y]) for m in said[begin:] if m["is"] == "frame" for row in m["x"]}
 
 
-@pytest.mark.long  # likewise
 def test_faults_come_at_once_the_ledger_tells_and_the_twin_goes_without(child, folder):
     child.say(do="watch", hz=20)
     names = child.until(lambda m: m["is"] == "fields")[-1]["names"]

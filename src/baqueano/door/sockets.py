@@ -44,6 +44,7 @@ FOR_STOPS = 4  # more connections, for SHORT_S each: a stop is taken though all 
 SHORT_S, STOPPED_S = 1.0, 15.0  # until a stop is said; after it, until the vehicle was seen to stand
 SHARE = 128  # lines that are answered in a turn, of all guests together
 TURN_S = 0.002  # then no more of them are: a stop, or what is told, waits no longer
+ROWS_A_TURN = 16  # of a drive, made before lines are read again: a fast simulation makes thousands a second
 LONGEST_ID = 64  # letters
 LOOK_S = 5.0  # at the longest: what is told wakes the door
 BREATH_S = 0.001  # after a turn with many lines: the loop's thread comes first
@@ -66,6 +67,7 @@ class Door:
         self._state: JsonObject = {}  # the last one sent
         self._outbox: deque[JsonObject] = deque()
         self._coming: deque[socket.socket] = deque()
+        self._behind = False  # ticks wait to be made into rows
         self._busy, self._number = 0, 0  # lines that were answered in the last turn; in all
         self._done = threading.Event()
         self._listener = None if path is None else _listening(path)
@@ -133,7 +135,7 @@ class Door:
         """Return how long nothing may happen [s]."""
         if self._busy >= SHARE // 2:
             time.sleep(BREATH_S)
-        if self._coming or self._outbox or any(guest.lines for guest in self._guests):
+        if self._behind or self._coming or self._outbox or any(guest.lines for guest in self._guests):
             return 0.0
         fastest = max((guest.hz for guest in self._guests), default=0.0)
         if fastest <= 0.0:
@@ -319,9 +321,11 @@ class Door:
         """Encode the rows that have come, when they are due or at once, once for all who want the same of them."""
         watching = [guest for guest in self._guests if guest.hz > 0.0]
         (drive, _), frames_by_columns = self.frames.drive(), {}
+        self._behind = False
         if drive is None or not watching:
             return
-        drive.make()
+        drive.make(*(() if at_once else (ROWS_A_TURN,)))
+        self._behind = bool(drive.ticks)
         now = time.monotonic()
         for guest in watching:
             self._introduce(guest)

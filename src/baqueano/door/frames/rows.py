@@ -102,14 +102,13 @@ class DriveRows:
         self._along = None if self.route is None else AlongRoute(self.route)
         self._at: tuple[int, ...] | None = ()  # the channel of each innovation; () before the first
 
-    def make(self) -> None:
-        """Make the rows of the ticks that have come; the rows of ticks that the ring has lost do not exist."""
-        tick_count, fresh = self.tick_count, []
-        while self.ticks:
-            fresh.append(self.ticks.popleft())
-        first = max(self.row_count, tick_count - len(fresh))
+    def make(self, most: int = RING) -> None:
+        """Make rows of the first ticks that wait; the rows of ticks that the ring has lost do not exist."""
+        tick_count, waiting = self.tick_count, len(self.ticks)
+        first = max(self.row_count, tick_count - waiting)
         if first > self.row_count:
             self.rows.clear()
+        fresh = [self.ticks.popleft() for _ in range(min(waiting, most))]
         for sample in fresh:
             self.rows.append((sample.record.tick.t_ns, _cells(self._row(sample))))
         self.row_count = first + len(fresh)

@@ -19,6 +19,10 @@ from baqueano.door.sockets import Door
 from baqueano.errors import BaqueanoError
 from baqueano.vehicle_file import load
 
+SWITCH_S = (
+    5e-4  # a loop at a fast pace never sleeps; the door waits this long after each of its calls of the system
+)
+
 
 def main(words: list[str] | None = None) -> int:
     """Run the service; its exit code."""
@@ -39,6 +43,7 @@ def main(words: list[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
     if options.socket is None:
         _on_pipes(door, service)
+    sys.setswitchinterval(SWITCH_S)
     service.run()
     door.close()
     return 0
