@@ -29,7 +29,7 @@ LASTS_S = 10.0  # half a lap
 ERRORS = {"model.actuator_matrix": 0.02, "model.friction.coulomb": 0.05, "model.drivetrain.dead_zone": 0.05,
           "model.drivetrain.lag_s": 0.1}  # fmt: skip
 WHEELS, FADE_S = 0.03, 2.0
-FROM_S = 2.0  # a start from rest is no steady following
+FROM_S = 2.0  # a start from rest is not steady following
 SIDES = np.array([[1.0, 0.0, -1.0], [1.0, 0.0, 1.0]])  # duty of the wheels (2,) of a command (3,)
 
 

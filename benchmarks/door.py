@@ -34,7 +34,7 @@ EVERY = 2  # ticks: then the loop tells the time
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
-    """A stop and what is told, quiet and flooded, and what guests cost in memory."""
+    """The delays of a stop and of a message, quiet and flooded, and the memory of guests."""
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the door", "it is a socket of Unix")]
     with before_others() as share, served(2 if smallest else RUNS) as (service, guest, door):
@@ -55,7 +55,7 @@ def served(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
 
 class Times(NamedTuple):
     """Times of the same service in turn [ms]: until a STOP is a zero command, and until what the loop tells is there.
-    Those of what is told come in rounds of half a second."""
+    Those of messages come in rounds of half a second."""
 
     quiet: list[float]
     flooded: list[float]
@@ -122,7 +122,7 @@ def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tupl
 
 
 class Teacher:
-    """Somebody who begins a drive, hears what is told, and stops it."""
+    """A client that begins a drive, receives its messages, and stops it."""
 
     def __init__(self, door: Path) -> None:
         from baqueano.drive.mission import Mission, packed

@@ -62,8 +62,8 @@ def test_the_service_a_calibration_and_the_doctor_open_one_imu(tmp_path, monkeyp
     monkeypatch.setattr(imu, "open", chip)
     (tmp_path / "dev").mkdir()
     (tmp_path / "dev/i2c-7").touch()
-    (told,) = doctor.imu(hardware, tmp_path)
-    assert told.remedy == "it is only looked at"
+    (check,) = doctor.imu(hardware, tmp_path)
+    assert check.remedy == "it is only looked at"
     with pytest.raises(RobotUnreachable):
         opened(hardware, print, motors=False).__enter__()
     with pytest.raises(RobotUnreachable):
@@ -130,12 +130,12 @@ def test_motors_that_are_calibrated_for_nobody_stand_still_and_the_uno_keeps_wha
                 work.process.stdin.close()
             elif how != "Wi-Fi ends":
                 work.process.send_signal(how)
-            told = work.process.stderr.read().decode()
+            output = work.process.stderr.read().decode()
             assert work.process.wait(60.0) == 130
         finally:
             work.close()
         assert not live.moving()
-        assert "the Uno keeps its old settings" in told
-        assert ("the connection to the user is gone" in told) == (how in ("ssh ends", "Wi-Fi ends"))
+        assert "the Uno keeps its old settings" in output
+        assert ("the connection to the user is gone" in output) == (how in ("ssh ends", "Wi-Fi ends"))
         with connected(live.path) as uno:
             assert uno.settings() == mine

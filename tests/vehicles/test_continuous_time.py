@@ -156,7 +156,7 @@ class Hovercraft(FromAcceleration):
 
 
 def slowed(nu):
-    """What the air takes (3,)."""
+    """Return the drag of the air (3,)."""
     return np.array([1.5 * nu[0] - nu[2] * nu[1], 2.5 * nu[1] + nu[2] * nu[0], 4.0 * nu[2] + 3.0 * nu[0]])
 
 

@@ -93,7 +93,7 @@ def command_of(verb: str) -> click.Command:
     """Import a verb of VERBS and return its command, its help in the current language."""
     room = next((f"{room}." for room, verbs in ROOMS.items() if verb in verbs), "")
     command = importlib.import_module(f"baqueano.cli.{room}{verb}").command
-    command._help_option = None  # click keeps that of the first call, whoever made it
+    command._help_option = None  # click keeps that of the first call
     return in_language(command)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 
 TURN = 2.0 * np.pi
-ROUND_OFF = 1e-9  # an angle that is less below zero is no full turn
+ROUND_OFF = 1e-9  # an angle that is less below zero is 0, not a full turn
 FAR_M = 1e9  # of a word that does not exist
 WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # first and last arc; 1 turns left
 

@@ -32,12 +32,8 @@ if TYPE_CHECKING:
 
 SETTLE_S = 0.5
 NEWTON, STEADY = 8, 1e-7  # steps at most, and what is left of them, relative
-LONGER_S, CALM_S, CALM = (
-    4.0,
-    0.5,
-    0.05,
-)  # where there is no steady drive: the command of the last time changes less
-SLOWEST_M_S = 0.01  # no steady drive below it
+LONGER_S, CALM_S, CALM = 4.0, 0.5, 0.05  # a drive is steady if the command of its last CALM_S changes less
+SLOWEST_M_S = 0.01  # a steady drive is faster
 FREQUENCIES = 2000
 LOWEST_RAD_S = 0.02
 GROWS = 1.0 + 1e-5  # a tick: by 0.1 % in a second; an error that nothing corrects does not grow

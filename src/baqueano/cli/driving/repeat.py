@@ -56,7 +56,7 @@ from baqueano.diagnostics import note
     type=numbers.seconds,
     default=20.0,
     show_default=True,
-    help="Give up a vehicle that is stuck for so long [s].",
+    help="Time after which a stuck vehicle is given up [s].",
 )
 @click.option("--estimator", metavar="FILE:CLASS", help="Estimator to use instead of that of the file.")
 @click.option("--controller", metavar="FILE:CLASS", help="Controller to use instead of that of the file.")

@@ -52,7 +52,7 @@ class PageOfDrives:
 
 @contextmanager
 def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[PageOfDrives]:
-    """Open a page for the runs of `folder`, at a pace; wait at the end until whoever watches has seen them. `shown`
+    """Open a page for the runs of `folder`, at a pace; wait at the end until the viewers have seen them. `shown`
     None: where there is a display."""
     if shown is None:
         shown = _display()

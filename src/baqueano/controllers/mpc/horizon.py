@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 STEPS = 12  # of the horizon
 FAR = 1e6
 LONGEST_S = 0.02  # of a step of the model, whose tyres are stiff
-NUDGE = 1e-6  # a motor that stands exactly still has no slope
+NUDGE = 1e-6  # the slope of a motor at exact standstill does not exist
 SMALL = 1e-6  # of the curvature of (1), so that a command without effect stays where it is
 EVEN = {"dead_zone_forward": 0.0, "dead_zone_backward": 0.0, "gain": 1.0, "limit": FAR, "coast": 0.0}
 STEADY = {"duty_step": 0.0, "sag": 0.0, "battery_effect": 0.0}

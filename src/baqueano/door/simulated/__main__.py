@@ -19,9 +19,7 @@ from baqueano.door.sockets import Door
 from baqueano.errors import BaqueanoError
 from baqueano.vehicle_file import load
 
-SWITCH_S = (
-    5e-4  # a loop at a fast pace never sleeps; the door waits this long after each of its calls of the system
-)
+SWITCH_S = 5e-4  # a loop at a fast pace never sleeps: its door would wait 5 ms after each call of the system
 
 
 def main(words: list[str] | None = None) -> int:

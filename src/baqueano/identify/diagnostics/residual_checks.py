@@ -57,7 +57,7 @@ DIFFERS = 0.05  # part of itself
 SHARE, EXCESS = 0.05, 1.3  # (1), (2)
 ENOUGH = 20  # measurements of a channel
 FAR, FEW, FAR_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
-MOST_REPORTED = 2  # answers that are told, the clearest first
+MOST_REPORTED = 2  # answers that are reported, the clearest first
 RUNS = 8  # that are held against the others one by one
 
 

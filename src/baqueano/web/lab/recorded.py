@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from baqueano.compare.consistency import whitened
+from baqueano.compare.consistency import squared, whitened
 from baqueano.runs.interpolated import at_times, poses_at
 from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
 from baqueano.signals import NANOSECONDS
@@ -137,7 +137,7 @@ def _readings(run: Run) -> dict[str, np.ndarray]:
     columns |= {f"S.{name}": np.sqrt(np.maximum(S[:, k, k], 0.0)) for k, name in enumerate(names)}
     w = whitened(y, S)
     arrived = np.sum(np.isfinite(w), axis=1)
-    return columns | {"nis": np.nansum(w**2, axis=1) / np.where(arrived > 0, arrived, np.nan)}  # (3)
+    return columns | {"nis": squared(w) / np.maximum(arrived, 1)}  # (3)
 
 
 def _about(name: str, commands: list[str], unit: str) -> "JsonObject":
