@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
 from baqueano.door.files import RunFiles
-from baqueano.door.frames.rows import MOST_HZ, Frames
+from baqueano.door.frames.rows import A_TURN, MOST_HZ, RING, Frames
 from baqueano.door.guests import LONG, LONGEST, Guest
 from baqueano.door.wire import encoded
 from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError, named
@@ -44,7 +44,6 @@ FOR_STOPS = 4  # more connections, for SHORT_S each: a stop is taken though all 
 SHORT_S, STOPPED_S = 1.0, 15.0  # until a stop is said; after it, until the vehicle was seen to stand
 SHARE = 128  # lines that are answered in a turn, of all guests together
 TURN_S = 0.002  # then the others wait: a stop, or a message of the loop, comes before them
-ROWS_A_TURN = 16  # of a drive, made before lines are read again: a fast simulation makes thousands a second
 LONGEST_ID = 64  # letters
 LOOK_S = 5.0  # at the longest: what is told wakes the door
 BREATH_S = 0.001  # after a turn with many lines: the loop's thread comes first
@@ -320,12 +319,10 @@ class Door:
     def _show_all(self, at_once: bool = False) -> None:
         """Encode the rows that have come, when they are due or at once, once for all who want the same of them."""
         watching = [guest for guest in self._guests if guest.hz > 0.0]
-        (drive, _), frames_by_columns = self.frames.drive(), {}
-        self._behind = False
+        (drive, _), frames_by_columns, self._behind = self.frames.drive(), {}, False
         if drive is None or not watching:
             return
-        drive.make(*(() if at_once else (ROWS_A_TURN,)))
-        self._behind = bool(drive.ticks)
+        self._behind = drive.make(RING if at_once else A_TURN)
         now = time.monotonic()
         for guest in watching:
             self._introduce(guest)

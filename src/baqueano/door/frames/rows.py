@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 RING = 1024  # ticks that are kept for those who watch slowly
+A_TURN = (
+    16  # rows that are made before the door reads again: a fast simulation makes thousands of ticks a second
+)
 MOST_HZ = 50.0  # frames a second
 NAN = float("nan")
 DRIVES = count()
@@ -102,8 +105,9 @@ class DriveRows:
         self._along = None if self.route is None else AlongRoute(self.route)
         self._at: tuple[int, ...] | None = ()  # the channel of each innovation; () before the first
 
-    def make(self, most: int = RING) -> None:
-        """Make rows of the first ticks that wait; the rows of ticks that the ring has lost do not exist."""
+    def make(self, most: int = RING) -> bool:
+        """Make rows of the first ticks that wait, and return True while others wait. Ticks that the ring lost are left
+        out."""
         tick_count, waiting = self.tick_count, len(self.ticks)
         first = max(self.row_count, tick_count - waiting)
         if first > self.row_count:
@@ -112,6 +116,7 @@ class DriveRows:
         for sample in fresh:
             self.rows.append((sample.record.tick.t_ns, _cells(self._row(sample))))
         self.row_count = first + len(fresh)
+        return bool(self.ticks)
 
     def skip(self) -> None:
         """Begin with the next tick: nobody has watched the others."""
