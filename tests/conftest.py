@@ -6,9 +6,9 @@ What studies many fits, a whole tutorial or every benchmark has the mark `long`:
 
 Tests press Ctrl-C, also in programs that they start. A shell lets its jobs in the background ignore it; here it counts.
 Hypothesis judges no example by the clock on the wall: a busy machine is slow. A machine that stalls lets sockets,
-firmware and browsers miss their time. So a test of REAL_TIME that fails runs up to twice again, whatever the cause. The
-summary lists each (RERUN): one that is listed often has a fault.
-A bar of milliseconds has the mark `alone`: the other processes of the run wait meanwhile (tests/turns.py).
+firmware and browsers miss their time. So a test of REAL_TIME that fails runs up to twice again, whatever the cause, and
+then the other processes of the run wait (tests/turns.py). The summary lists each (RERUN): one that is listed often has
+a fault. A bar of milliseconds has the mark `alone`: the others wait from the first attempt on.
 """
 
 import builtins
@@ -16,7 +16,7 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -47,6 +47,8 @@ REAL_TIME = {  # sockets, processes, firmware and browsers whose time is that of
     "door", "emulated", "web", "robot", "cli", "drive", "test_clock.py", "test_any_laptop.py", "test_notebooks.py",
     "test_wheel.py",
 }  # fmt: skip
+
+ALONE = pytest.StashKey[Callable[[], None]]()  # of a test: from its call on, the other processes wait
 
 SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY
 
@@ -99,7 +101,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Run a test beside those of the other processes, or alone."""
-    with turn(item.get_closest_marker("alone") is not None):
+    with turn(item.get_closest_marker("alone") is not None) as alone:
+        item.stash[ALONE] = alone
         return (yield)
 
 
@@ -108,6 +111,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile quickly where many kernels run for a moment each; the others test what the package ships."""
     quick = 0, 0, "-O0"
     compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY = quick if is_slow(item.path) else SHIPPED
+    if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
+        item.stash[ALONE]()
 
 
 @pytest.fixture

@@ -16,9 +16,11 @@ RUN = """
 import sys, time
 from pathlib import Path
 from tests.turns import turn
-with turn(sys.argv[2] == "alone", sys.argv[1]):
+with turn(sys.argv[2] == "alone", sys.argv[1]) as alone:
     print(time.monotonic_ns(), flush=True)
     sys.stdin.readline()
+    if sys.argv[2] == "again":
+        alone()
     print(time.monotonic_ns(), flush=True)
 """
 
@@ -62,13 +64,28 @@ def test_one_alone_waits_for_those_who_run_and_lets_nobody_pass(start):
     waits, _ = waiting(alone)
     kept_out, came = waiting(start("beside"))  # though those who run would let it in
     for process in (first, second):
-        process.stdin.write("end\n")
-        process.stdin.flush()
+        end(process)
     waits.join(20.0)
     assert not waits.is_alive()
     assert kept_out.is_alive()
     alone.kill()  # a process that dies leaves its turn
     kept_out.join(20.0)
+    assert int(came[0])
+
+
+def end(process):
+    process.stdin.write("end\n")
+    process.stdin.flush()
+
+
+def test_one_that_runs_again_waits_for_the_others_to_leave(start):
+    again, beside = start("again"), start("beside")
+    assert int(again.stdout.readline())
+    assert int(beside.stdout.readline())
+    end(again)
+    waits, came = waiting(again)
+    end(beside)
+    waits.join(20.0)
     assert int(came[0])
 
 

@@ -1,5 +1,7 @@
 """Turns among the processes of one run of pytest: a test runs beside those of the others, or alone.
 
+`turn` yields a function: from its call on, this process runs alone.
+
     room    shared by the tests that run beside each other; of one alone                                      (1)
     queue   of whoever enters the room: one alone who waits in it lets nobody pass                            (2)
 
@@ -8,7 +10,7 @@ The locks belong to processes, so that one that dies leaves them. On Windows, an
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -17,14 +19,21 @@ with suppress(ImportError):
 
 
 @contextmanager
-def turn(alone: bool, run: str = os.environ.get("PYTEST_XDIST_TESTRUNUID", "")) -> Iterator[None]:
+def turn(
+    alone: bool, run: str = os.environ.get("PYTEST_XDIST_TESTRUNUID", "")
+) -> Iterator[Callable[[], None]]:
     """Run something in its turn among the processes of this run."""
     if not run or os.name == "nt":
-        yield
+        yield lambda: None
         return
     places = [Path(tempfile.gettempdir()) / f"baqueano-{run}-{name}" for name in ("queue", "room")]
     with places[0].open("a+") as queue, places[1].open("a+") as room:
-        fcntl.lockf(queue, fcntl.LOCK_EX)
-        fcntl.lockf(room, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
-        fcntl.lockf(queue, fcntl.LOCK_UN)
-        yield
+
+        def enter(how: int) -> None:
+            fcntl.lockf(room, fcntl.LOCK_UN)  # two who wait for each other to leave would wait for ever
+            fcntl.lockf(queue, fcntl.LOCK_EX)
+            fcntl.lockf(room, how)
+            fcntl.lockf(queue, fcntl.LOCK_UN)
+
+        enter(fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+        yield lambda: enter(fcntl.LOCK_EX)
