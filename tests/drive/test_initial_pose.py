@@ -7,6 +7,8 @@ from baqueano.drive.session import initial_pose_for
 from baqueano.runs import Run, TruthLog
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.signals import NANOSECONDS
+from baqueano.simulate import simulate
+from baqueano.vehicle_file import load
 
 
 def circling(first_s, nu_known=False, psi=3.0):
@@ -33,6 +35,21 @@ def test_a_recording_begins_at_the_pose_and_velocity_of_its_truth(first_s, nu_kn
 
 def test_the_velocity_of_a_camera_goes_the_short_way_across_pi():
     assert initial_pose(circling(0.0, psi=np.pi - 0.01))[3:] == pytest.approx([1.0, 0.0, 0.5], abs=2e-3)
+
+
+def test_a_truth_whose_motion_begins_with_the_first_command_begins_at_rest():
+    run = circling(0.0, nu_known=True)
+    run.truth.nu[:, 0] = np.minimum(0.08 + np.arange(100) / 10.0, 1.0)  # one row after it stood
+    run.truth.nu[:, 2] = 0.0
+    assert initial_pose(run)[3:].tolist() == [0.0, 0.0, 0.0]
+    run.truth.nu[:, 2] = 0.5  # it turns already
+    assert initial_pose(run)[3:].tolist() == [0.08, 0.0, 0.5]
+
+
+def test_a_simulated_run_begins_where_the_simulation_did():
+    small = load("small")
+    run = simulate(small, np.ones((20, 3)) * [0.5, 0.0, 0.0], eta0=np.array([1.0, 2.0, 0.5]))
+    assert initial_pose(run).tolist() == [1.0, 2.0, 0.5, 0.0, 0.0, 0.0]
 
 
 def test_a_run_that_tells_its_start_begins_there():

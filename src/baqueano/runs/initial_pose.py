@@ -4,6 +4,10 @@ A run of ours tells its start. In somebody else's recording it is read off the t
 its samples, and, where the truth lacks velocities (a camera),
 
     ν = J(ψ)ᵀ (η(t₀ + T) − η(t₀)) / T,   ψ in the middle                                                  (1)
+    ν = 0  where  |ν_i(t₀)| < 0.1 max |ν_i| until t₀ + T  on every axis that moves                         (2)
+
+A motion that begins with the first command is a start from rest (2): estimators take whoever moves for one whose motors
+have had that command for long.
 """
 
 import numpy as np
@@ -13,6 +17,7 @@ from baqueano.runs.run import Run, TruthLog
 from baqueano.signals import NANOSECONDS
 
 SPAN_S = 0.2  # T: a camera that is off by 1 mm tells the speed to 1 cm/s
+STARTING = 0.1  # of its speed after T: a vehicle that has less has just been started
 FAR_S = 0.5  # a truth that begins later does not tell the start
 
 
@@ -28,7 +33,10 @@ def initial_pose(run: Run) -> np.ndarray:
         return np.zeros(3)
     eta = _pose(first, truth)
     if np.isfinite(truth.nu).all():
-        return np.concatenate([eta, _at(first, truth.t_ns, truth.nu)])
+        nu = _at(first, truth.t_ns, truth.nu)
+        soon = truth.nu[(truth.t_ns >= first) & (truth.t_ns <= first + SPAN_S * NANOSECONDS)]
+        starts = np.abs(nu) < STARTING * np.max(np.abs(soon), axis=0, initial=0.0)
+        return np.concatenate([eta, np.where(np.all(starts | (nu == 0.0)), 0.0, nu)])  # (2)
     later = int(min(first + SPAN_S * NANOSECONDS, truth.t_ns[-1]))
     moved = _pose(later, truth) - eta
     moved[2] = wrap(moved[2])

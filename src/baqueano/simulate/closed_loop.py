@@ -131,12 +131,13 @@ def simulate_loops(
     rate = vehicle_file.rate_hz
     ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     t_ns = times(ticks, rate)
-    start = begin(system, start_of(system) if eta0 is None else np.array(eta0, dtype=float))
+    eta0 = start_of(system) if eta0 is None else np.array(eta0, dtype=float)
+    start = begin(system, eta0)
     kernel = closed_loop(system, rate, noise=noise, backend=backend)
     for seed in seeds:
         inputs = Input(t_ns, draw(system.sensors, seed, len(t_ns)) if noise else None)
         last, outputs = kernel.run(inputs, carry=start)
-        about = metadata("simulate loop", seed, rate, kernel.backend, noise)
+        about = metadata("simulate loop", seed, rate, kernel.backend, noise, eta0)
         run = as_run(name, t_ns, outputs, about)
         events = _stopped(last.blocks.supervisor, int(t_ns[-1])) + beyond(vehicle_file, run)
         yield replace(run, vehicle_text=vehicle_file.text, events=events)

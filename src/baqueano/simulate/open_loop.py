@@ -119,7 +119,8 @@ def simulate(
     drawn = draw(system.sensors, seed, len(u)) if noise else None
     kernel = open_loop(system.model, system.sensors, rate, noise, backend)
     world = world_init(system.model, system.sensors)
-    world = world._replace(vehicle=system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0")))
+    start = system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0"))
+    world = world._replace(vehicle=start)
     _, outputs = kernel.run(OpenLoopState(u, drawn), carry=world)
     t_ns = times(len(u), rate)
     run = Run(
@@ -130,7 +131,9 @@ def simulate(
         sensors=channels(t_ns, outputs.slots),
         truth=TruthLog(t_ns, outputs.truth.eta, outputs.truth.nu, outputs.truth.nu_dot),
         vehicle_text=vehicle_file.text,
-        metadata=metadata("simulate", seed, rate, kernel.backend, noise),
+        metadata=metadata(
+            "simulate", seed, rate, kernel.backend, noise, np.concatenate([start.eta, start.nu])
+        ),
     )
     return replace(run, events=beyond(vehicle_file, run))
 
@@ -201,14 +204,17 @@ def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
     return out
 
 
-def metadata(kind: str, seed: int, rate_hz: float, backend: str, noise: bool) -> dict[str, str]:
-    """Return the metadata of a simulated run."""
+def metadata(
+    kind: str, seed: int, rate_hz: float, backend: str, noise: bool, start: np.ndarray
+) -> dict[str, str]:
+    """Return the metadata of a simulated run; `start` is η (3,), or η and ν (6,), before its first tick."""
     return versions() | {
         "kind": kind,
         "seed": str(seed),
         "rate_hz": f"{rate_hz:g}",
         "backend": backend,
         "noise": "yes" if noise else "no",
+        "start": " ".join(map(repr, start.tolist())),
     }
 
 
