@@ -4,12 +4,13 @@
     dynamic model      ν̇ = f(ν, e) + D,      D = (d_x, l d_ψ, d_ψ) [m/s², rad/s²], η̇ = J(ψ) (1 + K) ν        (2)
     kinematic model    ν = V e + D,           D = (d_x, 0, d_ψ) [m/s, rad/s]
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x, κ_ψ ν_ψ)
-    ḋ = −d/T + noise   (Ornstein-Uhlenbeck, variance σ_d²),    κ̇ = β̇ = ẇ = 0,    ḃ = noise                (3)
+    ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s,  κ̇ = β̇ = ẇ = 0,  ḃ = noise  (3)
     way += −w √¾ s / (1 + s/2) J(ψ) ν,   s the variance of the heading, w ~ N(0, 1)                        (4)
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
     var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
 
+d̄ follows the estimate of d: a model that turns wrongly through a whole bend would pull the heading off the gyro.
 Whatever turns a vehicle moves its origin aside, which lies l ahead of what turns in place.
 docs/derivations/kalman.md derives (4) to (7).
 """
@@ -35,8 +36,13 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 
-def ahead(estimator: "AugmentedEkf", x: Gaussian, effort: Effort, row: FilterRow) -> Gaussian:
-    """Return the state (n,), (n, n) one row later.  (2)-(4)"""
+LASTING_S = 2.0  # over which d̄ follows d: a bend of the path
+
+
+def ahead(
+    estimator: "AugmentedEkf", x: Gaussian, lasting: np.ndarray, effort: Effort, row: FilterRow
+) -> Gaussian:
+    """Return the state (n,), (n, n) one row later; `lasting` (2,) is d̄.  (2)-(4)"""
     n = len(x.mean)
     walks = [
         np.array([one.of(estimator.sensors, one.walk) ** 2 * row.dt_s]) for one in layout(estimator).biases
@@ -49,12 +55,17 @@ def ahead(estimator: "AugmentedEkf", x: Gaussian, effort: Effort, row: FilterRow
             [unsure, np.zeros((n - 3, n - 3))]
         )
 
-    moved = predict(x, lambda mean: move(estimator, mean, effort, row.moved_s, x.cov[2, 2]), R)
+    moved = predict(x, lambda mean: move(estimator, mean, lasting, effort, row.moved_s, x.cov[2, 2]), R)
     return Gaussian(moved.mean, bounded(moved.cov))
 
 
 def move(
-    estimator: "AugmentedEkf", mean: np.ndarray, effort: Effort, dt_s: Value, spread: Value = 0.0
+    estimator: "AugmentedEkf",
+    mean: np.ndarray,
+    lasting: np.ndarray,
+    effort: Effort,
+    dt_s: Value,
+    spread: Value = 0.0,
 ) -> np.ndarray:
     """Return the mean (n,) after a row; `spread` [rad²] is the variance of the heading before it.  (2)-(4)"""
     vehicle, d, nu = estimator.vehicle, mean[6:SCALES], mean[3:6]
@@ -66,8 +77,13 @@ def move(
     short = 0.5 * dt_s * mean[BEND] * np.sqrt(0.75) * spread / (1.0 + 0.5 * spread)
     along = along - short * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
     eta = eta + map_from_body(eta[2]) @ (way * D + along)
-    fading = d * np.exp(-dt_s / estimator.disturbance_fade_s)
+    fading = lasting + (d - lasting) * np.exp(-dt_s / estimator.disturbance_fade_s)
     return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, fading, mean[SCALES:]])
+
+
+def lasting_part(before: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
+    """Return d̄ (2,) a row later.  (3)"""
+    return before + (d - before) * (1.0 - np.exp(-dt_s / LASTING_S))
 
 
 def pushed(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarray:
