@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information, covariance_of
 from baqueano.identify.data.segments import ThetaLayout, without_starts
-from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _solved, minimise
+from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _step, minimise
 from baqueano.identify.residuals import simulation as simulated
 from baqueano.identify.residuals.block_arrow import (
     BlockArrow,
@@ -50,7 +50,7 @@ def test_it_solves_as_the_whole_matrix_does(seed, runs, more, damping):
     assert isinstance(arrow, BlockArrow)
     index = np.flatnonzero(np.random.default_rng(seed).random(len(g)) < 0.8)
     scale = whole.diagonal().copy()
-    x, y = (_solved(H, damping, scale, index, g[index]) for H in (arrow, whole))
+    x, y = (_step(H, damping, scale, index, g[index]) for H in (arrow, whole))
     root = np.sqrt(scale[index])  # in units of each entry's own error
     assert np.max(np.abs(x - y) * root) < 1e-10 * np.max(np.abs(y) * root)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.noise.filter_noise import FEWEST, SOME, _free, _rounded
+from baqueano.identify.noise.filter_noise import FEWEST, SOME, _free, _rounding
 from baqueano.vehicle_file import load, parse
 
 TAGS = '\n[sensors.tags]\nkind = "tags"\npoints_m = [[0.5, 0.0], [-0.5, 0.0]]\n'
@@ -36,7 +36,7 @@ def test_a_speed_that_is_counted_is_no_better_known_than_its_step():
         run = SimpleNamespace(
             sensors={n: SimpleNamespace(z=x) for n, x in zip(its.names, (imu, z, tags), strict=True)}
         )
-        return _rounded(its, {"imu"}, [run])
+        return _rounding(its, {"imu"}, [run])
 
     assert found(0.04 * np.rint(speed / 0.04)) == {("odometer", 0): (pytest.approx(0.04**2 / 12.0), np.inf)}
     assert found(speed) == {}

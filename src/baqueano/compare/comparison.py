@@ -95,8 +95,8 @@ class RunComparison:
             row |= {f"{name}_{key}": value for key, value in getattr(self, name)._asdict().items()}
         row |= {"sign_changes_per_s": self.sign_changes_per_s, "at_limit": self.at_limit}
         row |= self.consistency.row()
-        for one in self.refusals:
-            row |= {f"refused_{one.name}": one.refused, f"arrived_{one.name}": one.arrived}
+        for refusal in self.refusals:
+            row |= {f"refused_{refusal.name}": refusal.refused, f"arrived_{refusal.name}": refusal.arrived}
         row |= {"laps": len(self.laps)}
         row |= {"verdict": self.verdict, "sentence": self.sentences[-1], "diverged_s": self.diverged_s}
         return row | corridor_row(self.corridor)
@@ -110,7 +110,7 @@ class RunComparison:
         sentences = [text(note(code, cm=100.0 * m)) for code, m in errors if np.isfinite(m)]
         return [
             f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(sentences)}",
-            *(f"  {one}" for one in self.sentences),
+            *(f"  {sentence}" for sentence in self.sentences),
         ]
 
     @property
@@ -167,23 +167,23 @@ class Comparison(Result):
     of_drives: bool
 
     def __repr__(self) -> str:
-        rows = [line for judged in self.runs for line in judged.lines()]
+        rows = [line for run in self.runs for line in run.lines()]
         return shortened([], rows, [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row per run."""
-        return [judged.row() for judged in self.runs]
+        return [run.row() for run in self.runs]
 
     def laps(self) -> list["TableRow"]:
         """Return a flat row per lap of each run, for routes that come back."""
-        return [{"run": judged.name, **lap.row()} for judged in self.runs for lap in judged.laps]
+        return [{"run": run.name, **lap.row()} for run in self.runs for lap in run.laps]
 
     @property
     def verdict(self) -> Verdict:
         """CONSISTENT, INCONSISTENT with reasons, CANNOT TELL of some run, or NOT REPORTED."""
         if self.reasons:
             return Verdict.INCONSISTENT
-        verdicts = {judged.verdict for judged in self.runs} - {"not reported"}
+        verdicts = {run.verdict for run in self.runs} - {"not reported"}
         if not verdicts:
             return Verdict.NOT_REPORTED
         return Verdict.CONSISTENT if verdicts == {"consistent"} else Verdict.CANNOT_TELL
@@ -192,22 +192,24 @@ class Comparison(Result):
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return which run is inconsistent, and how."""
         return tuple(
-            note("compare.inconsistent", Severity.WARNING, subject=one.name, how=one.verdict)
-            for one in self.runs
-            if one.verdict in (*ADVICE, NOT_DEFINITE, DIVERGED)
+            note("compare.inconsistent", Severity.WARNING, subject=run.name, how=run.verdict)
+            for run in self.runs
+            if run.verdict in (*ADVICE, NOT_DEFINITE, DIVERGED)
         )
 
     def table(self) -> str:
         """Return the figures, a column per run, then a sentence or two on each, for 80 columns."""
-        sentences = [f"{judged.name}: {one}" for judged in self.runs for one in judged.sentences]
+        sentences = [f"{run.name}: {sentence}" for run in self.runs for sentence in run.sentences]
         sentences += [verdict_line(self.verdict, self.reasons), *self._advice()]
-        return "\n".join([table(self), "", *(fill(one, WIDTH, subsequent_indent="  ") for one in sentences)])
+        return "\n".join(
+            [table(self), "", *(fill(sentence, WIDTH, subsequent_indent="  ") for sentence in sentences)]
+        )
 
     def _advice(self) -> list[str]:
         """Return what to change where an estimator does not know its own errors."""
         return [
             text(note(ADVICE[word]))
-            for word in dict.fromkeys(judged.verdict for judged in self.runs)
+            for word in dict.fromkeys(run.verdict for run in self.runs)
             if word in ADVICE
         ]
 
@@ -261,19 +263,22 @@ def compare(
     if not (over_s > 0.0 and skip_s >= 0.0):
         raise UsageError(fault("compare.times", over_s=over_s, skip_s=skip_s))
     errors.aligned(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
-    kept = [run.cut(skip_s) if skip_s else run for run in several]
+    cut_runs = [run.cut(skip_s) if skip_s else run for run in several]
     labels = list(names) if names else [run.name for run in several]
     if len(labels) != len(several):
         raise UsageError(fault("compare.names", names=len(labels), runs=len(several)))
     return Comparison(
-        tuple(_judged(run, name, kept[0], alignment, over_s) for run, name in zip(kept, labels, strict=True)),
+        tuple(
+            _run_comparison(run, name, cut_runs[0], alignment, over_s)
+            for run, name in zip(cut_runs, labels, strict=True)
+        ),
         alignment,
         over_s,
-        all(run.metadata.get("kind") != "replay" for run in kept),
+        all(run.metadata.get("kind") != "replay" for run in cut_runs),
     )
 
 
-def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> RunComparison:
+def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s: float) -> RunComparison:
     lost_s, run = diverged_s(run), until_diverged(run)  # the figures are of the time before
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
@@ -284,7 +289,7 @@ def _judged(run: "Run", name: str, first: "Run", alignment: str, over_s: float) 
         name, run.duration_s, **figures,
         across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
         across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
-        **_commanded(run), consistency=filter_consistency(run, alignment),
+        **_command_figures(run), consistency=filter_consistency(run, alignment),
         refusals=refusals_of(run.events), laps=laps_of(run), corridor=corridor_of(run), diverged_s=lost_s,
         no_covariance=no_covariance(run))  # fmt: skip
 
@@ -321,8 +326,8 @@ def _across(log: Any, run: "Run") -> Path:
         return UNKNOWN
     if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: nobody asked for a path
         return UNKNOWN
-    driven = _while_asked(log.t_ns, ref)
-    return _path(errors.cross_track(log.t_ns[driven], log.eta[driven, :2], ref.t_ns, ref.eta[:, :2]))
+    rows = _while_asked(log.t_ns, ref)
+    return _path(errors.cross_track(log.t_ns[rows], log.eta[rows, :2], ref.t_ns, ref.eta[:, :2]))
 
 
 def _pace(log: Any, run: "Run") -> "Pace":
@@ -335,7 +340,7 @@ def _pace(log: Any, run: "Run") -> "Pace":
     return evenness.pace(log.t_ns[k], log.nu[k, 0], reference_speed)
 
 
-def _commanded(run: "Run") -> dict[str, float]:
+def _command_figures(run: "Run") -> dict[str, float]:
     """Return how the sent command (where a run lacks it: the one in force) went, while a guide gave a reference."""
     ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
     k = slice(None) if ref is None or not len(ref.t_ns) else _while_asked(run.t_ns, ref)

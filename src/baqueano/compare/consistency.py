@@ -56,13 +56,13 @@ def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return w (N, d) of errors (N, d) with covariances (N, d, d).  (1)
 
     An entry that is not known is left out, as a silent sensor: NaN. A row whose P is singular is NaN."""
-    given, w = (
+    finite, w = (
         np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2)),
         np.full(error.shape, np.nan),
     )
-    for pattern in np.unique(given, axis=0):
+    for pattern in np.unique(finite, axis=0):
         keep = np.flatnonzero(pattern)
-        rows = np.flatnonzero(np.all(given == pattern, axis=1))
+        rows = np.flatnonzero(np.all(finite == pattern, axis=1))
         rows = rows[np.all(np.isfinite(cov[np.ix_(rows, keep, keep)]), axis=(1, 2))]
         if not (keep.size and rows.size):
             continue
@@ -106,12 +106,12 @@ def independent(w: np.ndarray) -> float:
     length = 1 << (2 * n - 1).bit_length()
     spectra = np.fft.rfft(x, length, axis=0).T
     squares = np.zeros(n)
-    for one in spectra:
-        for other in spectra:
-            squares += (np.fft.irfft(np.conj(one) * other, length)[:n] / n) ** 2
-    rho, left = squares / squares[0], 1.0 - np.arange(n) / n
+    for first in spectra:
+        for second in spectra:
+            squares += (np.fft.irfft(np.conj(first) * second, length)[:n] / n) ** 2
+    rho, overlap = squares / squares[0], 1.0 - np.arange(n) / n
     end = int(np.argmax(rho < FADED)) if np.any(rho < FADED) else n
-    fading = squares[0] * (1.0 + 2.0 * float(np.sum(rho[1:end] / left[1:end]))) / (n * power**2)
+    fading = squares[0] * (1.0 + 2.0 * float(np.sum(rho[1:end] / overlap[1:end]))) / (n * power**2)
     bias = (np.sum(x, axis=0) / count) ** 2
     lacking = 1.0 - np.sum(x**2, axis=0) / count + bias
     by_chance = (lacking > 1.0 - 1.0 / CLOSE) & (bias > _chi2_of_one(FALSE_ALARM) * lacking)

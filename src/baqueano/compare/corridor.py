@@ -65,11 +65,11 @@ class Corridor(NamedTuple):
 def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = float("nan")) -> Corridor:
     """Return the corridor of poses (N, 3) at times (N,) with covariances (N, k, k), the pose first.  (1), (2)"""
     sd = np.sqrt(np.maximum(cov[:, 2, 2], 0.0))
-    lost = ~(sd <= LOST_RAD)  # NaN is lost too
-    m = int(np.argmax(lost)) if lost.any() else len(t_s)
+    is_lost = ~(sd <= LOST_RAD)  # NaN is lost too
+    m = int(np.argmax(is_lost)) if is_lost.any() else len(t_s)
     P, psi = cov[:m, :2, :2], eta[:m, 2]
-    left = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
-    across = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", left, P, left), 0.0))
+    to_left = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
+    across = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", to_left, P, to_left), 0.0))
     area = np.pi * CHI_SQUARE_95 * np.sqrt(np.maximum(np.linalg.det(P), 0.0))
     lost_s = float(t_s[m]) if m < len(t_s) else float("nan")
     return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across, area, QUANTILE_95 * sd[:m], lost_s, lap_s)

@@ -41,8 +41,8 @@ def diverged_s(run: Run) -> float:
             size = float(np.hypot(*np.ptp(finite, axis=0)))
             aside = np.hypot(*(p - true - (p[0] - finite[0])).T)  # the map of a recording begins elsewhere
             off, limit = np.where(np.isfinite(aside), aside, off), FAR * max(1.0, size) * np.ones(len(t_s))
-    lost = ~(off <= limit)  # NaN is lost too
-    return float(t_s[np.argmax(lost)]) if lost.any() else float("nan")
+    is_lost = ~(off <= limit)  # NaN is lost too
+    return float(t_s[np.argmax(is_lost)]) if is_lost.any() else float("nan")
 
 
 def until_diverged(run: Run) -> Run:

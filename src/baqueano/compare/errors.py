@@ -36,20 +36,20 @@ def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> n
     UsageError where it is to be laid on by the first pose and no true heading is known."""
     if alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", found=alignment, known=ALIGNMENTS))
-    there = np.isfinite(eta) & np.isfinite(eta_true)
-    valid = np.all(there[:, :2], axis=1)
+    finite = np.isfinite(eta) & np.isfinite(eta_true)
+    valid = np.all(finite[:, :2], axis=1)
     if alignment == "none" or not np.any(valid):
         return eta
     if alignment == "start":
-        valid &= there[:, 2]
+        valid &= finite[:, 2]
         if not np.any(valid):
             raise UsageError(fault("compare.no-first-heading", "--align rigid"))
         first = int(np.argmax(valid))
         angle = eta_true[first, 2] - eta[first, 2]
-        shift = eta_true[first, :2] - _turned(eta[first : first + 1, :2], angle)[0]
+        shift = eta_true[first, :2] - _rotate(eta[first : first + 1, :2], angle)[0]
     else:
         angle, shift = align(eta[valid, :2], eta_true[valid, :2])
-    return np.column_stack([_turned(eta[:, :2], angle) + shift, wrap(eta[:, 2] + angle)])
+    return np.column_stack([_rotate(eta[:, :2], angle) + shift, wrap(eta[:, 2] + angle)])
 
 
 def absolute(eta: np.ndarray, eta_true: np.ndarray) -> PoseErrors:
@@ -66,8 +66,11 @@ def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: fl
     later = later[first]
     on_time = np.abs(t_ns[later] - t_ns[first] - span) < 0.1 * span  # a gap is not a motion over `over_s`
     first, later = first[on_time], later[on_time]
-    moved, moved_true = _between(eta[first], eta[later]), _between(eta_true[first], eta_true[later])
-    E = _between(moved_true, moved)
+    motion, moved_true = (
+        _relative_pose(eta[first], eta[later]),
+        _relative_pose(eta_true[first], eta_true[later]),
+    )
+    E = _relative_pose(moved_true, motion)
     return PoseErrors(np.hypot(E[:, 0], E[:, 1]), E[:, 2])
 
 
@@ -107,16 +110,16 @@ def _nearest(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
     rows = np.arange(len(xy))
     side = np.sign(d[rows, best, 0] * r[rows, best, 1] - d[rows, best, 1] * r[rows, best, 0])
     gap = np.sqrt(distance[rows, best])
-    still = np.hypot(*(xy - corners[:, 0]).T)  # the reference does not move at all in the window
-    return np.where(np.isinf(gap), still, gap * np.where(side == 0.0, 1.0, side))
+    to_point = np.hypot(*(xy - corners[:, 0]).T)  # the reference does not move at all in the window
+    return np.where(np.isinf(gap), to_point, gap * np.where(side == 0.0, 1.0, side))
 
 
-def _turned(xy: np.ndarray, angle: float) -> np.ndarray:
+def _rotate(xy: np.ndarray, angle: float) -> np.ndarray:
     c, s = np.cos(angle), np.sin(angle)
     return xy @ np.array([[c, s], [-s, c]])
 
 
-def _between(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
+def _relative_pose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
     """T_a⁻¹ T_b of poses (N, 3), (N, 3)."""
     d = eta_b[:, :2] - eta_a[:, :2]
     c, s = np.cos(eta_a[:, 2]), np.sin(eta_a[:, 2])

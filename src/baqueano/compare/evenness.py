@@ -67,9 +67,9 @@ def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.nd
     """Return x (N,) minus its centred mean over `over_s`; NaN where the span reaches beyond either end."""
     half = round(0.5 * over_s * NANOSECONDS)
     first, last = np.searchsorted(t_ns, t_ns - half), np.searchsorted(t_ns, t_ns + half, side="right")
-    there = np.isfinite(x)
-    total = np.concatenate([[0.0], np.cumsum(np.where(there, x, 0.0))])
-    count = np.concatenate([[0], np.cumsum(there)])
+    finite = np.isfinite(x)
+    total = np.concatenate([[0.0], np.cumsum(np.where(finite, x, 0.0))])
+    count = np.concatenate([[0], np.cumsum(finite)])
     mean = (total[last] - total[first]) / np.maximum(count[last] - count[first], 1)
     whole = (t_ns - half >= t_ns[:1]) & (t_ns + half <= t_ns[-1:])
     return np.where(whole, x - mean, np.nan)

@@ -50,12 +50,12 @@ class FilterConsistency:
     @property
     def verdict(self) -> str:
         """Return "too sure", "too cautious", "consistent", "cannot tell" or "not reported"."""
-        return self._decided()[0]
+        return self._decision()[0]
 
     @property
     def sentence(self) -> str:
         """Return the verdict with its figure, the worst state, and autocorrelated innovations."""
-        verdict, name, band = self._decided()
+        verdict, name, band = self._decision()
         if band is None:
             return text(note("consistency.not-reported")) + "."
         if verdict == "cannot tell":
@@ -63,41 +63,43 @@ class FilterConsistency:
         figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst(verdict)}
         figure = "NIS" if name == "nis" else "NEES"
         first = note(f"consistency.{verdict.replace(' ', '-')}", figure=figure, of=JOINT[name], **figures)
-        sentences = (first, self._unknown(verdict), self._correlated())
-        return " ".join(f"{text(one)}." for one in sentences if one is not None)
+        sentences = (first, self._few_samples(verdict), self._correlation())
+        return " ".join(f"{text(sentence)}." for sentence in sentences if sentence is not None)
 
     @property
     def correlation(self) -> float:
         """The largest lag-1 autocorrelation; NaN where nothing arrived."""
-        finite = [one for one in self.correlations if np.isfinite(one)]
+        finite = [correlation for correlation in self.correlations if np.isfinite(correlation)]
         return max(finite, key=abs) if finite else float("nan")
 
     def row(self) -> "JsonObject":
         """Flat, for a machine."""
         row: TableRow = {}
-        for name, band in self._named().items():
+        for name, band in self._bands_by_name().items():
             row |= {name: band.mean, f"{name}_low": band.low, f"{name}_high": band.high}
             row |= {f"{name}_is": band.verdict}
         row |= {
             "innovation_correlation": self.correlation,
             "innovation_correlation_limit": self.correlation_limit,
         }
-        return row | {f"innovation_correlation[{k}]": one for k, one in enumerate(self.correlations)}
+        return row | {
+            f"innovation_correlation[{k}]": correlation for k, correlation in enumerate(self.correlations)
+        }
 
     def figures(self) -> list["TableRow"]:
         """Return a row per NEES and NIS that is known, for a table."""
         return [
             {"figure": name, "value": band.mean, "from": band.low, "to": band.high,
              "independent samples": band.samples, "is": band.verdict}
-            for name, band in self._named().items() if np.isfinite(band.mean)
+            for name, band in self._bands_by_name().items() if np.isfinite(band.mean)
         ]  # fmt: skip
 
-    def _named(self) -> dict[str, Band]:
-        named = {name: getattr(self, name) for name in JOINT}
-        named |= {f"nees_{name}": band for name, band in self.states.items()}
-        return named | {f"nis[{k}]": band for k, band in enumerate(self.channels)}
+    def _bands_by_name(self) -> dict[str, Band]:
+        bands = {name: getattr(self, name) for name in JOINT}
+        bands |= {f"nees_{name}": band for name, band in self.states.items()}
+        return bands | {f"nis[{k}]": band for k, band in enumerate(self.channels)}
 
-    def _decided(self) -> tuple[str, str, Band | None]:
+    def _decision(self) -> tuple[str, str, Band | None]:
         """Verdict, the joint figure that it is by, and its band."""
         truth = [(name, getattr(self, name)) for name in ("nees_pose", "nees_velocity")]
         bands = [(name, band) for name, band in truth if band.verdict != "not reported"]
@@ -109,8 +111,8 @@ class FilterConsistency:
         bands = bands or [("nis", self.nis)]
         if bands[0][1].verdict == "not reported":
             return "not reported", "", None
-        right = [one for one in bands if one[1].verdict == "consistent"]
-        name, band = max(right or bands, key=lambda one: one[1].samples)
+        right = [pair for pair in bands if pair[1].verdict == "consistent"]
+        name, band = max(right or bands, key=lambda pair: pair[1].samples)
         return "consistent" if right else "cannot tell", name, band
 
     def _worst(self, verdict: str) -> Diagnostic | str:
@@ -120,15 +122,15 @@ class FilterConsistency:
         }
         if not off:
             return ""
-        name = max(off, key=lambda one: abs(np.log(off[one])))
+        name = max(off, key=lambda name: abs(np.log(off[name])))
         return note("consistency.worst", state=STATES[name], nees=off[name])
 
-    def _unknown(self, verdict: str) -> Diagnostic | None:
+    def _few_samples(self, verdict: str) -> Diagnostic | None:
         """Return the limits of a consistent verdict: a joint NEES with too few samples."""
         few = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
         return note("consistency.unknown", of=JOINT[few[0]]) if few and verdict == "consistent" else None
 
-    def _correlated(self) -> Diagnostic | None:
+    def _correlation(self) -> Diagnostic | None:
         if not abs(self.correlation) > max(self.correlation_limit, 0.1):
             return None
         return note("consistency.correlated", correlation=self.correlation)
@@ -151,18 +153,18 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         errors["nees_pose"] = consistency.whitened(e[:, :3], log.cov[:, :3, :3])
         errors["nees_velocity"] = consistency.whitened(e[:, 3:], log.cov[:, 3:, 3:])
         for k, name in enumerate(STATES):
-            one = consistency.whitened(e[:, [k]], log.cov[:, [[k]], [k]])
+            error = consistency.whitened(e[:, [k]], log.cov[:, [[k]], [k]])
             states[name] = (
-                consistency.band(one) if np.nanmax(np.abs(one), initial=0.0) > 0.0 else NOT_REPORTED
+                consistency.band(error) if np.nanmax(np.abs(error), initial=0.0) > 0.0 else NOT_REPORTED
             )
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
         y, S = log.innovation, log.innovation_cov
         errors["nis"] = consistency.whitened(y, S)
         deviations = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
-        channels = tuple(consistency.band(one[:, None]) for one in (y / deviations).T)
+        channels = tuple(consistency.band(channel[:, None]) for channel in (y / deviations).T)
         correlations = consistency.whiteness(y, S)
-        arrived = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
-        limit = float(1.96 / np.sqrt(arrived)) if arrived else limit
+        samples = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
+        limit = float(1.96 / np.sqrt(samples)) if samples else limit
     names = [name for name, w in errors.items() if np.isfinite(w).any()]
     bands = dict.fromkeys(JOINT, NOT_REPORTED)
     bands |= {name: consistency.band(errors[name], FALSE_ALARM / len(names)) for name in names}

@@ -83,17 +83,17 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
     return tuple(laps)
 
 
-def _passages(eta: np.ndarray, done: bool) -> list[int]:
+def _passages(eta: np.ndarray, complete: bool) -> list[int]:
     """Return the numbers of the references (N, 3) that pass the end of the route.  (1)"""
-    end = eta[-1] if done else eta[0]
+    end = eta[-1] if complete else eta[0]
     away = np.hypot(eta[:, 0] - end[0], eta[:, 1] - end[1])
     step = np.hypot(*np.diff(eta[:, :2], axis=0).T)
     near = (away < max(NEAR_M, 2.0 * float(np.max(step)))) & (np.abs(wrap(eta[:, 2] - end[2])) < NEAR_RAD)
     s = np.append(0.0, np.cumsum(step))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
-    passed: list[int] = []
+    passages: list[int] = []
     for a, b in edges.reshape(-1, 2):
         k = int(a + np.argmin(away[a:b]))
-        if not passed or s[k] - s[passed[-1]] > LEAST_M:
-            passed.append(k)
-    return passed
+        if not passages or s[k] - s[passages[-1]] > LEAST_M:
+            passages.append(k)
+    return passages

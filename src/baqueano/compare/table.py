@@ -39,13 +39,13 @@ class TableLine(NamedTuple):
 def table(comparison: "Comparison") -> str:
     """Return the figures that are known of at least one run of a block."""
     sections = [
-        (title, [(line.label, line.unit, [_cell(line.of(one)) for one in comparison.runs]) for line in lines])
+        (title, [(line.label, line.unit, [_cell(line.of(run)) for run in comparison.runs]) for line in lines])
         for title, lines in _sections(comparison)
     ]
     rows = [row for _, lines in sections for row in lines if any(cell != "-" for cell in row[2])]
     label_width = max((len(label) for label, _, _ in rows), default=0) + 2
     unit = max((len(unit) for _, unit, _ in rows), default=0)
-    heads = [wrap(one.name, COLUMN) or [""] for one in comparison.runs]
+    heads = [wrap(run.name, COLUMN) or [""] for run in comparison.runs]
     wide = [
         max(LEAST_COLUMN, *map(len, head), *(len(cells[k]) for _, _, cells in rows))
         for k, head in enumerate(heads)
@@ -75,7 +75,7 @@ def sections_of(comparison: "Comparison") -> "list[JsonObject]":
     for title, lines in _sections(comparison):
         rows: list[JsonObject] = []
         for line in lines:
-            values = [line.of(one) for one in comparison.runs]
+            values = [line.of(run) for run in comparison.runs]
             cells = [_cell(value) for value in values]
             if any(cell != "-" for cell in cells):
                 rows.append(
@@ -89,10 +89,10 @@ def sections_of(comparison: "Comparison") -> "list[JsonObject]":
 def _best(line: TableLine, values: Sequence[Any]) -> int | None:
     """Return the column of the smallest error."""
     numbers = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
-    ranked = sorted((value, k) for k, value in enumerate(numbers) if value is not None)
-    if not line.error or len(ranked) < 2 or ranked[0][0] == ranked[1][0]:
+    by_value = sorted((value, k) for k, value in enumerate(numbers) if value is not None)
+    if not line.error or len(by_value) < 2 or by_value[0][0] == by_value[1][0]:
         return None
-    return ranked[0][1]
+    return by_value[0][1]
 
 
 def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
@@ -168,7 +168,7 @@ def _paces(name: str) -> list[TableLine]:
 
 
 def _of_the_filter(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
-    channels = max((len(one.consistency.channels) for one in comparison.runs), default=0)
+    channels = max((len(run.consistency.channels) for run in comparison.runs), default=0)
     yield (
         _("NEES, 1 if consistent"),
         [
@@ -194,20 +194,20 @@ def _of_the_filter(comparison: "Comparison") -> Iterator[tuple[str, Sequence[Tab
             TableLine(_("correlation at lag 1"), "", lambda j: j.consistency.correlation),
         ],
     )
-    names = dict.fromkeys(one.name for judged in comparison.runs for one in judged.refusals)
-    yield _("refused by the estimator"), [TableLine(k, "", lambda j, k=k: _refused(j, k)) for k in names]
-    verdicts = [one.verdict for one in comparison.runs if one.verdict != "not reported"]
+    names = dict.fromkeys(refusal.name for run in comparison.runs for refusal in run.refusals)
+    yield _("refused by the estimator"), [TableLine(k, "", lambda j, k=k: _refusal_text(j, k)) for k in names]
+    verdicts = [run.verdict for run in comparison.runs if run.verdict != "not reported"]
     yield _("covariance"), [TableLine(_("verdict"), "", lambda j: _(j.verdict))] if verdicts else []
 
 
-def _refused(judged: "RunComparison", name: str) -> str:
+def _refusal_text(run: "RunComparison", name: str) -> str:
     """ "540 of 1501" of a number; "-" where the estimator does not count, or none arrived."""
-    refusals = [one for one in judged.refusals if one.name == name and one.arrived]
+    refusals = [refusal for refusal in run.refusals if refusal.name == name and refusal.arrived]
     return _("{refused} of {arrived}", **refusals[0]._asdict()) if refusals else "-"
 
 
-def _of_channel(judged: "RunComparison", k: int) -> str:
-    channels = judged.consistency.channels
+def _of_channel(run: "RunComparison", k: int) -> str:
+    channels = run.consistency.channels
     return _band(channels[k]) if k < len(channels) else "-"
 
 

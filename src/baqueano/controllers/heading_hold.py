@@ -121,14 +121,14 @@ class HeadingHold:
             return HeadingHoldState(hand, t_ns, out_s), command
         if ahead != state.ahead:
             state = HeadingHoldState(hand, t_ns, out_s, ahead, t_ns)
-        unseen = state.unseen + left_out * dt_s
-        psi, psi_r = float(estimate.eta[2]) + unseen, state.psi
+        left_out_rad = state.unseen + left_out * dt_s
+        psi, psi_r = float(estimate.eta[2]) + left_out_rad, state.psi
         quiet = abs(r) < QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s
         psi_r = psi if isnan(psi_r) and quiet else psi_r
         e = 0.0 if isnan(psi_r) else float(wrap(psi_r - psi))
         u = u.copy()
         u[-1], sum_e = self._turn(e, state.sum, r, dt_s, v, abs(float(u[0])))
-        after = HeadingHoldState(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, unseen)
+        after = HeadingHoldState(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, left_out_rad)
         return after, command._replace(u=u)
 
     def _turn(

@@ -44,7 +44,7 @@ class Kanayama(ModelFollower):
         """Return the velocity wanted.  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         steepest = self.k_chi * np.sin(STEEPEST_RAD)
-        beside = np.clip(self.k_y * e_y, -steepest, steepest)
+        lateral = np.clip(self.k_y * e_y, -steepest, steepest)
         # v_f changes its sign backwards, and the damping of the course must not.
-        turn = v_f * beside + np.abs(v_f) * self.k_chi * np.sin(now.e_chi)
+        turn = v_f * lateral + np.abs(v_f) * self.k_chi * np.sin(now.e_chi)
         return memory, (v_f * np.cos(now.e_chi) + self.k_x * e_x, omega_f + turn)

@@ -76,8 +76,8 @@ class Lqr(ModelFollower):
         v = np.where(np.abs(v_f) < SLOWEST_M_S, slow, v_f)
         P, K = self.riccati(memory, *_linear(np.array([v, 0.0, omega_f]), now.dt_s))
         steepest = np.abs(K[1, 2]) * STEEPEST_RAD
-        beside = np.clip(K[1, 1] * now.e[1], -steepest, steepest)
-        omega = omega_f - K[1, 0] * now.e[0] - beside - K[1, 2] * now.e_chi
+        lateral = np.clip(K[1, 1] * now.e[1], -steepest, steepest)
+        omega = omega_f - K[1, 0] * now.e[0] - lateral - K[1, 2] * now.e_chi
         return P, (v_f - K[0] @ np.array([now.e[0], now.e[1], now.e_chi]), omega)
 
     def riccati(self, P: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -97,10 +97,10 @@ def _linear(nu_f: np.ndarray, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
 def _after(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return the error (3,) one tick on.  (1)"""
     nu = nu_f + np.array([change[0], 0.0, change[1]])
-    return pose_error(compose(e, _moved(nu_f, dt_s)), _moved(nu, dt_s))
+    return pose_error(compose(e, _motion(nu_f, dt_s)), _motion(nu, dt_s))
 
 
-def _moved(nu: np.ndarray, dt_s: Value) -> np.ndarray:
+def _motion(nu: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return the pose (3,) after a tick with the velocity ν (3,), from the origin."""
     way = nu * dt_s
     return map_from_body(0.5 * way[2]) @ way

@@ -83,8 +83,8 @@ class Pd:
         """The command (n,) towards the reference.  (1), (2)"""
         e = pose_error(reference.eta, estimate.eta)
         dt_s = seconds(estimate.t_ns, state.t_ns)
-        again = (state.t_ns >= 0) & (dt_s > 0.0)
-        e_psi_dot = np.where(again, wrap(e[2] - state.e_psi) / np.where(again, dt_s, 1.0), 0.0)
+        has_past = (state.t_ns >= 0) & (dt_s > 0.0)
+        e_psi_dot = np.where(has_past, wrap(e[2] - state.e_psi) / np.where(has_past, dt_s, 1.0), 0.0)
         u_x = self.alpha * e[0]
         u_psi = self.beta * e[2] + self.gamma * e_psi_dot
         u = np.array([u_x, 0.0, u_psi]) if len(self.limit) == 3 else np.array([u_x, u_psi])

@@ -150,31 +150,31 @@ class AugmentedEkf:
         if not is_dynamic(self.vehicle):
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
-        still = (quiet_s >= REST_S) & np.all(np.abs(x.mean[3:6]) < STILL)
+        at_rest = (quiet_s >= REST_S) & np.all(np.abs(x.mean[3:6]) < STILL)
         model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
-        model_nu = np.where(still, 0.0, model_nu)
+        model_nu = np.where(at_rest, 0.0, model_nu)
         before = belief.gap, belief.place_doubt
 
-        def correct(x: Gaussian, still: bool) -> Value:
+        def correct(x: Gaussian, at_rest: bool) -> Value:
             if not np.any(layout(self).moving[:, FORWARD[0]]):
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
-            return corrected(self, x, before, effort, nu_dot, tick, still, row.dt_s)
+            return corrected(self, x, before, effort, nu_dot, tick, at_rest, row.dt_s)
 
-        x, innovations = either(still, lambda: correct(_at_rest(x), True), lambda: correct(x, False))
+        x, innovations = either(at_rest, lambda: correct(_at_rest(x), True), lambda: correct(x, False))
         quiet_s = np.where(innovations.refused > 0.0, 0.0, quiet_s)
-        overruled = np.abs(x.mean[6:SCALES]) > self.gate_sigma * self.disturbance_std
-        against = np.where(overruled, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)
-        innovated = doubted(belief.doubt, layout(self).slope, innovations, against, x.mean[2], row.dt_s)
-        x = x._replace(cov=x.cov + block_diagonal([innovated.of_pose, np.zeros((len(x.mean) - 3,) * 2)]))
+        exceeds = np.abs(x.mean[6:SCALES]) > self.gate_sigma * self.disturbance_std
+        against = np.where(exceeds, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)
+        update = doubted(belief.doubt, layout(self).slope, innovations, against, x.mean[2], row.dt_s)
+        x = x._replace(cov=x.cov + block_diagonal([update.of_pose, np.zeros((len(x.mean) - 3,) * 2)]))
         gap, place_doubt = innovations[:2]
         lasting = lasting_part(belief.lasting, x.mean[6:SCALES], row.dt_s)
         after = AugmentedBelief(
-            tick.t_ns, *x, lasting, model_nu, gap, innovated.doubt, place_doubt, quiet_s, drivetrain
+            tick.t_ns, *x, lasting, model_nu, gap, update.doubt, place_doubt, quiet_s, drivetrain
         )
         after = chosen(row.new, after, belief)
         pose_and_velocity, of_nu = (
             _pose_and_velocity(after.mean),
-            innovated.of_nu + beside_wheels(self, after.mean[3], gain),
+            update.of_nu + beside_wheels(self, after.mean[3], gain),
         )
         out = jacobian(_pose_and_velocity)(after.mean)
         cov = mirrored(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), of_nu])

@@ -69,8 +69,10 @@ def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
     sizes = [len(block) for block in blocks]
     rows = []
     for i, block in enumerate(blocks):
-        left, right = sum(sizes[:i]), sum(sizes[i + 1 :])
-        rows.append(np.concatenate([np.zeros((sizes[i], left)), block, np.zeros((sizes[i], right))], axis=1))
+        before, right = sum(sizes[:i]), sum(sizes[i + 1 :])
+        rows.append(
+            np.concatenate([np.zeros((sizes[i], before)), block, np.zeros((sizes[i], right))], axis=1)
+        )
     return np.concatenate(rows)
 
 
@@ -83,11 +85,11 @@ def root(P: np.ndarray) -> np.ndarray:
             x * x for x in L[j][:j]
         )  # of the variance, beside what the entries before explain
         certain = free <= ROUNDING * P[j, j]
-        one = np.sqrt(np.where(certain, 1.0, free))
-        L[j][j] = np.where(certain, 0.0, one)
+        divisor = np.sqrt(np.where(certain, 1.0, free))
+        L[j][j] = np.where(certain, 0.0, divisor)
         for i in range(j + 1, n):
-            shared = P[i, j] - sum(x * y for x, y in zip(L[i][:j], L[j][:j], strict=True))
-            L[i][j] = np.where(certain, 0.0, shared / one)
+            rest_cov = P[i, j] - sum(x * y for x, y in zip(L[i][:j], L[j][:j], strict=True))
+            L[i][j] = np.where(certain, 0.0, rest_cov / divisor)
     return np.array(L)
 
 

@@ -103,15 +103,15 @@ class DeadReckoning:
         object.__setattr__(self, "process_noise_cov", cov)
         readings = readings_of(self.sensors, self.use)
         gyro = [r for r in readings if r.is_gyro][:1]
-        uncertainties = [one for r in gyro for one in uncertain(self.sensors, r.name, r.rows, np.zeros(3))]
+        uncertainties = [bias for r in gyro for bias in uncertain(self.sensors, r.name, r.rows, np.zeros(3))]
         object.__setattr__(self, "readings", readings)
-        object.__setattr__(self, "gyro_bias", tuple(one for one in uncertainties if one.walk))
+        object.__setattr__(self, "gyro_bias", tuple(bias for bias in uncertainties if bias.walk))
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> DeadReckoningBelief:
         """At rest at the origin, unless another start is given."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         speed, turning = scale_std(self.sensors, {r.name: r.rows for r in self.readings})
-        bias = [one.of(self.sensors, one.std) for one in self.gyro_bias]
+        bias = [bias.of(self.sensors, bias.std) for bias in self.gyro_bias]
         errors = np.array([*(bias or [0.0]), turning, speed])
         cov = np.diag(np.concatenate([self.initial_std, errors]) ** 2)
         return DeadReckoningBelief(
@@ -132,11 +132,11 @@ class DeadReckoning:
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
         noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
-        augmented = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])
+        mean_and_noise = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])
         ages_s, since_s = self._times(belief, tick, row.moved_s)
         before = effort, row.moved_s, tick.sensors, ages_s, belief.since_s
-        F, mean = jacobian(self._travel)(augmented, *before), self._travel(augmented, *before)
-        walk = sum((one.of(self.sensors, one.walk) ** 2 * row.dt_s for one in self.gyro_bias), 0.0)
+        F, mean = jacobian(self._travel)(mean_and_noise, *before), self._travel(mean_and_noise, *before)
+        walk = sum((bias.of(self.sensors, bias.walk) ** 2 * row.dt_s for bias in self.gyro_bias), 0.0)
         walk = np.diag(np.array([walk, 0.0, 0.0]))
         more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
         cov = mirrored(F @ block_diagonal([belief.cov, *noise]) @ F.T + more)
@@ -165,7 +165,7 @@ class DeadReckoning:
         """(η, ν, b, s, s_v) (9,) one row on; `x` (9 + 3 + m,) is the same before, w, and n of each reading.  (1)-(3)"""
         eta, before, n = x[:3], x[3:6], x[12:]
         effort = Effort(*((1.0 + x[8]) * e for e in effort))
-        nu = modelled = self.vehicle.advance(eta, before, effort, dt_s)[1] + x[9:12]
+        nu = model_nu = self.vehicle.advance(eta, before, effort, dt_s)[1] + x[9:12]
         for reading in self.readings:
             sensor, slot, m = (
                 getattr(self.sensors, reading.name),
@@ -175,5 +175,5 @@ class DeadReckoning:
             bias, scale = (x[6], x[7]) if reading.is_gyro else (0.0, x[8])
             nu, n = replaced(reading, sensor, slot, nu, bias - n[:m], scale), n[m:]
         nu = self.vehicle.init(eta, nu).nu
-        way = 0.5 * dt_s * (before + nu) + ages_s * (nu - before) + 0.5 * since_s * (nu - modelled)
+        way = 0.5 * dt_s * (before + nu) + ages_s * (nu - before) + 0.5 * since_s * (nu - model_nu)
         return np.concatenate([boxplus(eta, map_from_body(eta[2] + 0.5 * way[2]) @ way), nu, x[6:9]])

@@ -174,8 +174,8 @@ class Ekf:
         mean, cov = self._predict(belief, effort, row)
         y, s, w = [], [], []
         for name in self.use:
-            mean, cov, *one = self._correct(name, mean, cov, getattr(tick.sensors, name))
-            y, s, w = [*y, one[0]], [*s, one[1]], [*w, one[2]]
+            mean, cov, *innovation = self._correct(name, mean, cov, getattr(tick.sensors, name))
+            y, s, w = [*y, innovation[0]], [*s, innovation[1]], [*w, innovation[2]]
         after = Belief(tick.t_ns, mean, cov, effort.last, drivetrain)
         belief = chosen(row.new, after, belief)
         innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
@@ -226,7 +226,7 @@ class Ekf:
         take = came if limit == INF else came & (np.sum(update.e**2) <= limit)
         mean = np.where(take, boxplus(mean, update.move), mean)
         S = mirrored(H @ cov @ H.T + Q)
-        y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
+        y, w = (np.where(came, x, np.nan) for x in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
         return mean, np.where(take, update.cov, cov), y, S, w
 
     def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
@@ -240,9 +240,9 @@ class Ekf:
         """Return the predicted measurement, (m,).  (7)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         if old_s is not None:
-            turned = old_s * nu[2]
-            way = map_from_body(eta[2] - 0.5 * turned) @ (old_s * nu)
-            eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turned])
+            turn = old_s * nu[2]
+            way = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
+            eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turn])
             nu = nu - old_s * nu_dot
         return sensor.h(Motion(eta, nu, nu_dot, self.vehicle.gravity(eta[2])))
 

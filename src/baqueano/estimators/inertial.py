@@ -91,8 +91,8 @@ class Inertial:
         psi = s.eta[2] + turn
         ahead = -0.5 * s.v * s.moving * dt_s if calm else v * dt_s
         eta = np.array([s.eta[0] + ahead * np.cos(psi), s.eta[1] + ahead * np.sin(psi), psi])
-        moving, roamed = (0.0, s.roamed + s.moving**3 / 12.0) if calm else (s.moving + 1.0, s.roamed)
-        state = InertialBelief(tick.t_ns, since_ns, rest, mean, spread, eta, v, omega, moving, roamed)
+        moving, wander = (0.0, s.roamed + s.moving**3 / 12.0) if calm else (s.moving + 1.0, s.roamed)
+        state = InertialBelief(tick.t_ns, since_ns, rest, mean, spread, eta, v, omega, moving, wander)
         return state, Estimate(tick.t_ns, eta, np.array([v, 0.0, omega]), _cov(state, dt_s))
 
 
@@ -101,8 +101,8 @@ def _cov(s: InertialBelief, dt_s: float) -> Value:
     cov = np.zeros((6, 6))
     if s.rest > 2.0:
         var = s.spread / (s.rest - 1.0)
-        grown = dt_s * dt_s * (s.moving + s.moving * s.moving / s.rest)
-        cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * grown, var[0] * grown, var[2]
+        growth = dt_s * dt_s * (s.moving + s.moving * s.moving / s.rest)
+        cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * growth, var[0] * growth, var[2]
         way = s.roamed + s.moving**3 / 3.0 + s.moving**4 / (4.0 * s.rest)
         cov[0, 0] = cov[1, 1] = var[0] * dt_s**4 * way
     return cov

@@ -70,18 +70,18 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     has_reading = np.zeros(len(times))
     has_reading[at] = 1.0
 
-    def repeated(x: Value) -> Value:
+    def repeat(x: Value) -> Value:
         return np.repeat(np.broadcast_to(x, (len(t_ns), *np.shape(x)[1:])), counts, axis=0)
 
     slots = (
         Slot(
-            has_reading * repeated(slot.has),
-            has_reading[:, None] * repeated(slot.z),
-            has_reading * repeated(slot.age_s),
+            has_reading * repeat(slot.has),
+            has_reading[:, None] * repeat(slot.z),
+            has_reading * repeat(slot.age_s),
         )
         for slot in ticks.sensors
     )
-    columns: Value = (times, repeated(ticks.u), type(ticks.sensors)(*slots))
+    columns: Value = (times, repeat(ticks.u), type(ticks.sensors)(*slots))
     return Tick(*columns), at
 
 

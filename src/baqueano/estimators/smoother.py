@@ -84,12 +84,12 @@ def backward(passed: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
     GP = G @ P
     C = np.swapaxes(_inverse(P_bar) @ GP, 1, 2)
     remainder, R = np.eye(mean.shape[1]) - C @ G, P_bar - GP @ np.swapaxes(G, 1, 2)
-    alone = remainder @ P @ np.swapaxes(remainder, 1, 2) + C @ R @ np.swapaxes(C, 1, 2)
+    own_cov = remainder @ P @ np.swapaxes(remainder, 1, 2) + C @ R @ np.swapaxes(C, 1, 2)
     for k in reversed(range(len(C))):
         gap = mean[k + 1] - passed.ahead[k + 1]
         gap[HEADING] = wrap(gap[HEADING])
         mean[k] = boxplus(mean[k], C[k] @ gap)
-        cov[k] = mirrored(alone[k] + C[k] @ cov[k + 1] @ C[k].T)
+        cov[k] = mirrored(own_cov[k] + C[k] @ cov[k + 1] @ C[k].T)
     return mean, cov
 
 

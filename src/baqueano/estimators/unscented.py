@@ -145,7 +145,7 @@ class Unscented:
             return np.concatenate([eta, nu, f(nu, effort.last, eta[2]) + fade * a_d])
 
         centre = g(belief.mean)
-        spread_points = spread(lambda x: _apart(g(x), centre), Gaussian(belief.mean, belief.cov))
+        spread_points = spread(lambda x: _difference(g(x), centre), Gaussian(belief.mean, belief.cov))
         noise = [
             unmoved_cov(row, belief.mean, belief.cov),
             self.process_noise_cov * (row.dt_s * self.rate_hz),
@@ -176,11 +176,11 @@ class Unscented:
         take = came & (np.sum(update.e**2) <= gate(self.gate_sigma, len(y)))
         mean = np.where(take, boxplus(x.mean, spread_points.root @ update.move), x.mean)
         cov = np.where(take, mirrored(spread_points.root @ update.cov @ spread_points.root.T), x.cov)
-        y, w = (np.where(came, one, np.nan) for one in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
+        y, w = (np.where(came, x, np.nan) for x in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
         return Gaussian(mean, cov), y, mirrored(spread_points.odd @ spread_points.odd.T + Q), w
 
 
-def _apart(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _difference(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """x ⊟ y (n,)."""
     d = x - y
     return np.concatenate([d[:2], np.array([wrap(d[2])]), d[3:]])

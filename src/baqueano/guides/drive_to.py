@@ -93,8 +93,8 @@ class DriveTo:
         """Return the pose and the velocity on the way.  (3)"""
         began = state.t_ns >= 0
         start = np.where(began, state.start, estimate.eta)
-        planned, goal = self._nearest(estimate.eta)
-        way = DubinsWay(*(np.where(began, a, b) for a, b in zip(state.way, planned, strict=True)))
+        plan, goal = self._nearest(estimate.eta)
+        way = DubinsWay(*(np.where(began, a, b) for a, b in zip(state.way, plan, strict=True)))
         goal = np.where(began, state.goal, goal)
         dt_s = np.where(began, seconds(estimate.t_ns, state.t_ns), 0.0)
         ahead = goal[2]
@@ -107,15 +107,15 @@ class DriveTo:
             np.minimum(v, self.speed_m_s), np.sqrt(goal[1] ** 2 + 2.0 * self.acceleration_m_s2 * rest_m)
         )
         sigma_m = np.minimum(state.sigma_m + np.maximum(v, SLOWEST_M_S) * dt_s, way.length_m)
-        done: Value = np.where(sigma_m >= way.length_m, 1.0, 0.0)
+        is_over: Value = np.where(sigma_m >= way.length_m, 1.0, 0.0)
         back = 0.5 * np.pi * (1.0 - ahead)  # of the body against its course
         course = np.array([start[0], start[1], start[2] - back])
         pose, kappa = pose_at(course, way, sigma_m, self.radius_m)
         eta = np.array([pose[0], pose[1], wrap(pose[2] + back)])
-        v_r = np.where(done > 0.0, 0.0, v)
+        v_r = np.where(is_over > 0.0, 0.0, v)
         nu = np.array([ahead * v_r, 0.0 * v_r, kappa * v_r])
         now = DriveToState(estimate.t_ns, start, way, goal, sigma_m, v)
-        return now, Reference(estimate.t_ns, eta, nu, done)
+        return now, Reference(estimate.t_ns, eta, nu, is_over)
 
     def _nearest(self, eta: Value) -> tuple[DubinsWay, Value]:
         """Return the way to the nearest goal, and what is there.  (1)"""
@@ -124,9 +124,9 @@ class DriveTo:
         x, y, psi = self.goals.T
         ways = shortest((eta[0], eta[1], eta[2] - back), (x, y, psi - back), self.radius_m)
         off = eta - self.goals[0]
-        there = (np.hypot(off[0], off[1]) < NEAR_M) & (np.abs(wrap(off[2])) < NEAR_RAD)
+        at_goal = (np.hypot(off[0], off[1]) < NEAR_M) & (np.abs(wrap(off[2])) < NEAR_RAD)
         best = DubinsWay(*(field[..., 0] for field in ways))
-        best = best._replace(length_m=np.where(there, 0.0, best.length_m))
+        best = best._replace(length_m=np.where(at_goal, 0.0, best.length_m))
         goal = np.array([self.tau_s[0], np.abs(self.v_m_s[0]), ahead[0]])
         for k in range(1, len(self.goals)):
             way = DubinsWay(*(field[..., k] for field in ways))

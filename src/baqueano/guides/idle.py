@@ -46,5 +46,5 @@ class Idle:
     def step(self, state: IdleState, estimate: Estimate) -> tuple[IdleState, Reference]:
         """Return the pose of the vehicle, at rest."""
         start = estimate.t_ns if state.t_ns < 0 else state.t_ns
-        done = estimate.t_ns - start + TOLERANCE_NS >= self.duration_s * NANOSECONDS
-        return IdleState(start), Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(done))
+        is_over = estimate.t_ns - start + TOLERANCE_NS >= self.duration_s * NANOSECONDS
+        return IdleState(start), Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(is_over))

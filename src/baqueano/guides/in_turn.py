@@ -78,20 +78,20 @@ class InTurn:
         """Return the reference of the one that leads.  (1)"""
         first, led = self.first.step(state.first, estimate)
         over: Value = np.where((state.over > 0.0) | (led.done > 0.0), 1.0, 0.0)
-        begun = _either(state.over > 0.0, state.second, self._entry(first, estimate))
-        second, then = self.second.step(begun, estimate)
-        chosen = _either(over > 0.0, then, led._replace(done=0.0 * led.done))
-        kept = _either(state.over > 0.0, state.first, first)
-        return InTurnState(kept, _either(over > 0.0, second, state.second), over), chosen
+        entry = _either(state.over > 0.0, state.second, self._entry(first, estimate))
+        second, then = self.second.step(entry, estimate)
+        reference = _either(over > 0.0, then, led._replace(done=0.0 * led.done))
+        first_state = _either(state.over > 0.0, state.first, first)
+        return InTurnState(first_state, _either(over > 0.0, second, state.second), over), reference
 
     def _entry(self, first: Tree, estimate: Estimate) -> Tree:
         """Return the state at which the second begins.  (2)"""
         if not self.joins:
             return self.second.init()
         tau_s = first.goal[0]
-        joined = optional.of(self.second, "joined")
-        if joined is not None:
-            return joined(estimate.t_ns, tau_s)
+        entry_at = optional.of(self.second, "joined")
+        if entry_at is not None:
+            return entry_at(estimate.t_ns, tau_s)
         before = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))
         return self.second.step(self.second.init(), before)[0]
 

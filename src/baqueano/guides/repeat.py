@@ -98,11 +98,11 @@ class Repeat:
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
         laps = self.laps if self.closed else 1
-        done: Value = np.where(t >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
-        phase = np.where(done > 0.0, period, t - period * np.floor(t / period))
+        is_over: Value = np.where(t >= laps * period, 1.0, 0.0) if laps > 0 else 0.0
+        phase = np.where(is_over > 0.0, period, t - period * np.floor(t / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
-        nu = [np.where(done > 0.0, 0.0, np.interp(phase, self.t_s, self.nu[:, i])) for i in range(3)]
-        reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), np.array(nu), done)
+        nu = [np.where(is_over > 0.0, 0.0, np.interp(phase, self.t_s, self.nu[:, i])) for i in range(3)]
+        reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), np.array(nu), is_over)
         return RepeatState(start_ns), reference
 
 
@@ -118,11 +118,11 @@ def with_laps(guide: Guide, laps: int) -> Guide:
     try:
         if is_dataclass(type(guide)):
             return replace(guide, laps=laps)  # pyright: ignore[reportArgumentType, reportCallIssue]
-        other: Tree = copy(guide)
-        other.laps = laps
+        guide_of_laps: Tree = copy(guide)
+        guide_of_laps.laps = laps
     except (AttributeError, TypeError, ValueError) as error:
         kind = type(guide).__name__
         raise UsageError(
             fault("route.laps-kept", kind=kind, before=before, laps=laps, cause=error)
         ) from error
-    return other
+    return guide_of_laps

@@ -76,24 +76,24 @@ class RepeatByProgress(Repeat):
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
         pace = self._pace(phase, estimate)
         tau_s = np.clip(state.tau_s + pace * dt_s, 0.0, end)
-        done: Value = np.where(tau_s >= end, 1.0, 0.0)
-        phase = np.where(done > 0.0, period, tau_s - period * np.floor(tau_s / period))
+        is_over: Value = np.where(tau_s >= end, 1.0, 0.0)
+        phase = np.where(is_over > 0.0, period, tau_s - period * np.floor(tau_s / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
-        forward = np.where(done > 0.0, 0.0, np.maximum(pace, 0.0))
+        forward = np.where(is_over > 0.0, 0.0, np.maximum(pace, 0.0))
         nu = forward * np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
-        reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, done)
+        reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, is_over)
         return ProgressState(estimate.t_ns, tau_s), reference
 
     def _pace(self, phase: Value, estimate: Estimate) -> Value:
         """Return τ̇, at the time `phase` [s] of a lap.  (1)-(3)"""
         s, (behind_s, front) = self._way(), self._window()
-        eta, at, there = self.eta, s, 1.0
+        eta, at, exists = self.eta, s, 1.0
         if behind_s + front + 2 < len(s):
             number = np.arange(len(s), dtype=float)
             k = np.floor(np.interp(phase, self.t_s, number)) + np.arange(-behind_s, front + 2)
             if self.closed:
                 k = k - (len(s) - 1) * np.floor(k / (len(s) - 1))  # the last point is the first one again
-            there = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
+            exists = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
             eta = np.stack([np.interp(k, number, column) for column in self.eta.T], axis=1)
             at = np.interp(k, number, s)
         behind = np.interp(phase, self.t_s, s) - at  # (k,) d, if the vehicle is at each of these points
@@ -101,9 +101,9 @@ class RepeatByProgress(Repeat):
             behind = behind - s[-1] * np.floor(behind / s[-1] + 0.5)
         off = (eta[:, 0] - estimate.eta[0]) ** 2 + (eta[:, 1] - estimate.eta[1]) ** 2
         off = off + (HEADING_M * wrap(eta[:, 2] - estimate.eta[2])) ** 2
-        off = np.where((np.abs(behind) <= self.reach_m) & (there > 0.0), off, FAR)
-        here = off <= np.min(off)
-        d = np.sum(np.where(here, behind, 0.0)) / np.sum(np.where(here, 1.0, 0.0))
+        off = np.where((np.abs(behind) <= self.reach_m) & (exists > 0.0), off, FAR)
+        nearest = off <= np.min(off)
+        d = np.sum(np.where(nearest, behind, 0.0)) / np.sum(np.where(nearest, 1.0, 0.0))
         slack = self.slack_m + self.slack_s * np.abs(np.interp(phase, self.t_s, self.nu[:, 0]))
         late = 1.0 - np.maximum(d - slack, 0.0) / self.wait_m
         early = np.maximum(-d - slack, 0.0) / self.wait_m

@@ -161,22 +161,22 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     quarter = 0.5 * np.pi * corner_m
     pieces = [(a / 2, 0.0), (quarter, 1.0), (b, 0.0), (quarter, 1.0), (a, 0.0), (quarter, 1.0), (b, 0.0)]
     pieces += [(quarter, 1.0), (a / 2, 0.0)]
-    x, y, psi, travelled = 0.0, 0.0, 0.0, 0.0
+    x, y, psi, way_m = 0.0, 0.0, 0.0, 0.0
     rows = []
-    for length, left in pieces:
+    for length, turn_sign in pieces:
         s = np.linspace(0.0, length, max(2, int(np.ceil(length / 0.01))))
-        turn = left / corner_m * s
-        if left:
+        turn = turn_sign / corner_m * s
+        if turn_sign:
             dx, dy = corner_m * np.sin(turn), corner_m * (1.0 - np.cos(turn))
         else:
             dx, dy = s, np.zeros_like(s)
         xs = x + np.cos(psi) * dx - np.sin(psi) * dy
         ys = y + np.sin(psi) * dx + np.cos(psi) * dy
         rows.append(
-            np.column_stack([travelled + s, xs, ys, psi + turn, np.full_like(s, left / corner_m)])[:-1]
+            np.column_stack([way_m + s, xs, ys, psi + turn, np.full_like(s, turn_sign / corner_m)])[:-1]
         )
-        x, y, psi, travelled = xs[-1], ys[-1], psi + turn[-1], travelled + length
-    rows.append(np.array([[travelled, x, y, psi, 0.0]]))
+        x, y, psi, way_m = xs[-1], ys[-1], psi + turn[-1], way_m + length
+    rows.append(np.array([[way_m, x, y, psi, 0.0]]))
     table = np.concatenate(rows)
     nu = np.column_stack([np.full(len(table), speed_m_s), np.zeros(len(table)), table[:, 4] * speed_m_s])
     return Route(table[:, 0] / speed_m_s, from_start(table[:, 1:4]), nu, True)
@@ -202,7 +202,7 @@ def line(length_m: float, speed_m_s: float) -> Route:
     >>> line(2.0, 0.2)
     Route(201 poses, 10.0 s, 2.00 m, open)
     """
-    return _bent(np.zeros(_points(length_m)), length_m, speed_m_s)
+    return _of_curvature(np.zeros(_points(length_m)), length_m, speed_m_s)
 
 
 def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Route:
@@ -235,9 +235,9 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     """
     x = np.linspace(0.0, length_m, POINTS)
     k, a = 2.0 * np.pi * waves / length_m, 0.5 * width_m
-    one, none = np.ones(POINTS), np.zeros(POINTS)
+    unit, none = np.ones(POINTS), np.zeros(POINTS)
     p = np.column_stack([x, a * (1.0 - np.cos(k * x))])
-    p1, p2 = np.column_stack([one, a * k * np.sin(k * x)]), np.column_stack([none, a * k**2 * np.cos(k * x)])
+    p1, p2 = np.column_stack([unit, a * k * np.sin(k * x)]), np.column_stack([none, a * k**2 * np.cos(k * x)])
     return route_of_curve(p, p1, p2, x, speed_m_s, closed=False)
 
 
@@ -269,7 +269,7 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
     [0.6  0.6  1.57]
     """
     part = np.linspace(0.0, 1.0, _points(length_m))
-    return _bent(2.0 * turn_rad / length_m * (1.0 - np.abs(2.0 * part - 1.0)), length_m, speed_m_s)
+    return _of_curvature(2.0 * turn_rad / length_m * (1.0 - np.abs(2.0 * part - 1.0)), length_m, speed_m_s)
 
 
 def _points(length_m: float) -> int:
@@ -279,7 +279,7 @@ def _points(length_m: float) -> int:
     return max(3, round(100.0 * length_m) + 1)
 
 
-def _bent(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
+def _of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
     """Return the path with the curvatures (m,) [1/m] at even places of its length, by the midpoint rule."""
     s = np.linspace(0.0, length_m, len(kappa))
     psi = np.append(0.0, np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s)))

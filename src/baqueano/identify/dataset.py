@@ -61,7 +61,7 @@ class Dataset:
     @property
     def is_usable(self) -> bool:
         """Return False where the data alone refuse a fit."""
-        return not any(one.severity == Severity.ERROR for one in self.findings)
+        return not any(finding.severity == Severity.ERROR for finding in self.findings)
 
 
 def dataset(
@@ -178,7 +178,7 @@ def sensors_of(
         if not use:
             raise _nothing_in_common(names_of_file, runs)
     sensors, only = file.sensors, _channels(use)
-    names = list(dict.fromkeys(one.partition("[")[0] for one in use))
+    names = list(dict.fromkeys(channel.partition("[")[0] for channel in use))
     if TRUTH in names:
         runs, sensors = with_truth(runs, sensors)
     for name in names:
@@ -193,7 +193,7 @@ def sensors_of(
 def _nothing_in_common(names: Sequence[str], runs: list[Run]) -> UsageError:
     """Return the error for runs in which no sensor of the file, all of them `names`, is read in every run."""
     read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
-    name = max(names, key=lambda one: sum(one in has for has in read), default="")
+    name = max(names, key=lambda name: sum(name in has for has in read), default="")
     without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
     if len(without) < len(runs):
         empty = all(name in run.sensors for run in runs)  # what was recorded and never read can be believed
@@ -205,11 +205,11 @@ def _nothing_in_common(names: Sequence[str], runs: list[Run]) -> UsageError:
 def _channels(use: Sequence[str]) -> dict[str, list[int]]:
     """Sensor → channels, of "imu[2]" and the like; sensors that are named whole are not among them."""
     only: dict[str, list[int]] = {}
-    for one in use:
-        name, bracket, entry = one.partition("[")
+    for channel in use:
+        name, bracket, entry = channel.partition("[")
         if bracket and name not in use:
             if not entry.rstrip("]").isdigit():
-                raise UsageError(fault("use.unreadable", found=one))
+                raise UsageError(fault("use.unreadable", found=channel))
             only.setdefault(name, []).append(int(entry.rstrip("]")))
     return only
 

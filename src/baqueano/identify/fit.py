@@ -102,8 +102,8 @@ def identify(
     if own and options.gyro_leads:
         raise UsageError(fault("imu-only.others", others=["residuals"]))
     if not own and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
-        how = {"options": options, "solver": solver, "say": say}
-        return imu_only.fit_imu_only(runs, vehicle_file, free, use, **how)
+        settings = {"options": options, "solver": solver, "say": say}
+        return imu_only.fit_imu_only(runs, vehicle_file, free, use, **settings)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
     problem = residuals.of(parameters, options.backend)
@@ -111,8 +111,10 @@ def identify(
     steps = None if end.stopped else duty_step(parameters.blocks, end.problem, end.solution.theta)
     if steps is None:
         return conclude(data, parameters, task, end, options)
-    stepped = vehicle_file.with_values({PATH: 1.0 / steps})
-    fit = identify(runs, stepped, free, use=use, options=options, residuals=residuals, solver=solver, say=say)
+    stepped_file = vehicle_file.with_values({PATH: 1.0 / steps})
+    fit = identify(
+        runs, stepped_file, free, use=use, options=options, residuals=residuals, solver=solver, say=say
+    )
     return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
 
 

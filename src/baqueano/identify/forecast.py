@@ -91,12 +91,15 @@ class Forecast(Result):
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per drive, SI."""
-        return [one._asdict() | {"drive": text(one.drive), "text": text(one.message)} for one in self.ahead]
+        return [
+            ahead._asdict() | {"drive": text(ahead.drive), "text": text(ahead.message)}
+            for ahead in self.ahead
+        ]
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """Return a sentence per drive, then what is not in them."""
-        return (*texts(one.message for one in self.ahead), *map(ended, texts(self.notes)))
+        return (*texts(ahead.message for ahead in self.ahead), *map(ended, texts(self.notes)))
 
     def table(self) -> str:
         """Return the sentences, for people."""
@@ -155,23 +158,23 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     cov = fit.cov[np.ix_(entries, entries)]
     theta = np.array([value(fit.blocks, path) for path in paths])
     kernel = _kernel(fit, paths, theta)
-    driven = [_driven(kernel, theta, record.dt_s, record.u) for record in (record_of(r, {}) for r in runs)]
-    ahead: list[Ahead] = [_as_the_runs(driven, cov)]
+    drives = [_drive(kernel, theta, record.dt_s, record.u) for record in (record_of(r, {}) for r in runs)]
+    ahead: list[Ahead] = [_as_the_runs(drives, cov)]
     notes: list[Diagnostic | str] = []
-    lap, why = _lap(fit, paths, theta, _drawn(driven) if route is None else route)
+    lap, reason = _lap(fit, paths, theta, _route_of(drives) if route is None else route)
     if lap is None:
-        notes.append(why)
+        notes.append(reason)
     else:
         title = note("forecast.lap") if route else note("forecast.lap-of-circle")
         title = note("forecast.lap-of", name=name) if name else title
-        ahead.append(_whole(title, _driven(kernel, theta, *lap), cov))
+        ahead.append(_whole(title, _drive(kernel, theta, *lap), cov))
         notes += _beyond(fit, lap[1])
-    if not np.isfinite([one[1:] for one in ahead]).all():
+    if not np.isfinite([ahead[1:] for ahead in ahead]).all():
         raise UsageError(fault("forecast.ran-away"))
     if fit.unobservable:
         notes.append(note("forecast.unseen-exact"))
     notes.append(note("forecast.more-errors"))
-    return Forecast(tuple(ahead), tuple(one for one in notes if one))
+    return Forecast(tuple(ahead), tuple(message for message in notes if message))
 
 
 def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
@@ -189,52 +192,55 @@ def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
     return scan(step, start, np.zeros(1 + blocks.model.commands), theta, backend=fit.backend)
 
 
-def _driven(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _ModelDrive:
+def _drive(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _ModelDrive:
     eta, slopes = kernel.sensitivities(np.ascontiguousarray(np.column_stack([dt_s, u])), theta)
     return _ModelDrive(np.cumsum(dt_s), np.asarray(eta), np.asarray(slopes), u)
 
 
-def _as_the_runs(driven: Sequence[_ModelDrive], cov: np.ndarray) -> Ahead:
+def _as_the_runs(drives: Sequence[_ModelDrive], cov: np.ndarray) -> Ahead:
     """Return the root mean square over the windows of the runs.  (3)"""
-    longest_s = max(float(one.t_s[-1] - one.t_s[0]) for one in driven)
+    longest_s = max(float(drive.t_s[-1] - drive.t_s[0]) for drive in drives)
     ahead_s = min(AHEAD_S, 0.999 * longest_s)
     squares, ways = [], []
-    for one in driven:
-        a = np.unique(np.searchsorted(one.t_s, np.arange(one.t_s[0], one.t_s[-1] - ahead_s, STEP_S)))
-        b = np.minimum(np.searchsorted(one.t_s, one.t_s[a] + ahead_s), len(one.t_s) - 1)
-        moved = np.concatenate([[0], np.cumsum(np.any(one.u != 0.0, axis=1))])
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(one.eta[:, :2], axis=0).T))])
+    for drive in drives:
+        a = np.unique(np.searchsorted(drive.t_s, np.arange(drive.t_s[0], drive.t_s[-1] - ahead_s, STEP_S)))
+        b = np.minimum(np.searchsorted(drive.t_s, drive.t_s[a] + ahead_s), len(drive.t_s) - 1)
+        moving_ticks = np.concatenate([[0], np.cumsum(np.any(drive.u != 0.0, axis=1))])
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(drive.eta[:, :2], axis=0).T))])
         for i, j in zip(a, b, strict=True):
-            if moved[j] - moved[i] >= DRIVEN * (j - i):
-                squares.append(_squares(one, i, j, cov))
+            if moving_ticks[j] - moving_ticks[i] >= DRIVEN * (j - i):
+                squares.append(_squares(drive, i, j, cov))
                 ways.append(way[j] - way[i])
     if not squares:  # hardly driven at all: the whole of the longest run
-        return _whole(note("forecast.longest-again"), max(driven, key=lambda one: len(one.u)), cov)
+        return _whole(note("forecast.longest-again"), max(drives, key=lambda drive: len(drive.u)), cov)
     position2, heading2 = np.mean(squares, axis=0).tolist()
     return Ahead(note("forecast.as-the-runs"), ahead_s, float(np.mean(ways)), position2**0.5, heading2**0.5)
 
 
-def _whole(drive: Diagnostic, one: _ModelDrive, cov: np.ndarray) -> Ahead:
-    position2, heading2 = _squares(one, 0, len(one.u) - 1, cov)
-    way = float(np.sum(np.hypot(*np.diff(one.eta[:, :2], axis=0).T)))
-    return Ahead(drive, float(one.t_s[-1]), way, position2**0.5, heading2**0.5)
+def _whole(drive: Diagnostic, model_drive: _ModelDrive, cov: np.ndarray) -> Ahead:
+    position2, heading2 = _squares(model_drive, 0, len(model_drive.u) - 1, cov)
+    way = float(np.sum(np.hypot(*np.diff(model_drive.eta[:, :2], axis=0).T)))
+    return Ahead(drive, float(model_drive.t_s[-1]), way, position2**0.5, heading2**0.5)
 
 
-def _squares(one: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
+def _squares(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
     """Return the variances of position and heading of the pose at row j, seen from that at row i.  (2)"""
-    J = map_from_body(one.eta[i, 2])
-    change = one.slopes[j] - one.slopes[i]
-    way = one.eta[j] - one.eta[i]
-    turned = np.outer(np.array([way[1], -way[0], 0.0]), one.slopes[i, 2])  # ∂(Jᵀ way)/∂ψ_i, in the map
-    slope = J.T @ (change + turned)
+    J = map_from_body(drive.eta[i, 2])
+    change = drive.slopes[j] - drive.slopes[i]
+    way = drive.eta[j] - drive.eta[i]
+    rotation = np.outer(np.array([way[1], -way[0], 0.0]), drive.slopes[i, 2])  # ∂(Jᵀ way)/∂ψ_i, in the map
+    slope = J.T @ (change + rotation)
     square = np.einsum("ip,pq,iq->i", slope, cov, slope)
     return float(max(square[0] + square[1], 0.0)), float(max(square[2], 0.0))
 
 
-def _drawn(driven: Sequence[_ModelDrive]) -> Any:
+def _route_of(drives: Sequence[_ModelDrive]) -> Any:
     """Draw a lap at the speed of the runs: the median of that at which they move."""
     speed = np.concatenate(
-        [np.hypot(*np.diff(one.eta[:, :2], axis=0).T) / np.maximum(np.diff(one.t_s), 1e-9) for one in driven]
+        [
+            np.hypot(*np.diff(drive.eta[:, :2], axis=0).T) / np.maximum(np.diff(drive.t_s), 1e-9)
+            for drive in drives
+        ]
     )
     fast = float(np.median(speed[speed > 0.1 * np.quantile(speed, 0.95)])) if np.any(speed > 0.0) else PACE
     fast = float(f"{fast:.1g}")
@@ -256,8 +262,8 @@ def _lap(
         )  # fmt: skip
         t_ns = times(ticks_of(system, file.rate_hz), file.rate_hz)
         start = begin(system, start_of(system))
-    except (BaqueanoError, ValueError, AttributeError, TypeError) as why:  # a vehicle of somebody's own
-        return None, note("forecast.no-controller", error=str(why))
+    except (BaqueanoError, ValueError, AttributeError, TypeError) as error:  # a vehicle of somebody's own
+        return None, note("forecast.no-controller", error=str(error))
     _, (u, eta, reference) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)
     size_m = 0.5 * float(np.max(np.ptp(np.asarray(route.eta)[:, :2], axis=0)))
     off = float(np.sqrt(np.mean(np.sum((eta[:, :2] - reference[:, :2]) ** 2, axis=1))))

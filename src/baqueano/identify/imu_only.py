@@ -76,8 +76,8 @@ def fit_imu_only(
     else the file's only one. `tolerance` {"gyro": 0.01, "accel": 0.02}: how far the scales may be off, ± parts of 1;
     left out: what the file tells of their calibration, else a data sheet's 3 % and 2 %. UsageError without an IMU.
     """
-    if others := _others(options):
-        raise UsageError(fault("imu-only.others", others=others))
+    if names := _other_options(options):
+        raise UsageError(fault("imu-only.others", others=names))
     imu = _imu(vehicle_file, use)
     scales = scales_of(vehicle_file, imu, tolerance or {})
     data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
@@ -92,7 +92,7 @@ def fit_imu_only(
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
     begin = parameters.first, parameters.low, parameters.high
     task = Task(problem, *begin, floor, None, by_speed=True, say=say, minimise=solver)
-    within, result = _settled(task)
+    within, result = _settle(task)
     result, identifiability, info = fix_unidentifiable(within, result, parameters.free)
     result = bounds_of(task, result)
     info = _with_all_errors(result, identifiability, info, (scales, zero))
@@ -107,24 +107,24 @@ def fit_imu_only(
     return _with_notes(fit, imu, scales)
 
 
-def _settled(task: Task) -> tuple[Task, Search]:
+def _settle(task: Task) -> tuple[Task, Search]:
     """The search that stays where it is: neither the yaw rate that leads nor the delay is another one for it."""
     within, end = best_search_of_all(task, task.first)
     for _ in range(FOLLOWED):
-        end = _followed(within, end)
-        task, within = (one._replace(problem=end.problem) for one in (task, within))
+        end = _follow_gyro(within, end)
+        task, within = (part._replace(problem=end.problem) for part in (task, within))
         if end.stopped or DELAY not in task.problem.shape.shared:
             break
         before, count = end.solution.theta, end.evaluations
         within, end = best_search_of_all(task, before)
         count += end.evaluations
         end = end._replace(evaluations=count)
-        if _still(before, end):
+        if _is_settled(before, end):
             break
     return within, end
 
 
-def _followed(task: Task, end: Search) -> Search:
+def _follow_gyro(task: Task, end: Search) -> Search:
     """The search led by what gyro and model know together, until that stays what it is."""
     problem, count = end.problem, end.evaluations
     assert isinstance(problem, GyroAidedResiduals)
@@ -133,19 +133,22 @@ def _followed(task: Task, end: Search) -> Search:
         problem = problem.following(before)
         end = search(task._replace(problem=problem), before, None, end)
         count += end.evaluations
-        if end.stopped or _still(before, end):
+        if end.stopped or _is_settled(before, end):
             break
     return end._replace(evaluations=count)
 
 
-def _still(before: np.ndarray, end: Search) -> bool:
+def _is_settled(before: np.ndarray, end: Search) -> bool:
     """Return True if a search moved the parameters from `before` (p,) by less than chance, all together."""
     step = end.solution.theta - before
     return float(step @ information(end.problem, end.solution.theta).bread @ step) < STILL**2
 
 
 def _with_all_errors(
-    end: Search, identifiability: Identifiability, info: Information, unknown: tuple[np.ndarray, float]
+    end: Search,
+    identifiability: Identifiability,
+    info: Information,
+    unknown_columns: tuple[np.ndarray, float],
 ) -> Information:
     """The information, less by what parts of the run disagree about and by what scales and zero may be off."""
     problem, theta, identifiable = (
@@ -156,7 +159,7 @@ def _with_all_errors(
     assert isinstance(problem, GyroAidedResiduals)
     cov = jackknife(problem, theta, identifiable, info.bread)
     info = info if cov is None else with_blocks(info, identifiable, cov)
-    return with_systematic(info, lambda *changed: problem.slope(theta, *changed), *unknown)
+    return with_systematic(info, lambda *columns: problem.slope(theta, *columns), *unknown_columns)
 
 
 def gyro_leads(
@@ -166,10 +169,10 @@ def gyro_leads(
     """Return whether the gyro leads the fit: where the options say so, else of a car that has an IMU alone."""
     if options.gyro_leads is not None:
         return options.gyro_leads
-    return not _others(options) and imu_is_all(file, runs, use, free)
+    return not _other_options(options) and imu_is_all(file, runs, use, free)
 
 
-def _others(options: FitOptions) -> list[str]:
+def _other_options(options: FitOptions) -> list[str]:
     """Return the names of options that do not go with a gyro that leads."""
     return [name for name in options.changed if name not in GOES_WITH]
 
@@ -207,12 +210,12 @@ def _requested_parameters(
 ) -> list[Free]:
     """Return what is fitted: what is asked for, and the IMU's place along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
-    fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
+    is_fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if acts_alone(blocks.model):
         free = requested_paths(free, lambda: [*default_free(blocks), DELAY])
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
     requested = free_parameters(blocks, free, options.fixed, bounds)
-    if not fixed and lever not in [one.path for one in requested]:
+    if not is_fixed and lever not in [parameter.path for parameter in requested]:
         requested.append(described(blocks, lever, options.bounds))
     return requested
 

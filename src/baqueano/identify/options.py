@@ -91,5 +91,5 @@ class FitOptions:
     def changed(self) -> tuple[str, ...]:
         """Return the names of the options that differ from their defaults."""
         plain = FitOptions()
-        both = [(one.name, getattr(self, one.name), getattr(plain, one.name)) for one in fields(self)]
-        return tuple(name for name, mine, default in both if mine != default and (mine or default))
+        both = [(entry.name, getattr(self, entry.name), getattr(plain, entry.name)) for entry in fields(self)]
+        return tuple(name for name, value, default in both if value != default and (value or default))

@@ -142,10 +142,10 @@ class ParameterHistory(Result):
         return "\n".join([*lines, *self._sentences()])
 
     def _sentences(self) -> list[str]:
-        out = [f"- {text(one.message)}" for one in self.moved]
+        out = [f"- {text(change.message)}" for change in self.moved]
         out += [f"- {text(note('over-time.refused', subject=run))}" for run in self.refused]
-        still = _("no parameter changed beyond its error bars over {runs} runs", runs=len(self.runs))
-        summary = _("{moved} parameters changed", moved=len(self.moved)) if self.moved else still
+        constant = _("no parameter changed beyond its error bars over {runs} runs", runs=len(self.runs))
+        summary = _("{moved} parameters changed", moved=len(self.moved)) if self.moved else constant
         return [*out, f"{_(self.verdict)}: {summary}"]
 
 
@@ -163,10 +163,10 @@ class Drift:
     def rows(self) -> list["TableRow"]:
         """One flat row per parameter that moved."""
         keys = ("name", "unit", "how", "before", "before_sd", "after", "after_sd", "z")
-        out = [one._asdict() for one in self.followed.moved]
+        out = [change._asdict() for change in self.followed.moved]
         return [
-            {key: one[key] for key in keys} | {"from_run": one["between"][0], "to_run": one["between"][1]}
-            for one in out
+            {key: row[key] for key in keys} | {"from_run": row["between"][0], "to_run": row["between"][1]}
+            for row in out
         ]
 
     def table(self) -> str:
@@ -190,19 +190,19 @@ def parameter_history(
         raise UsageError(fault("over-time.few-runs", count=len(runs)))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
         runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
-    fits, refused = [], []
+    fits, refusals = [], []
     for run in runs:
         if say is not None:
             say(_("fitting {run}, {duration_s:.0f} s", run=run.name, duration_s=run.duration_s))
         fit = identify(run, vehicle_file, free, use=use, options=options)
-        refused += [run.name] if fit.verdict == Verdict.REFUSED else []
+        refusals += [run.name] if fit.verdict == Verdict.REFUSED else []
         fits.append(fit)
     good = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(good) < 2:
         raise UsageError(
-            fault("over-time.few-fits", typed("identify", refused[0]), good=len(good), count=len(fits))
+            fault("over-time.few-fits", typed("identify", refusals[0]), good=len(good), count=len(fits))
         )
-    return followed(fits, tuple(refused), [_when(run) for run in runs])
+    return followed(fits, tuple(refusals), [_when(run) for run in runs])
 
 
 def followed(
@@ -217,22 +217,23 @@ def followed(
         if fit.runs[0] not in refused:
             single[k], single_sd[k], covs[k] = fit.estimate, fit.sd, fit.cov
     walk = np.array([_most_likely_walk(single[:, i], single_sd[:, i]) for i in range(p)])
-    filtered, cov, smoothed = _smoothed(single, covs, walk)
-    moved = [
-        one
+    filtered, cov, smooth = _smooth(single, covs, walk)
+    changes = [
+        change
         for i in range(p)
-        if (one := _moved(first.names[i], first.units[i], runs, single[:, i], single_sd[:, i], p)) is not None
+        if (change := _change(first.names[i], first.units[i], runs, single[:, i], single_sd[:, i], p))
+        is not None
     ]
-    moved.sort(key=lambda one: -abs(one.z))
+    changes.sort(key=lambda change: -abs(change.z))
     last = [fit for fit in fits if fit.runs[0] not in refused][-1]
     dates = tuple(when) or ("",) * len(fits)
     return ParameterHistory(
-        first.names, first.units, runs, dates, single, single_sd, *filtered, cov, *smoothed, walk,
-        tuple(moved), refused, last,
+        first.names, first.units, runs, dates, single, single_sd, *filtered, cov, *smooth, walk,
+        tuple(changes), refused, last,
     )  # fmt: skip
 
 
-def _smoothed(
+def _smooth(
     single: np.ndarray, covs: np.ndarray, walk: np.ndarray
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """(1) forward, its last covariance (p, p), and back: values and standard errors (K, p) each; NaN before a
@@ -252,8 +253,8 @@ def _smoothed(
             S = P[np.ix_(measured, measured)] + covs[k][np.ix_(measured, measured)]
             gain = np.linalg.solve(S, P[measured]).T
             x = x + gain @ (single[k, measured] - x[measured])
-            kept = np.eye(p) - gain @ H
-            P = kept @ P @ kept.T + gain @ covs[k][np.ix_(measured, measured)] @ gain.T  # Joseph
+            remainder = np.eye(p) - gain @ H
+            P = remainder @ P @ remainder.T + gain @ covs[k][np.ix_(measured, measured)] @ gain.T  # Joseph
         states.append((before, (x, P)))
     back = [states[-1][1]]
     for k in range(K - 2, -1, -1):
@@ -261,9 +262,9 @@ def _smoothed(
         G = np.linalg.solve(P_ahead, P).T
         x_s, P_s = back[0]
         back.insert(0, (x + G @ (x_s - x_ahead), P + G @ (P_s - P_ahead) @ G.T))
-    started = np.maximum.accumulate(np.isfinite(single), axis=0)
+    has_begun = np.maximum.accumulate(np.isfinite(single), axis=0)
     ever = np.tile(np.isfinite(single).any(axis=0), (K, 1))
-    return _columns([s[1] for s in states], started), states[-1][1][1], _columns(back, ever)
+    return _columns([s[1] for s in states], has_begun), states[-1][1][1], _columns(back, ever)
 
 
 def _columns(states: list[tuple[np.ndarray, np.ndarray]], names: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -292,7 +293,7 @@ def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
     return float(WALKS[best] * typical) if costs[0] - costs[best] > 0.5 * QUANTILE_95**2 else 0.0
 
 
-def _moved(
+def _change(
     name: str, unit: str, runs: tuple[str, ...], estimate: np.ndarray, sd: np.ndarray, tests: int
 ) -> ParameterChange | None:
     """The step or drift of one parameter, None if it stayed.  (2)"""
@@ -309,7 +310,7 @@ def _moved(
         z = (after - before) / np.sqrt(v_before + v_after)
         residuals = np.concatenate([y[:k] - before, y[k:] - after])
         steps.append((z, before, v_before, after, v_after, float(np.sum(weight * residuals**2)), k))
-    best = max(steps, key=lambda one: abs(one[0]))
+    best = max(steps, key=lambda step: abs(step[0]))
     if not abs(best[0]) > _limit(ALPHA / (tests * len(steps))):
         return None
     line, line_cost = _line(np.arange(len(at), dtype=float), y, weight)

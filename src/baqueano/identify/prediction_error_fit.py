@@ -58,10 +58,10 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
     if not second.end.search.solution.converged:
         return fit_of(first, basis)
     fit = fit_of(first._replace(floor=second.choice.explains), basis)
-    why = second.choice.why
+    reason = second.choice.why
     if second.choice.cost == "innovations":
-        why = note("cost.try-innovations", fix="--cost innovations", cause=why)
-    return replace(fit, notes=(why, *fit.notes))
+        reason = note("cost.try-innovations", fix="--cost innovations", cause=reason)
+    return replace(fit, notes=(reason, *fit.notes))
 
 
 def fit_by_innovations(first: FinishedFit) -> Fit:
@@ -78,7 +78,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
     return replace(
         fit,
         names=(*fit.names, *paths),
-        units=(*fit.units, *(one.unit for one in free)),
+        units=(*fit.units, *(parameter.unit for parameter in free)),
         start=np.concatenate([fit.start, [value(first.blocks, path) for path in paths]]),
         estimate=np.concatenate([fit.estimate, std]),
         sd=np.sqrt(np.diagonal(cov)),
@@ -101,11 +101,11 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     ]
     inside = np.flatnonzero(inside & (np.diagonal(second.info.bread) > 0.0))
     all_of = covariance_of(second.info, inside)
-    shared = np.array(second.end.in_theta)
-    where = np.r_[shared, np.full(count - len(shared), -1), p + np.arange(k)]
+    shared_entries = np.array(second.end.in_theta)
+    places = np.r_[shared_entries, np.full(count - len(shared_entries), -1), p + np.arange(k)]
     scale = np.r_[np.ones(count), 1.0 / np.maximum(2.0 * std, 1e-300)]
-    of = [n for n, i in enumerate(inside) if i < count + k and where[i] >= 0]
-    at = where[inside[of]]
+    of = [n for n, i in enumerate(inside) if i < count + k and places[i] >= 0]
+    at = places[inside[of]]
     cov[np.ix_(at, at)] = all_of[np.ix_(of, of)] * np.outer(scale[inside[of]], scale[inside[of]])
     cov[:p, :p] = fit.cov
     return cov
@@ -115,10 +115,10 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     """Return the search by the second cost from where the first ended."""
     problem, theta, task = first.task.problem, first.search.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)
-    fixed = np.zeros(problem.size, bool)
-    fixed[: len(first.identifiability.mask)] = ~first.identifiability.mask
-    likely = most_likely(prediction, theta, task.low, task.high, fixed, task.floor, task.say)
-    chosen = choose_objective(
+    is_fixed = np.zeros(problem.size, bool)
+    is_fixed[: len(first.identifiability.mask)] = ~first.identifiability.mask
+    likely = most_likely(prediction, theta, task.low, task.high, is_fixed, task.floor, task.say)
+    choice = choose_objective(
         likely, prediction.axes, _compare_objectives(first, prediction, likely), _times(first, likely)
     )
     with_noise, info = _of_parameters(likely, first)
@@ -132,12 +132,12 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
     blocks, doubts = put(first.blocks, FLOOR, std), first.doubts
-    if chosen.contradicted:
-        doubts = (*doubts, replace(chosen.why, severity=Severity.WARNING))
+    if choice.contradicted:
+        doubts = (*doubts, replace(choice.why, severity=Severity.WARNING))
     second = first._replace(
-        blocks=blocks, search=search, info=info, floor=chosen.explains, filtered=True, doubts=doubts
+        blocks=blocks, search=search, info=info, floor=choice.explains, filtered=True, doubts=doubts
     )
-    return PredictionErrorFit(second, likely, chosen, prediction.axes, with_noise)
+    return PredictionErrorFit(second, likely, choice, prediction.axes, with_noise)
 
 
 def _compare_objectives(
@@ -187,7 +187,9 @@ def _sensors(second: PredictionErrorFit) -> Diagnostic:
     sigma = problem.sigma * np.exp(noise.sensors)
     ends = np.cumsum(problem.sizes)[:-1]
     by_sensor = zip(problem.names, np.split(sigma, ends), strict=True)
-    return note("noise.without-floor", noise="; ".join(f"{name} {_numbers(one)}" for name, one in by_sensor))
+    return note(
+        "noise.without-floor", noise="; ".join(f"{name} {_numbers(values)}" for name, values in by_sensor)
+    )
 
 
 def _numbers(values: Sequence[float] | np.ndarray) -> str:

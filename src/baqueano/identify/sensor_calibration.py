@@ -67,20 +67,20 @@ class Calibration(Result):
 
     def value(self, name: str) -> float:
         """By its name; KeyError if it is not known."""
-        return {one.name: one.value for one in self.numbers}[name]
+        return {entry.name: entry.value for entry in self.numbers}[name]
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons why the verdict is not USABLE."""
         out = []
-        for one in self.numbers:
-            if one.name.endswith("scale") and not one.half < LOOSE * one.value:
-                code = "calibration.turn-more" if "gyro" in one.name else "calibration.drive-further"
-                out.append(note(code, Severity.WARNING, "", one.name, percent=100 * one.half / one.value))
-            if one.name == "clock.truth" and not one.half < CLOCK_LOOSE_S:
-                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * one.half))
-            if one.name == "clock.truth" and abs(one.value) > LARGEST_S - GRID_S:
-                out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=one.value))
+        for item in self.numbers:
+            if item.name.endswith("scale") and not item.half < LOOSE * item.value:
+                code = "calibration.turn-more" if "gyro" in item.name else "calibration.drive-further"
+                out.append(note(code, Severity.WARNING, "", item.name, percent=100 * item.half / item.value))
+            if item.name == "clock.truth" and not item.half < CLOCK_LOOSE_S:
+                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half))
+            if item.name == "clock.truth" and abs(item.value) > LARGEST_S - GRID_S:
+                out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=item.value))
         return tuple(out)
 
     @property
@@ -92,20 +92,20 @@ class Calibration(Result):
         """One flat row per number."""
         return [
             {
-                "name": one.name, "value": one.value, "sd": one.sd, "low": one.value - one.half,
-                "high": one.value + one.half, "unit": one.unit, "in_file": one.in_file, "text": one.words,
+                "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half,
+                "high": entry.value + entry.half, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
             }
-            for one in self.numbers
+            for entry in self.numbers
         ]  # fmt: skip
 
     def table(self) -> str:
         """Return the table as text."""
-        wide = max(len(one.name) for one in self.numbers)
+        wide = max(len(entry.name) for entry in self.numbers)
         lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
-        for one in self.numbers:
-            was = "" if one.in_file is None else f"{number(one.in_file):.4g}"
-            values = f"{number(one.value):>10.4f} ± {number(one.half):>8.2g}  {was:>8}"
-            lines.append(f"{one.name:{wide}}  {values}  {one.unit}  {one.words}")
+        for entry in self.numbers:
+            was = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
+            values = f"{number(entry.value):>10.4f} ± {number(entry.half):>8.2g}  {was:>8}"
+            lines.append(f"{entry.name:{wide}}  {values}  {entry.unit}  {entry.words}")
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
@@ -114,23 +114,23 @@ class Calibration(Result):
         origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car: ahead of the axle that does not slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
-        usable = [one for one in self.numbers if one.name in names and np.isfinite(one.half)]
+        usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half)]
         if not usable:
             raise UsageError(fault("truth.no-mark", run=self.run))
-        values = {names[one.name]: one.value - origin * (one.name == "mark.x_m") for one in usable}
-        return values, {names[one.name]: one.half for one in usable}
+        values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
+        return values, {names[entry.name]: entry.half for entry in usable}
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
         """The file with the sensors' scales, how well each is known, the gyro's bias, and where they come from."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
-        mine = [one for one in self.numbers if one.name.startswith("sensors.")]
-        values = {one.name: one.value for one in mine}
-        origins = {one.name: Provenance(self.run, today(), one.sd, self.verdict) for one in mine}
-        for one in mine:
-            if (path := scale_std_path(file, one.name)) is not None:
-                values[path] = one.sd / one.value
+        own_numbers = [entry for entry in self.numbers if entry.name.startswith("sensors.")]
+        values = {entry.name: entry.value for entry in own_numbers}
+        origins = {entry.name: Provenance(self.run, today(), entry.sd, self.verdict) for entry in own_numbers}
+        for entry in own_numbers:
+            if (path := scale_std_path(file, entry.name)) is not None:
+                values[path] = entry.sd / entry.value
         return file.with_values(values, origins)
 
 
@@ -203,14 +203,14 @@ def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     if gyro is not None:
         name, signal = gyro
         windows = _windows(run, frames, signal)
-        answer = _best(lambda o: _turned(windows, signal, o), windows)
+        answer = _best(lambda o: _turn_equations(windows, signal, o), windows)
         offset = answer.offset_s
         numbers += _clock(answer) + _gyro(answer, name, file)
         residuals["heading_rad"] = answer.rms
     if odometer is not None:
         name, signal = odometer
         windows = _windows(run, frames, signal)
-        answer = _best(lambda o: _moved(windows, signal, o), windows, offset)
+        answer = _best(lambda o: _motion_equations(windows, signal, o), windows, offset)
         numbers += (_clock(answer) if offset is None else []) + _odometer(answer, name, file)
         residuals["way_m"] = answer.rms
     return Calibration(run.name, tuple(numbers), residuals)
@@ -291,14 +291,14 @@ def _silences(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
     return [(t_s[k] - wider_s, t_s[k + 1] + wider_s) for k in long]
 
 
-def _turned(w: Windows, gyro: TruthSignal, offset_s: float) -> Equations:
+def _turn_equations(w: Windows, gyro: TruthSignal, offset_s: float) -> Equations:
     """(1): y (N,), slopes (N, 2) of (a, −c), and what they change by per second of offset (N, 2)."""
     t = w.t_s + offset_s
     slopes = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
     return w.of(w.eta[:, 2]), slopes, np.stack([w.of(gyro.at(t)), np.zeros(len(w.a))], axis=1)
 
 
-def _moved(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
+def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
     """(2): y (2N,), slopes (2N, 4) of (k_x, k_y, l_x, l_y), and what they change by per second of offset."""
     c, s = np.cos(w.eta[:, 2]), np.sin(w.eta[:, 2])
 
@@ -307,8 +307,8 @@ def _moved(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
         steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(w.t_s)[:, None]
         return w.of(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]))  # (N, 2)
 
-    def both(rolled: np.ndarray) -> np.ndarray:
-        return np.stack([rolled, np.stack([-rolled[:, 1], rolled[:, 0]], axis=1)], axis=2)
+    def both(path: np.ndarray) -> np.ndarray:
+        return np.stack([path, np.stack([-path[:, 1], path[:, 0]], axis=1)], axis=2)
 
     t = w.t_s + offset_s
     lever = np.stack([np.stack([w.of(c), w.of(s)], axis=1), np.stack([-w.of(s), w.of(c)], axis=1)], axis=2)
@@ -384,7 +384,7 @@ def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
     words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
 
-    def turned(x: np.ndarray, lx: float, ly: float) -> float:
+    def rotate(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))
 
     ahead, sideways = (
@@ -394,7 +394,7 @@ def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[
     heading = _("the mark's heading, left of the way the wheels roll")
     return [
         _number(answer, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, words),
-        _number(answer, "mark.x_m", lambda x: turned(x, x[2], x[3]), "m", None, ahead),
-        _number(answer, "mark.y_m", lambda x: turned(x, x[3], -x[2]), "m", None, sideways),
+        _number(answer, "mark.x_m", lambda x: rotate(x, x[2], x[3]), "m", None, ahead),
+        _number(answer, "mark.y_m", lambda x: rotate(x, x[3], -x[2]), "m", None, sideways),
         _number(answer, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading),
     ]

@@ -71,13 +71,13 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
         raise UsageError(fault("turns.few-rests", run=run.name, rests=len(rests), rest_s=REST_S))
     _whole_record(run.name, gyro, range_of(block))
     angle, variance = _angles(gyro, rests)
-    whole, used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
-    scale, sd, freedom = _regressed(angle[used], whole, _covariance(used, variance))
+    whole, rests_used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
+    scale, sd, freedom = _regression(angle[rests_used], whole, _covariance(rests_used, variance))
     half = sd * (QUANTILE_95 if freedom is None else students(0.975, freedom))
     sentence = _(
         "{turns:g} turns by hand, between {rests} rests on a mark",
         turns=float(np.abs(np.diff(whole)).sum()),
-        rests=len(used),
+        rests=len(rests_used),
     )
     path, means = f"sensors.{name}.gyro", np.array([rest.mean for rest in rests])
     spread = float(np.ptp(means)) / np.sqrt(12.0)
@@ -89,7 +89,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
             CalibratedNumber(f"{path}_bias", float(means.mean()), bias_sd, QUANTILE_95 * bias_sd, "rad/s",
                   float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
-        {"heading_rad": float(np.std(angle[used] / scale - TAU * whole))},
+        {"heading_rad": float(np.std(angle[rests_used] / scale - TAU * whole))},
         N_("the turns determine everything"),
     )  # fmt: skip
 
@@ -154,9 +154,9 @@ def _angles(gyro: TruthSignal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarra
     """Return G (K,) of (1) from middle to middle of the rests, the first 0, and q (K − 1,) of (2)."""
     at, b = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
     T = np.diff(at)
-    turned = np.diff(gyro.until(at)) - 0.5 * (b[1:] + b[:-1]) * T
+    turns_between = np.diff(gyro.until(at)) - 0.5 * (b[1:] + b[:-1]) * T
     var = 0.25 * np.array([x.sd**2 + y.sd**2 for x, y in pairwise(rests)])
-    return np.concatenate([[0.0], np.cumsum(turned)]), T**2 * (var + np.diff(b) ** 2 / 12.0)
+    return np.concatenate([[0.0], np.cumsum(turns_between)]), T**2 * (var + np.diff(b) ** 2 / 12.0)
 
 
 def _whole(
@@ -164,26 +164,30 @@ def _whole(
 ) -> tuple[np.ndarray, list[int]]:
     """Return whole turns N of the rests on the mark, from the first on, and which rests these are. UsageError where
     none exist, or where their number is ambiguous."""
-    whole, used, off = [0.0], [0], fault("turns.not-turned", run=name)
+    whole, rests_used, off = [0.0], [0], fault("turns.not-turned", run=name)
     for k in range(1, len(rests)):
-        turned = (angle[k] - angle[used[-1]]) / TAU
+        turn_count = (angle[k] - angle[rests_used[-1]]) / TAU
         n = (
-            float(np.round(turned))
-            if turns is None or abs(turned) < 0.5
-            else float(np.copysign(abs(turns), turned))
+            float(np.round(turn_count))
+            if turns is None or abs(turn_count) < 0.5
+            else float(np.copysign(abs(turns), turn_count))
         )
-        most = TOLERANCE * max(abs(turned), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
-        between: JsonObject = {"run": name, "from_s": rests[used[-1]].middle_s, "to_s": rests[k].middle_s}
-        if turns is None and abs(turned) > 0.5 and most > 0.5:
-            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turned, **between))
-        if abs(turned - n) < most:
+        most = TOLERANCE * max(abs(turn_count), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
+        between: JsonObject = {
+            "run": name,
+            "from_s": rests[rests_used[-1]].middle_s,
+            "to_s": rests[k].middle_s,
+        }
+        if turns is None and abs(turn_count) > 0.5 and most > 0.5:
+            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turn_count, **between))
+        if abs(turn_count - n) < most:
             whole.append(whole[-1] + n)
-            used.append(k)
+            rests_used.append(k)
         else:
-            off = fault("turns.not-whole", turns=turned, expected=abs(n), **between)
+            off = fault("turns.not-whole", turns=turn_count, expected=abs(n), **between)
     if not np.ptp(whole) > 0.0:
         raise UsageError(off)
-    return np.array(whole), used
+    return np.array(whole), rests_used
 
 
 def _count(turns: float) -> str:
@@ -191,21 +195,21 @@ def _count(turns: float) -> str:
     return "1 turn" if turns == 1 else f"{turns:g} turns"
 
 
-def _covariance(used: list[int], variance: np.ndarray) -> np.ndarray:
-    """Return (K, K) of what the bias adds to G at the rests that are `used`.  (2)"""
-    L = np.tril(np.ones((len(variance) + 1, len(variance))), -1)[used]
+def _covariance(rests_used: list[int], variance: np.ndarray) -> np.ndarray:
+    """Return (K, K) of what the bias adds to G at `rests_used`.  (2)"""
+    L = np.tril(np.ones((len(variance) + 1, len(variance))), -1)[rests_used]
     return (L * variance) @ L.T
 
 
-def _regressed(angle: np.ndarray, whole: np.ndarray, of_bias: np.ndarray) -> tuple[float, float, int | None]:
+def _regression(angle: np.ndarray, whole: np.ndarray, of_bias: np.ndarray) -> tuple[float, float, int | None]:
     """Return the scale, its standard error, and the freedom of that where the rests themselves say it.  (1), (2)"""
     X = np.column_stack([np.ones(len(whole)), TAU * whole])
     scale, freedom = float(np.polyfit(TAU * whole, angle, 1)[0]), len(whole) - 2
     cov = (scale * ANGLE_STD_RAD) ** 2 * np.eye(len(whole)) + of_bias
-    weighed = np.linalg.solve(cov, X)
-    x = np.linalg.solve(X.T @ weighed, weighed.T @ angle)
+    weights = np.linalg.solve(cov, X)
+    x = np.linalg.solve(X.T @ weights, weights.T @ angle)
     residuals = angle - X @ x
-    sd = float(np.sqrt(np.linalg.inv(X.T @ weighed)[1, 1]))
+    sd = float(np.sqrt(np.linalg.inv(X.T @ weights)[1, 1]))
     if freedom > 0 and (chi2 := float(residuals @ np.linalg.solve(cov, residuals))) > _once_in_a_hundred(
         freedom
     ):

@@ -85,7 +85,7 @@ class Validation(Result):
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons for the verdict, the gravest first; () for USABLE."""
         order = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN)
-        return tuple(sorted(self.messages, key=lambda one: order.index(one.severity)))
+        return tuple(sorted(self.messages, key=lambda message: order.index(message.severity)))
 
     @property
     def sentence(self) -> str:
@@ -107,7 +107,7 @@ class Validation(Result):
             parts = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
             lines.append(f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {shown_unit(f.unit):6} {parts}")
         return "\n".join(
-            [*lines, *(_("note: {note}", note=text(one)) for one in self.outside), self.sentence]
+            [*lines, *(_("note: {note}", note=text(message)) for message in self.outside), self.sentence]
         )
 
 
@@ -126,10 +126,10 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if fit.verdict == Verdict.REFUSED:
         raise UsageError(fault("validation.refused-fit"))
-    again = [run.name for run in runs if run.name in fit.runs]
-    if again:
-        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
-    use = _used(fit)
+    runs_of_fit = [run.name for run in runs if run.name in fit.runs]
+    if runs_of_fit:
+        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=runs_of_fit[0]))
+    use = _channels_used(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
     own = [name for name in fit.own_names if requested(name)]
     clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
@@ -138,13 +138,15 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     options = FitOptions(per_run=per_run, clocks=clocks, sigma=sigma, diagnose=False, backend=fit.backend)
     channels: list[ChannelFit] = []
     file, rest = fit.vehicle_file, [begins_at_rest(run, fit.blocks.sensors) for run in runs]
-    for run, still in zip(runs, rest, strict=True):
-        channels += identify(run, file, (), use=use, options=replace(options, at_rest=still)).channels
+    for run, run_at_rest in zip(runs, rest, strict=True):
+        channels += identify(run, file, (), use=use, options=replace(options, at_rest=run_at_rest)).channels
     figures, messages = [], _too_few(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
-            own = [one for one in fit.channels if (one.sensor, one.entry) == (c.sensor, c.entry)]
-            figure, of_channel = _validated(c, own, channel_unit(file, c.sensor, c.entry))
+            own = [
+                channel for channel in fit.channels if (channel.sensor, channel.entry) == (c.sensor, c.entry)
+            ]
+            figure, of_channel = _figure(c, own, channel_unit(file, c.sensor, c.entry))
             figures.append(figure)
             messages += of_channel
     outside = tuple(flag for run in runs for flag in fit.envelope.flags(run))
@@ -166,10 +168,10 @@ def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
 
 def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
     """Return over which horizon the model was checked, from which start, and by how much."""
-    posed = any(tells_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into pieces
-    spans = [min(run.duration_s, POSE_S) if posed else run.duration_s for run in runs]
+    has_pose = any(tells_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into pieces
+    spans = [min(run.duration_s, POSE_S) if has_pose else run.duration_s for run in runs]
     least, most = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
-    if all(rest) and not posed:
+    if all(rest) and not has_pose:
         start = note("validation.from-standstill")
     elif any(rest):
         start = note("validation.some-from-velocity", count=rest.count(False), of=len(rest))
@@ -180,32 +182,33 @@ def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
     return note("validation.basis", span_s=span, start=start, pieces=count)
 
 
-def _used(fit: Fit) -> tuple[str, ...]:
+def _channels_used(fit: Fit) -> tuple[str, ...]:
     """Return the sensors of the fit, as `use` takes them; tape measurements are left out."""
-    used = dict.fromkeys((c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained))
+    entries_used = dict.fromkeys((c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained))
     sensors = [name for name in fit.sigma if name not in KINDS]
-    whole = [name for name in sensors if all((name, k) in used for k in range(len(fit.sigma[name])))]
-    return (*whole, *(f"{name}[{k}]" for name, k in used if name in sensors and name not in whole))
+    whole = [name for name in sensors if all((name, k) in entries_used for k in range(len(fit.sigma[name])))]
+    return (*whole, *(f"{name}[{k}]" for name, k in entries_used if name in sensors and name not in whole))
 
 
-def _validated(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Diagnostic]]:
+def _figure(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Diagnostic]]:
     """The figures of one channel of an unseen run beside those of its `own` runs, and what speaks against it."""
-    own, e = [one for one in own if np.isfinite(one.explained)], c.measured - c.predicted
+    own, e = [channel for channel in own if np.isfinite(channel.explained)], c.measured - c.predicted
     part = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
     figure = Figure(c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), part, np.nan, unit)
     if not own:
         return figure, []
-    here, there = _channel_errors(c, own)
-    samples = [np.isfinite(one.measured).sum() for one in own]
-    explained = float(np.average([one.explained for one in own], weights=samples))
+    errors, own_errors = _channel_errors(c, own)
+    samples = [np.isfinite(channel.measured).sum() for channel in own]
+    share = float(np.average([channel.explained for channel in own], weights=samples))
     square, white = (
-        np.average([getattr(one, k) for one in there], weights=samples) for k in _ChannelError._fields[:2]
+        np.average([getattr(error, k) for error in own_errors], weights=samples)
+        for k in _ChannelError._fields[:2]
     )
-    noise = float(np.sqrt(square + max(0.0, here.white - white)))
-    figure = figure._replace(on_own_runs=explained, noise=noise)
-    if below := _worse_than_none(figure, c, noise**2 if explained > 0.0 else here.white):
+    noise = float(np.sqrt(square + max(0.0, errors.white - white)))
+    figure = figure._replace(on_own_runs=share, noise=noise)
+    if below := _worse_than_none(figure, c, noise**2 if share > 0.0 else errors.white):
         return figure, [below]
-    return figure, _against(figure, here, np.concatenate([one.g for one in there]))
+    return figure, _against(figure, errors, np.concatenate([error.g for error in own_errors]))
 
 
 def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic | None:
@@ -226,41 +229,43 @@ def _about(code: str, severity: Severity, figure: Figure, **figures: float | Dia
     return note(code, severity, subject=figure.channel, **details)
 
 
-def _against(figure: Figure, here: _ChannelError, own: np.ndarray) -> list[Diagnostic]:
+def _against(figure: Figure, errors: _ChannelError, own: np.ndarray) -> list[Diagnostic]:
     """Return what speaks against the model in one channel of a run, one finding at most.  (3), (4)"""
-    noise2, freedom, alpha = figure.noise**2, len(here.g) + len(own) - 2, 0.5 * CHANCE
+    noise2, freedom, alpha = figure.noise**2, len(errors.g) + len(own) - 2, 0.5 * CHANCE
     details = {
         "times": figure.times, "explained": 100 * max(figure.explained, 0.0), "of_own": 100 * figure.on_own_runs,
     }  # fmt: skip
     worse = _about("validation.off", Severity.WARNING, figure, **details)
-    if here.square > WORSE * noise2 and (freedom < 1 or not min(len(here.g), len(own))):
+    if errors.square > WORSE * noise2 and (freedom < 1 or not min(len(errors.g), len(own))):
         return [_about("validation.off-perhaps", Severity.WARNING, figure, off=worse)]
-    if here.square > WORSE * noise2:
-        s = np.sqrt((len(here.g) * np.var(here.g) + len(own) * np.var(own)) / freedom)
-        chance = students(1.0 - alpha, freedom) * s * np.sqrt(1.0 / len(here.g) + 1.0 / len(own))
-        if here.g.mean() - own.mean() > chance:
+    if errors.square > WORSE * noise2:
+        s = np.sqrt((len(errors.g) * np.var(errors.g) + len(own) * np.var(own)) / freedom)
+        chance = students(1.0 - alpha, freedom) * s * np.sqrt(1.0 / len(errors.g) + 1.0 / len(own))
+        if errors.g.mean() - own.mean() > chance:
             return [worse]
-    if len(here.g) < 2 or len(own) < 2:
+    if len(errors.g) < 2 or len(own) < 2:
         return []
-    k = int(np.argmax(here.g))
-    chance = students(1.0 - alpha / len(here.g), len(own) - 1) * np.std(own, ddof=1)
+    k = int(np.argmax(errors.g))
+    chance = students(1.0 - alpha / len(errors.g), len(own) - 1) * np.std(own, ddof=1)
     chance *= np.sqrt(1.0 + 1.0 / len(own))
-    if here.g[k] > max(own.mean() + chance, own.max(), np.log(WORSE * noise2)):
-        here_off, begin_s = float(np.exp(0.5 * here.g[k])), float(here.t_s[k])
-        span = {"here": here_off, "from_s": begin_s, "to_s": begin_s + here.block_s}
+    if errors.g[k] > max(own.mean() + chance, own.max(), np.log(WORSE * noise2)):
+        here_off, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
+        span = {"here": here_off, "from_s": begin_s, "to_s": begin_s + errors.block_s}
         return [_about("validation.off-once", Severity.WARNING, figure, **span)]
     return []
 
 
 def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelError, list[_ChannelError]]:
     """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S if these are ENOUGH."""
-    every = np.concatenate([one.measured - one.predicted for one in own])
-    spread, tried = float(np.sqrt(np.nanmean(every**2))), []
+    every = np.concatenate([channel.measured - channel.predicted for channel in own])
+    spread, trials = float(np.sqrt(np.nanmean(every**2))), []
     for block_s in (BLOCK_S, SHORT_S):
-        here, *there = (_channel_error(one, spread, block_s) for one in (c, *own))
-        tried.append((min(len(here.g), sum(len(one.g) for one in there), ENOUGH), here, there))
-    _, here, there = max(tried, key=lambda one: one[0])
-    return here, there
+        errors, *own_errors = (_channel_error(channel, spread, block_s) for channel in (c, *own))
+        trials.append(
+            (min(len(errors.g), sum(len(error.g) for error in own_errors), ENOUGH), errors, own_errors)
+        )
+    _, errors, own_errors = max(trials, key=lambda trial: trial[0])
+    return errors, own_errors
 
 
 def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
@@ -269,10 +274,10 @@ def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelErro
     e, t = np.clip(e[finite], -CLIPPED * spread, CLIPPED * spread), c.t_s[finite]
     block = ((t - t[0]) // block_s).astype(int) if len(t) else np.zeros(0, int)
     numbers, counts = np.unique(block, return_counts=True)
-    counted = [b for b, n in zip(numbers, counts, strict=True) if n >= LEAST]
-    g = [float(np.log(max(np.mean(e[block == b] ** 2), 1e-300))) for b in counted]
+    blocks = [b for b, n in zip(numbers, counts, strict=True) if n >= LEAST]
+    g = [float(np.log(max(np.mean(e[block == b] ** 2), 1e-300))) for b in blocks]
     white = 0.5 * float(np.mean(np.diff(e) ** 2)) if len(e) > 1 else 0.0
-    begins = [float(t[0] + b * block_s) for b in counted]
+    begins = [float(t[0] + b * block_s) for b in blocks]
     return _ChannelError(
         float(np.mean(e**2)) if len(e) else 0.0, white, np.array(g), np.array(begins), block_s
     )

@@ -67,23 +67,23 @@ class Agreement:
         its, before, was = self.numbers, state.model, Memory(*state.memory)
         row = row_of(before.t_ns, tick, self.model.rate_hz)
         model, _ = self.model.row(before, tick)
-        expected, H, K = self._expected(before, model, row, tick)
+        expected, H, K = self._expectation(before, model, row, tick)
         slots = [getattr(tick.sensors, name) for name in its.sensors]
         z = np.concatenate([slot.z for slot in slots])
         has = (
             np.concatenate([np.where(slot.has > 0.0, 1.0, 0.0) * np.ones(len(slot.z)) for slot in slots])
             > 0.0
         )
-        broken = has & ~(np.isfinite(z) & (np.abs(z) < WITHIN * its.limit))
-        good, z = has & ~broken, np.where(np.isfinite(z), z, 0.0)
-        still = (model.quiet_s >= REST_S) & np.all(np.abs(model.mean[3:6]) < STILL)
+        unusable = has & ~(np.isfinite(z) & (np.abs(z) < WITHIN * its.limit))
+        good, z = has & ~unusable, np.where(np.isfinite(z), z, 0.0)
+        at_rest = (model.quiet_s >= REST_S) & np.all(np.abs(model.mean[3:6]) < STILL)
 
         silent_s = was.silent_s + row.dt_s
         dt_s = np.where(has, np.minimum(silent_s, STEP_S), 0.0)
         same = has & (z == was.last)
         same_s = np.where(same, was.same_s + silent_s, np.where(has, 0.0, was.same_s))
         longest_s = np.where(has & ~same, np.maximum(was.longest_s, was.same_s), was.longest_s)
-        frozen = its.inertial & stuck(was._replace(same_s=same_s, longest_s=longest_s)) & ~still
+        is_constant = its.inertial & stuck(was._replace(same_s=same_s, longest_s=longest_s)) & ~at_rest
 
         C = mirrored(H @ model.cov @ H.T)
         p = was.bias_var + its.walk**2 * row.dt_s
@@ -91,8 +91,8 @@ class Agreement:
         r = np.where(good, self._difference(z, expected) - was.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
         far = good & ~its.pose & (r**2 > SIGMA**2 * variance)
-        suspect = broken | far | frozen
-        off = has & (suspect | (self._refused(y, S) & _alone(suspect | (was.doubt_s > 0.0))))
+        suspect = unusable | far | is_constant
+        off = has & (suspect | (self._is_refused(y, S) & _only_suspect(suspect | (was.doubt_s > 0.0))))
         s = expected - its.rest
         signal_share = s**2 / (s**2 + SIGMA**2 * variance + TINY)
         fading = np.where(its.inertial & (same_s >= FROZEN_S), 0.0, SLOW + (FAST - SLOW) * signal_share)
@@ -101,23 +101,25 @@ class Agreement:
         G = mirrored(K @ model.cov[3:6, 3:6] @ K.T)
         G = np.where(its.inertial & ~its.turning, np.diag(r), G * r / (np.diag(G) + TINY))
         usable = np.where(good & ~its.pose & ~(its.inertial & (same_s >= FROZEN_S)), 1.0, 0.0)
-        kept = np.exp(-dt_s / MEMORY_S)
-        evidence = was.evidence * kept + np.where(far, dt_s, 0.0) * log_odds(r, C + N, G, usable, its.groups)
+        memory_factor = np.exp(-dt_s / MEMORY_S)
+        evidence = was.evidence * memory_factor + np.where(far, dt_s, 0.0) * log_odds(
+            r, C + N, G, usable, its.groups
+        )
         evidence = np.where(doubt_s > 0.0, np.clip(evidence, -LARGEST, LARGEST), 0.0)
 
-        gain = np.where(still & good & ~off & (its.bias_std > 0.0), p / (p + np.diag(N) + TINY), 0.0)
+        gain = np.where(at_rest & good & ~off & (its.bias_std > 0.0), p / (p + np.diag(N) + TINY), 0.0)
         shown_s = np.where(good, dt_s, 0.0)
         after = Memory(
             doubt_s, evidence, np.where(has, 0.0, silent_s), np.where(has, z, was.last), same_s, longest_s,
-            was.changes + np.where(has & ~same, 1.0, 0.0), np.where(has, np.where(broken, 1.0, 0.0), was.broken),
+            was.changes + np.where(has & ~same, 1.0, 0.0), np.where(has, np.where(unusable, 1.0, 0.0), was.broken),
             was.bias + gain * r, p * (1.0 - gain), np.where(has, expected + was.bias, was.expected),
-            kept * was.ss + shown_s * s * s, kept * was.sz + shown_s * s * (s + r),
-            kept * was.zz + shown_s * (s + r) * (s + r),
+            memory_factor * was.ss + shown_s * s * s, memory_factor * was.sz + shown_s * s * (s + r),
+            memory_factor * was.zz + shown_s * (s + r) * (s + r),
         )  # fmt: skip
         state = chosen(row.new, MonitorState(model, np.stack(after)), state)
         return state, state.memory[0]
 
-    def _expected(
+    def _expectation(
         self, before: AugmentedBelief, model: AugmentedBelief, row: Value, tick: Tick
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """h (m,) by the model alone, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with ν̇ held."""
@@ -149,7 +151,7 @@ class Agreement:
             k += sensor.size
         return np.concatenate(out)
 
-    def _refused(self, y: Value, S: Value) -> Value:
+    def _is_refused(self, y: Value, S: Value) -> Value:
         """(m,) whether the estimator's own innovation is too far.  (2)"""
         far = [np.zeros(()) > 0.0] * len(self.numbers.names)
         if self.at is None or y is None or S is None:
@@ -159,7 +161,7 @@ class Agreement:
         return np.array(far)
 
 
-def _alone(suspect: np.ndarray) -> np.ndarray:
+def _only_suspect(suspect: np.ndarray) -> np.ndarray:
     """(m,) whether no other number is suspect: who follows one that is off refuses those that are right."""
     count = np.sum(np.where(suspect, 1.0, 0.0))
     return count - np.where(suspect, 1.0, 0.0) < 0.5

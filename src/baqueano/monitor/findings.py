@@ -90,9 +90,9 @@ def _looks(n: Numbers, c: int, memory: Memory, ratio: float, ss: float, sz: floa
     """Return how number `c` looks."""
     if memory.broken[c] > 0.0:
         return AT_ITS_END if np.abs(memory.last[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
-    still = memory.same_s[c] >= FROZEN_S
+    is_constant = memory.same_s[c] >= FROZEN_S
     near_zero = abs(memory.last[c]) <= n.noise[c] or abs(memory.last[c] - n.rest[c]) <= n.noise[c]
-    if still:
+    if is_constant:
         return ZERO if near_zero else FROZEN
     if n.pose[c] or not ss > 0.0:
         return AWAY

@@ -41,7 +41,8 @@ def numbers_of(model: AugmentedEkf) -> Numbers:
     # a gyro fails alone; accelerometers, wheels and what else is one sensor fail together
     kinds = [(name, k if inertial[k] and at_rest[k, 5] else -1) for k, (name, _) in enumerate(each)]
     groups = tuple(
-        (k, *(j for j, other in enumerate(kinds) if other == kind and j != k)) for k, kind in enumerate(kinds)
+        (k, *(j for j, kind_j in enumerate(kinds) if kind_j == kind and j != k))
+        for k, kind in enumerate(kinds)
     )
     return Numbers(
         sensors._fields, tuple(f"{name}[{i}]" for name, i in each),
@@ -56,15 +57,15 @@ def numbers_of(model: AugmentedEkf) -> Numbers:
 def _bias(sensors: SensorBlocks, name: str, number: int) -> tuple[float, float]:
     """Deviation and walk of the bias that a number shows; (0, −1) without one."""
     sensor = getattr(sensors, name)
-    biases = [one for one in uncertain(sensors, name, (number,), np.zeros(3)) if one.walk]
+    biases = [bias for bias in uncertain(sensors, name, (number,), np.zeros(3)) if bias.walk]
     slope = [
-        (put(sensor, one.path, get(sensor, one.path) + STEP).h(REST) - sensor.h(REST))[number] / STEP
-        for one in biases
+        (put(sensor, bias.path, get(sensor, bias.path) + STEP).h(REST) - sensor.h(REST))[number] / STEP
+        for bias in biases
     ]
     std, walk = (
         np.sqrt(
-            sum((s * float(one.of(sensors, path(one)))) ** 2 for s, one in zip(slope, biases, strict=True))
+            sum((s * float(bias.of(sensors, path(bias)))) ** 2 for s, bias in zip(slope, biases, strict=True))
         )
-        for path in (lambda one: one.std, lambda one: one.walk)
+        for path in (lambda bias: bias.std, lambda bias: bias.walk)
     )
     return float(std), float(walk) if biases else -1.0

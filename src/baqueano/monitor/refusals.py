@@ -35,9 +35,9 @@ class Refusals(NamedTuple):
 
 def counted(counts: Sequence[Refusals]) -> Diagnostic:
     """Return the message of the event."""
-    figures: dict[str, Any] = {one.name + OF_REFUSED: one.refused for one in counts}
-    figures |= {one.name + OF_ARRIVED: one.arrived for one in counts}
-    each = [f"{one.name}: {one.refused}/{one.arrived}" for one in counts]
+    figures: dict[str, Any] = {count.name + OF_REFUSED: count.refused for count in counts}
+    figures |= {count.name + OF_ARRIVED: count.arrived for count in counts}
+    each = [f"{count.name}: {count.refused}/{count.arrived}" for count in counts]
     return note("estimator.refused", each=each, **figures)
 
 

@@ -44,28 +44,32 @@ class Watching:
         self._state: Tree = self._block.init(*start)
         self._since_ns: dict[int, int] = {}  # of what disagrees
         self._findings: dict[int, Finding] = {}
-        self._arrived, self._refused = ([0] * self._innovations for _ in range(2))
-        self._counts = self._broken = False
+        self._arrivals, self._refusals = ([0] * self._innovations for _ in range(2))
+        self._counts = self._has_failed = False
 
     @property
     def degraded(self) -> tuple[Finding, ...]:
         """Return the sensors that are degraded now."""
-        return tuple(one for one in self._findings.values() if one.degraded) if self._findings else ()
+        return (
+            tuple(sensor_finding for sensor_finding in self._findings.values() if sensor_finding.degraded)
+            if self._findings
+            else ()
+        )
 
     @property
     def suspect(self) -> bool:
         """Return whether a sensor disagrees that is not known to be right."""
-        return any(one.off != MODEL for one in self._findings.values())
+        return any(sensor_finding.off != MODEL for sensor_finding in self._findings.values())
 
     @property
     def refusals(self) -> tuple[Refusals, ...]:
         """Return the counts so far; none of an estimator that does not count."""
         if not self._counts:
             return ()
-        at = range(len(self._arrived)) if self._at is None else self._at
+        at = range(len(self._arrivals)) if self._at is None else self._at
         names = [f"innovation[{c}]" if self._at is None else self.numbers.names[c] for c in at]
         return tuple(
-            Refusals(name, no, n) for name, no, n in zip(names, self._refused, self._arrived, strict=True)
+            Refusals(name, no, n) for name, no, n in zip(names, self._refusals, self._arrivals, strict=True)
         )
 
     def update(self, tick: Tick, estimate: Estimate) -> list[Notice]:
@@ -73,9 +77,9 @@ class Watching:
         if estimate.weight is not None:
             self._counts = True
             for k, weight in enumerate(estimate.weight.tolist()):
-                self._arrived[k] += weight == weight
-                self._refused[k] += weight < 0.5
-        if self._broken:
+                self._arrivals[k] += weight == weight
+                self._refusals[k] += weight < 0.5
+        if self._has_failed:
             return []
         y, S = estimate.innovation, estimate.innovation_cov
         try:
@@ -86,7 +90,7 @@ class Watching:
         except BaseException as error:  # a drive goes on without its monitor
             if from_outside(error):
                 raise
-            self._broken, self._findings = True, {}
+            self._has_failed, self._findings = True, {}
             return [Notice(note("monitor.raised", Severity.WARNING, error=named(error)))]
         doubts = doubt.tolist()
         if not self._since_ns and max(doubts, default=0.0) < EVENT_S:

@@ -90,5 +90,5 @@ def _smaller(figure: Figure) -> None:
         line.set_linewidth(SMALLER * line.get_linewidth())
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
-            size = min((float(one.get_fontsize()) for one in axis.get_ticklabels()), default=8.0)
+            size = min((float(label.get_fontsize()) for label in axis.get_ticklabels()), default=8.0)
             axis.set_tick_params(labelsize=size)

@@ -64,12 +64,12 @@ class Card:
 
 def html_of(result: Tabular) -> str:
     """Return the card of a result as HTML without a script."""
-    card, folded = card_of(result), html.escape(result.table())
+    card, details = card_of(result), html.escape(result.table())
     colour = COLOURS[TONES.get(card.verdict, "plain")]
     badge = f'<span class="verdict" style="background: {colour}">{html.escape(_(card.verdict))}</span>'
     paragraphs = "".join(f"<p>{html.escape(line)}</p>" for line in card.lines)
-    unfolded = "" if card.rows or card.lines else " open"
-    whole = f"<details{unfolded}><summary>{text(WHOLE)}</summary><pre>{folded}</pre></details>"
+    open_tag = "" if card.rows or card.lines else " open"
+    whole = f"<details{open_tag}><summary>{text(WHOLE)}</summary><pre>{details}</pre></details>"
     head = f'<span class="name">{html.escape(card.title)}</span>{badge if card.verdict else ""}'
     return f'<div class="baqueano"><style>{STYLE}</style>{head}{_table(card.rows)}{paragraphs}{whole}</div>'
 
@@ -121,13 +121,13 @@ def _of_run(result: Run) -> Card:
 def _of_comparison(result: Comparison) -> Card:
     rows = [
         {
-            "run": one.name, "time [s]": one.duration_s, "across its path [cm rms]": 100.0 * one.across_true.rms_m,
-            "position off [cm rms]": 100.0 * one.ate_m, "NEES of velocity": one.consistency.nees_velocity.mean,
-            "NIS": one.consistency.nis.mean, "covariance": one.verdict,
+            "run": run.name, "time [s]": run.duration_s, "across its path [cm rms]": 100.0 * run.across_true.rms_m,
+            "position off [cm rms]": 100.0 * run.ate_m, "NEES of velocity": run.consistency.nees_velocity.mean,
+            "NIS": run.consistency.nis.mean, "covariance": run.verdict,
         }
-        for one in result.runs
+        for run in result.runs
     ]  # fmt: skip
-    sentences = [f"{one.name}: {sentence}" for one in result.runs for sentence in one.sentences]
+    sentences = [f"{run.name}: {sentence}" for run in result.runs for sentence in run.sentences]
     return Card(
         text(note("front.card-comparison", runs=len(rows))), result.verdict, rows, sentences[:SENTENCES]
     )
@@ -136,9 +136,9 @@ def _of_comparison(result: Comparison) -> Card:
 @card_of.register(TuneResult)
 def _of_tuned(result: TuneResult) -> Card:
     rows = [
-        {"gain": one.name, "value": one.value, "unit": shown_unit(one.unit), "in the file": one.before,
-         "cost at × 0.8 [%]": 100.0 * (one.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (one.cost_more - 1.0)}
-        for one in result.gains
+        {"gain": gain.name, "value": gain.value, "unit": shown_unit(gain.unit), "in the file": gain.before,
+         "cost at × 0.8 [%]": 100.0 * (gain.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (gain.cost_more - 1.0)}
+        for gain in result.gains
     ]  # fmt: skip
     title = text(note("front.card-tuned", vehicle=result.vehicle_file.name))
     return Card(title, result.verdict, rows, texts(result.reasons))
@@ -185,7 +185,7 @@ def _of_vehicle(result: VehicleFile) -> Card:
 def _of_import(result: ImportedRun) -> Card:
     run = card_of(result.run)
     return Card(
-        run.title, result.verdict, run.rows, [one.advice for one in result.noticed.doubts][:SENTENCES]
+        run.title, result.verdict, run.rows, [doubt.advice for doubt in result.noticed.doubts][:SENTENCES]
     )
 
 
@@ -200,14 +200,15 @@ def _of_first_drive(result: FirstDrive) -> Card:
 def _of_closure(result: Closure) -> Card:
     rows = [row for row in result.rows() if row["sd"] == row["sd"]]
     return Card(
-        text(note("front.card-closure")), "", rows, [one.strip() for one in result.table().splitlines()]
+        text(note("front.card-closure")), "", rows, [line.strip() for line in result.table().splitlines()]
     )
 
 
 @card_of.register(Calibration)
 def _of_calibration(result: Calibration) -> Card:
     rows = [
-        {"name": one.name, "value": one.value, "± 95 %": one.half, "unit": one.unit} for one in result.numbers
+        {"name": value.name, "value": value.value, "± 95 %": value.half, "unit": value.unit}
+        for value in result.numbers
     ]
     return Card(
         text(note("front.card-calibration", run=result.run)), result.verdict, rows, texts(result.reasons)
@@ -217,9 +218,9 @@ def _of_calibration(result: Calibration) -> Card:
 @card_of.register(Validation)
 def _of_validation(result: Validation) -> Card:
     rows = [
-        {"run": one.run, "channel": one.channel, "error": one.error, "unit": shown_unit(one.unit),
-         "explained": f"{100.0 * one.explained:.1f} %"}
-        for one in result.figures
+        {"run": figure.run, "channel": figure.channel, "error": figure.error, "unit": shown_unit(figure.unit),
+         "explained": f"{100.0 * figure.explained:.1f} %"}
+        for figure in result.figures
     ]  # fmt: skip
     return Card(text(note("front.card-validation")), result.verdict, rows, [result.sentence])
 
@@ -228,11 +229,11 @@ def _of_validation(result: Validation) -> Card:
 def _of_history(result: ParameterHistory) -> Card:
     title = text(note("front.card-history", vehicle=result.last.file.name, runs=len(result.runs)))
     rows = [
-        {"parameter": one.name.removeprefix("model."), "before": one.before, "after": one.after,
-         "unit": shown_unit(one.unit)}
-        for one in result.moved
+        {"parameter": change.name.removeprefix("model."), "before": change.before, "after": change.after,
+         "unit": shown_unit(change.unit)}
+        for change in result.moved
     ]  # fmt: skip
-    sentences = texts([one.message for one in result.moved]) or [
+    sentences = texts([change.message for change in result.moved]) or [
         _("No parameter changed beyond its error bars.")
     ]
     return Card(title, result.verdict, rows, sentences[:SENTENCES])

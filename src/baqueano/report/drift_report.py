@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def page_of_drift(history: "ParameterHistory") -> Page:
     """The page of `over_time`."""
-    sentences = "\n".join(text(one.message) for one in history.moved) or _(
+    sentences = "\n".join(text(change.message) for change in history.moved) or _(
         "No parameter changed beyond its error bars."
     )
     entries = with_curves(history)
@@ -35,11 +35,11 @@ def page_of_drift(history: "ParameterHistory") -> Page:
         verdict=history.verdict,
         headlines=[
             Headline(
-                one.name.removeprefix("model."),
-                f"{number(one.after):.3g} {shown_unit(one.unit)}",
-                _("was {before:.3g}", before=one.before),
+                change.name.removeprefix("model."),
+                f"{number(change.after):.3g} {shown_unit(change.unit)}",
+                _("was {before:.3g}", before=change.before),
             )
-            for one in history.moved[:4]
+            for change in history.moved[:4]
         ],
         sections=[
             Section(_("Changed parameters"), sentences, []),
@@ -61,7 +61,7 @@ def curves(history: "ParameterHistory", entries: list[int]) -> "Figure":
     columns = 2 if len(entries) > 1 else 1
     rows = -(-len(entries) // columns)
     figure, axes = panels(rows, columns, (9.2, 2.0 * rows + 0.5), sharex=True)
-    moved = {one.name for one in history.moved}
+    names_moved = {change.name for change in history.moved}
     at = np.arange(len(history.runs))
     for axis, i in zip(axes.ravel(), entries, strict=False):
         low, high = (history.smoothed[:, i] + s * QUANTILE_95 * history.smoothed_sd[:, i] for s in (-1, 1))
@@ -70,7 +70,7 @@ def curves(history: "ParameterHistory", entries: list[int]) -> "Figure":
         half = QUANTILE_95 * history.single_sd[:, i]
         axis.errorbar(at, history.single[:, i], half, fmt="o", ms=3, color="#3b6fb6", lw=1.0)
         name = history.names[i].removeprefix("model.")
-        axis.set_title(name, fontsize=9, color="#c2410c" if history.names[i] in moved else "#1d2128")
+        axis.set_title(name, fontsize=9, color="#c2410c" if history.names[i] in names_moved else "#1d2128")
         axis.set_ylabel(history.units[i], fontsize=8)
     for axis in axes.ravel()[len(entries) :]:
         axis.set_visible(False)

@@ -20,7 +20,7 @@ PLACES = 400  # of the corridor, along a path
 
 def beside_each_other(both: Comparison) -> list[Section]:
     """Return the figures of two estimates of one drive, a column each."""
-    rows = [judged.row() for judged in both.runs]
+    rows = [run.row() for run in both.runs]
     columns = {
         _("estimated position off, rms [m]"): "ate_m", _("at the end [m]"): "end_error_m",
         _("drift over 1 s [m]"): "rpe_m", _("estimated speed off, rms [m/s]"): "speed_error_m_s",
@@ -31,7 +31,7 @@ def beside_each_other(both: Comparison) -> list[Section]:
         for label, key in columns.items()
     ]
     headings = {"figure": _("figure")} | {f"run {k}": str(row["run"]) for k, row in enumerate(rows)}
-    sentences = "\n".join(f"{judged.name}: {one}" for judged in both.runs for one in judged.sentences)
+    sentences = "\n".join(f"{run.name}: {line}" for run in both.runs for line in run.sentences)
     return [Section(_("Two estimators, one drive"), sentences, [Table(lines, "", headings)])]
 
 
@@ -49,9 +49,9 @@ def sentence_of_path(one: RunComparison, alignment: str) -> str:
             + " "
         )
         sentence += f"{corridor.sentence[:1].upper()}{corridor.sentence[1:]}."
-    laid = {"none": "", "start": " " + _("The estimate is laid on the truth at its start."),
+    alignment_sentence = {"none": "", "start": " " + _("The estimate is laid on the truth at its start."),
             "rigid": " " + _("The estimate is laid on the truth by the best rigid motion.")}[alignment]  # fmt: skip
-    return sentence + laid
+    return sentence + alignment_sentence
 
 
 def _laps(corridor: Corridor) -> float:
@@ -71,7 +71,7 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
     if run.truth is not None:
         lines["truth"] = run.truth.eta[np.isfinite(run.truth.eta).all(axis=1), :2]
     if run.estimate is not None:
-        eta, corridor = _aligned(run, alignment), corridor_of(run)
+        eta, corridor = _aligned_path(run, alignment), corridor_of(run)
         lines["estimate"] = eta[:, :2]
         if corridor is not None and len(corridor.t_s) > 1:
             last = len(corridor.t_s) - 1
@@ -81,15 +81,15 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
                 else 0
             )
             places = np.linspace(begin, last, min(PLACES, last + 1 - begin)).astype(int)
-            left = np.stack([-np.sin(eta[places, 2]), np.cos(eta[places, 2])], axis=1)
-            half = corridor.across_m[places, None] * left
+            to_left = np.stack([-np.sin(eta[places, 2]), np.cos(eta[places, 2])], axis=1)
+            half = corridor.across_m[places, None] * to_left
             band = np.stack([eta[places, :2] + half, eta[places, :2] - half], axis=1)
             turn = map_from_body(eta[last, 2] - corridor.eta[last, 2])[:2, :2]
             end = figures.ellipse(eta[last, :2], turn @ run.estimate.cov[last, :2, :2] @ turn.T)
     if beside is not None and beside.estimate is not None:
-        other = until_diverged(beside)
-        assert other.estimate is not None
-        lines[beside.name] = _aligned(other, alignment)[:, :2]
+        second_run = until_diverged(beside)
+        assert second_run.estimate is not None
+        lines[beside.name] = _aligned_path(second_run, alignment)[:, :2]
     if not lines:
         return []
     caption = _("The path of {run}.", run=run.name)
@@ -98,7 +98,7 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
     return [draw(figures.paths(lines, band, end), caption)]
 
 
-def _aligned(run: Run, alignment: str) -> np.ndarray:
+def _aligned_path(run: Run, alignment: str) -> np.ndarray:
     """The estimated poses (N, 3), laid on the truth where there is one."""
     assert run.estimate is not None
     if run.truth is None:
@@ -112,9 +112,9 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
         return []
     t, off = _off(run, run, alignment)
     band = 2.0 * np.sqrt(np.maximum(np.einsum("kii->ki", run.estimate.cov[:, :4, :4]), 0.0))
-    others = {}
+    second_errors = {}
     if beside is not None and beside.estimate is not None:
-        others[beside.name] = _off(until_diverged(beside), run, alignment)
+        second_errors[beside.name] = _off(until_diverged(beside), run, alignment)
     panels = []
     for k, label in enumerate(
         (_("x error [m]"), _("y error [m]"), _("heading error [°]"), _("ν_x error [m/s]"))
@@ -122,7 +122,9 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
         scale = 180.0 / np.pi if k == 2 else 1.0
         if np.isfinite(off[:, k]).any():
             curves = {"±2σ": (t, scale * band[:, k]), "estimate": (t, scale * off[:, k])}
-            panels.append((label, curves | {n: (at, scale * e[:, k]) for n, (at, e) in others.items()}))
+            panels.append(
+                (label, curves | {n: (at, scale * e[:, k]) for n, (at, e) in second_errors.items()})
+            )
     drawing = draw(
         figures.over_time(panels), _("Estimate minus truth; the band is the error that the filter claims.")
     )
@@ -134,7 +136,7 @@ def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarra
     log, truth = run.estimate, truth_of.truth
     assert log is not None
     assert truth is not None
-    off = _aligned(run, alignment) - poses_at(log.t_ns, truth.t_ns, truth.eta)
+    off = _aligned_path(run, alignment) - poses_at(log.t_ns, truth.t_ns, truth.eta)
     off[:, 2] = wrap(off[:, 2])
     nu_true = at_times(log.t_ns, truth.t_ns, truth.nu)
     return seconds(log.t_ns, run.t_ns[0]), np.column_stack([off, log.nu[:, 0] - nu_true[:, 0]])

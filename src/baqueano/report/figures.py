@@ -49,16 +49,16 @@ def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
         return slice(0, len(t_s))
     starts = t_s[0] + np.arange(int(over_s) + 1)
     first, last = np.searchsorted(t_s, starts), np.searchsorted(t_s, starts + span_s, side="right")
-    there = np.isfinite(y)
+    finite = np.isfinite(y)
     y = np.clip(y, *np.nanpercentile(y, (1.0, 99.0), axis=0))
-    y = np.where(there, y - np.nanmean(y, axis=0), 0.0)
+    y = np.where(finite, y - np.nanmean(y, axis=0), 0.0)
 
     def total(x: np.ndarray) -> np.ndarray:
         upto = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
         return upto[last] - upto[first]
 
     whole = np.sum(y**2, axis=0)
-    varies = total(y**2) - total(y) ** 2 / np.maximum(total(there), 1)
+    varies = total(y**2) - total(y) ** 2 / np.maximum(total(finite), 1)
     most = int(np.argmax(np.sum(varies / np.where(whole > 0.0, whole, 1.0), axis=1)))
     return slice(int(first[most]), int(last[most]))
 
@@ -162,7 +162,7 @@ def paths(
     }
     figure, axis = panel((7.2, 6.2))
     if band is not None and len(band) > 1:
-        axis.add_patch(_shaded(band))
+        axis.add_patch(_band_patch(band))
         axis.update_datalim(band.reshape(-1, 2))
     if end is not None:
         axis.plot(*end.T, color=MODEL, lw=0.9, ls=(0, (4, 3)), label=_("95 % at its end"))
@@ -175,20 +175,20 @@ def paths(
     return figure
 
 
-def _shaded(band: np.ndarray) -> Any:
+def _band_patch(band: np.ndarray) -> Any:
     """Return one patch of the triangles between the edges (M, 2, 2), equally oriented: overlaps stay as light."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
     left, right = band[:, 0], band[:, 1]
     first, second = (left[:-1], right[:-1], right[1:]), (left[:-1], right[1:], left[1:])
-    corners = np.concatenate([np.stack(one, axis=1) for one in (first, second)])  # (2 M − 2, 3, 2)
+    corners = np.concatenate([np.stack(points, axis=1) for points in (first, second)])  # (2 M − 2, 3, 2)
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     clockwise = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] < 0.0
     corners[clockwise] = corners[clockwise, ::-1]
-    closed = np.concatenate([corners, corners[:, :1]], axis=1)
-    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(closed))
-    shape = Path(closed.reshape(-1, 2), codes)
+    outlines = np.concatenate([corners, corners[:, :1]], axis=1)
+    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(outlines))
+    shape = Path(outlines.reshape(-1, 2), codes)
     return PathPatch(shape, facecolor=MODEL, alpha=0.15, lw=0, label=_("corridor, 95 %"))
 
 

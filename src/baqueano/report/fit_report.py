@@ -44,7 +44,7 @@ def page_of_fit(
         title=_("Fit of {name}", name=fit.file.name),
         subtitle=_(
             "{runs}; {evaluations} evaluations, back end {backend}",
-            runs=_named(fit.runs),
+            runs=_run_names(fit.runs),
             evaluations=fit.evaluations,
             backend=fit.backend,
         ),
@@ -75,16 +75,16 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     """Parameters, data and model, residuals, correlation.  truth (p,): drawn beside the estimates; `reasons`: say
     again what the verdict rests on."""
     messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
-    messages = "\n".join(f"• {one}" for one in texts(by_weight(messages)))
+    messages = "\n".join(f"• {message}" for message in texts(by_weight(messages)))
     rows = [row_of(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
-    identified = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
-    names = [short(n) for n, k in zip(fit.names, identified, strict=True) if k]
+    identifiable = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
+    names = [short(n) for n, k in zip(fit.names, identifiable, strict=True) if k]
     parts: list[Table | Drawing] = [Table(rows)]
-    if identified.any():
-        beside = None if truth is None else truth[identified]
-        drawing = figures.estimates(names, fit.estimate[identified], fit.sd[identified], beside)
+    if identifiable.any():
+        true_values = None if truth is None else truth[identifiable]
+        drawing = figures.estimates(names, fit.estimate[identifiable], fit.sd[identifiable], true_values)
         parts.append(
             draw(
                 drawing,
@@ -92,9 +92,9 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
             )
         )
     sections = [Section(_("Parameters"), messages, parts), *_runs(fit)]
-    sections += [_of_run(fit, run) for run in _drawn(fit.channels)]
-    if identified.sum() > 1:
-        matrix = fit.correlation[np.ix_(identified, identified)]
+    sections += [_of_run(fit, run) for run in _runs_to_draw(fit.channels)]
+    if identifiable.sum() > 1:
+        matrix = fit.correlation[np.ix_(identifiable, identifiable)]
         messages = _("Red or blue off the diagonal: only the combination of these parameters is known.")
         drawing = draw(figures.correlation(names, matrix), messages, narrow=False)
         sections.append(Section(_("Correlation of the estimates"), "", [drawing]))
@@ -118,13 +118,13 @@ def row_of(row: "TableRow") -> "JsonObject":
 def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     """Return the meaning of the verdict for the reader, and the next step."""
     reasons_ = [ended(reason) for reason in texts(by_weight(fit.reasons))]
-    reasons_ = [f"• {one}" for one in reasons_] if len(reasons_) > 1 else reasons_
+    reasons_ = [f"• {reason}" for reason in reasons_] if len(reasons_) > 1 else reasons_
     if held_out is not None:
         reasons_ += [
             _("On held-out runs: {sentence}", sentence=ended(held_out.sentence)),
-            *(f"{one}." for one in texts(held_out.outside)),
+            *(f"{message}." for message in texts(held_out.outside)),
         ]
-    needs = [one.figures["needs"] for one in fit.unobservable if "needs" in one.figures]
+    needs = [message.figures["needs"] for message in fit.unobservable if "needs" in message.figures]
     if fit.verdict == Verdict.REFUSED:
         reasons_.append(_("Next: look at the data below. The vehicle file stays as it is."))
     elif needs:
@@ -144,13 +144,13 @@ def _of_unseen(held_out: "Validation | None") -> list[Section]:
         return []
     caption = _("Sensors and model of a held-out run; the model uses its commands only.")
     drawings = []
-    for run in _drawn(held_out.channels):
-        drawing, channels_shown = where_most_moves(_explained(held_out.channels, run))
+    for run in _runs_to_draw(held_out.channels):
+        drawing, channels_shown = where_most_moves(_channels_of(held_out.channels, run))
         drawings.append(draw(drawing, f"{run}, {channels_shown}. {caption}"))
     return [Section(_("Held-out runs"), held_out.sentence, [Table(held_out.rows()), *drawings])]
 
 
-def _explained(channels: Any, run: str) -> list[Any]:
+def _channels_of(channels: Any, run: str) -> list[Any]:
     """The channels of one run that say how much the model explains."""
     return [c for c in channels if c.run == run and np.isfinite(c.explained)]
 
@@ -167,7 +167,7 @@ def _least(channels: Any) -> dict[str, float]:
 def _of_worst(channels: object) -> list[Any]:
     """The channels of the run of which the model explains least."""
     least = _least(channels)
-    return _explained(channels, min(least, key=lambda run: least[run])) if least else []
+    return _channels_of(channels, min(least, key=lambda run: least[run])) if least else []
 
 
 def _few(channels: list[Any]) -> list[Any]:
@@ -176,7 +176,7 @@ def _few(channels: list[Any]) -> list[Any]:
     return [channels[k] for k in sorted(least)]
 
 
-def _drawn(channels: object) -> list[str]:
+def _runs_to_draw(channels: object) -> list[str]:
     """The runs to be drawn, in their order: of many the DRAWN of which the model explains least."""
     least = _least(channels)
     worst = sorted(least, key=lambda run: least[run])[:DRAWN]
@@ -188,17 +188,21 @@ def _runs(fit: Fit) -> list[Section]:
     worst = _of_worst(fit.channels)
     if len(fit.runs) < 2 or not worst:
         return []
-    caption, drawn = _("The model explains least of {run}.", run=worst[0].run), _drawn(fit.channels)
-    if len(drawn) < len(fit.runs):
+    caption, run_names = (
+        _("The model explains least of {run}.", run=worst[0].run),
+        _runs_to_draw(fit.channels),
+    )
+    if len(run_names) < len(fit.runs):
         caption += "\n" + _(
             "Drawn are the {drawn} runs of {runs} of which the model explains least.",
-            drawn=len(drawn),
+            drawn=len(run_names),
             runs=len(fit.runs),
         )
     names, rows = dict.fromkeys(label(c) for c in fit.channels if np.isfinite(c.explained)), []
     for run in fit.runs:
         rows_ = {
-            label(c): f"{number(c.sigma):.3g}, {percent(c.explained)}" for c in _explained(fit.channels, run)
+            label(c): f"{number(c.sigma):.3g}, {percent(c.explained)}"
+            for c in _channels_of(fit.channels, run)
         }
         rows.append({"run": run} | {name: rows_.get(name) for name in names})
     headings = {name: name for name in ("run", *names)}
@@ -207,7 +211,7 @@ def _runs(fit: Fit) -> list[Section]:
     ]
 
 
-def _named(runs: Any) -> str:
+def _run_names(runs: Any) -> str:
     """The runs of a fit, in short."""
     return (
         ", ".join(runs)
@@ -217,7 +221,7 @@ def _named(runs: Any) -> str:
 
 
 def _of_run(fit: Fit, run: str) -> Section:
-    channels = _explained(fit.channels, run)
+    channels = _channels_of(fit.channels, run)
     few, channels_shown = where_most_moves(channels)
     residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
     over_time = figures.over_time([

@@ -102,7 +102,7 @@ def _comma(axes: np.ndarray) -> None:
         return
     from baqueano.report.canvas import CommaFormatter
 
-    for axis in (one for each in axes.flat for one in (each.xaxis, each.yaxis)):
+    for axis in (axis for each in axes.flat for axis in (each.xaxis, each.yaxis)):
         axis.set_major_formatter(CommaFormatter())
 
 

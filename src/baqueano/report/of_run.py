@@ -42,16 +42,16 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     """Return the sections of a run: path, errors, innovations, commands, events.  alignment as in compare; the
     estimate of the run `beside` it, of another estimator on the same drive, is drawn and judged beside its own."""
     both = compare([run] if beside is None else [run, beside], alignment=alignment)
-    one = both.runs[0]
-    judged, drove = one.row(), both.of_drives
+    run_figures = both.runs[0]
+    row, drove = run_figures.row(), both.of_drives
     run = until_diverged(run)
-    drawn = paths(run, alignment, beside)
-    sections = [Section(_("Path"), sentence_of_path(one, alignment), drawn)] if drawn else []
+    drawings = paths(run, alignment, beside)
+    sections = [Section(_("Path"), sentence_of_path(run_figures, alignment), drawings)] if drawings else []
     sections += beside_each_other(both) if beside is not None else []
-    sections += driving(run, judged) if drove else []
+    sections += driving(run, row) if drove else []
     sections += errors(run, alignment, beside)
-    sections += consistency_sections(one.consistency, run)
-    sections += refused(one.refusals)
+    sections += consistency_sections(run_figures.consistency, run)
+    sections += refused(run_figures.refusals)
     sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
     contents = show(run)
     sections.append(Section(_("Content of the run"), "", [Table(contents.rows()), *_events(run)]))
@@ -64,8 +64,8 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
             duration_s=run.duration_s,
             ticks=len(run.t_ns),
         ),
-        verdict=VERDICTS.get(judged["verdict"], ""),
-        headlines=headlines(judged, drove),
+        verdict=VERDICTS.get(row["verdict"], ""),
+        headlines=headlines(row, drove),
         sections=sections,
         reproduce=typed("report", run.name),
     )
@@ -74,15 +74,15 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
 def headlines(judged: dict, drove: bool = True) -> list[Headline]:
     """Return the figures of a comparison that are known, large; those of the vehicle only where it `drove` by the
     estimate that is judged."""
-    by, whose = ("pace_true", _("true"))
+    by, source = ("pace_true", _("true"))
     if not np.isfinite(judged["pace_true_error"]):
-        by, whose = ("pace_estimate", _("by the estimate"))
+        by, source = ("pace_estimate", _("by the estimate"))
     of_vehicle = (
         ("across_true_rms_m", _("across the path, true"), _("rms"), 100, "cm"),
         (
             f"{by}_error",
             _("speed off its reference"),
-            _("rms, of the mean asked; {whose}", whose=whose),
+            _("rms, of the mean asked; {whose}", whose=source),
             100,
             "%",
         ),
@@ -111,9 +111,9 @@ def headlines(judged: dict, drove: bool = True) -> list[Headline]:
 def refused(counts: tuple[Refusals, ...]) -> list[Section]:
     """Return how often the estimator refused each number; nothing of one that does not count."""
     rows = [
-        {"number": one.name, "refused": one.refused, "arrived": one.arrived,
-         _("refused [%]"): 100.0 * one.refused / max(one.arrived, 1)}
-        for one in counts
+        {"number": count.name, "refused": count.refused, "arrived": count.arrived,
+         _("refused [%]"): 100.0 * count.refused / max(count.arrived, 1)}
+        for count in counts
     ]  # fmt: skip
     caption = _(
         "A number far from its prediction loses its weight. Sensors that disagreed for long are below."
@@ -135,8 +135,8 @@ def sensors_of(run: Run) -> Drawing:
 def driving(run: Run, judged: dict) -> list[Section]:
     """The forward speed against its reference, and the commands with their limits."""
     drawing = speed(run)
-    paced = [] if drawing is None else [Section(_("Speed"), "", [drawing, *_paces(judged)])]
-    return [*paced, commands(run)]
+    pace_drawings = [] if drawing is None else [Section(_("Speed"), "", [drawing, *_paces(judged)])]
+    return [*pace_drawings, commands(run)]
 
 
 def speed(run: Run) -> Drawing | None:
@@ -152,17 +152,17 @@ def speed(run: Run) -> Drawing | None:
     )
 
 
-def _paces(judged: dict) -> list[Table | Drawing]:
+def _paces(row: dict) -> list[Table | Drawing]:
     """Draw the error of the speed against its reference, after the first second."""
     rows = [
         {
-            "speed": whose,
-            _("off its reference, rms [m/s]"): judged[f"{name}_error_m_s"],
-            _("of the mean asked [%]"): 100.0 * judged[f"{name}_error"],
-            _("uneven, about its 1 s mean [%]"): 100.0 * judged[f"{name}_uneven"],
+            "speed": source,
+            _("off its reference, rms [m/s]"): row[f"{name}_error_m_s"],
+            _("of the mean asked [%]"): 100.0 * row[f"{name}_error"],
+            _("uneven, about its 1 s mean [%]"): 100.0 * row[f"{name}_uneven"],
         }
-        for name, whose in (("pace_true", _("true")), ("pace_estimate", _("by the estimate")))
-        if np.isfinite(judged[f"{name}_error"])
+        for name, source in (("pace_true", _("true")), ("pace_estimate", _("by the estimate")))
+        if np.isfinite(row[f"{name}_error"])
     ]
     return (
         [Table(rows, _("After the first second; a steady error does not count as unevenness."))]
@@ -184,12 +184,14 @@ def commands(run: Run) -> Section:
     """Draw each command, and each wheel behind the mix, with its limit."""
     t = seconds(run.t_ns, run.t_ns[0])
     panels, rows = [], []
-    for name, curves, sent, limit in _channels(run):
-        full = np.abs(sent) >= evenness.AT_LIMIT * limit
+    for name, curves, command, limit in _channels(run):
+        full = np.abs(command) >= evenness.AT_LIMIT * limit
         curves_shown = {which: (t, u) for which, u in curves.items()}
         curves_shown |= {"limit": (t, np.full(len(t), limit))} if np.isfinite(limit) else {}
-        panels.append((name, curves_shown | ({"at its limit": (t[full], sent[full])} if full.any() else {})))
-        size = np.abs(sent[np.isfinite(sent)])
+        panels.append(
+            (name, curves_shown | ({"at its limit": (t[full], command[full])} if full.any() else {}))
+        )
+        size = np.abs(command[np.isfinite(command)])
         rows.append({
             "command": name, "largest": float(size.max(initial=0.0)), "limit": limit if np.isfinite(limit) else None,
             _("at its limit [% of ticks]"): 100.0 * float(np.mean(full)) if np.isfinite(limit) else None,
@@ -204,8 +206,8 @@ def commands(run: Run) -> Section:
 def _channels(run: Run) -> list[_CommandCurve]:
     """The commands that this vehicle has a use for, then its two wheels."""
     limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
-    sent = run.applied if run.sent is None else run.sent
-    n = sent.shape[1]
+    commands_sent = run.applied if run.sent is None else run.sent
+    n = commands_sent.shape[1]
     if limits is None or len(limits.command) != n:
         limits, names = evenness.Limits(np.full(n, np.inf)), [f"u[{k}]" for k in range(n)]
     drawings = []
@@ -214,12 +216,18 @@ def _channels(run: Run) -> list[_CommandCurve]:
             curves = {} if run.requested is None else {"requested": run.requested[:, k]}
             drawings.append(
                 _CommandCurve(
-                    names[k] + unit, curves | {"applied": run.applied[:, k]}, sent[:, k], limits.command[k]
+                    names[k] + unit,
+                    curves | {"applied": run.applied[:, k]},
+                    commands_sent[:, k],
+                    limits.command[k],
                 )
             )
     if limits.mixing == "two_wheels":
         for name, w, limit in zip(
-            (_("left wheel"), _("right wheel")), mix(limits.mixing, sent.T), limits.channel, strict=True
+            (_("left wheel"), _("right wheel")),
+            mix(limits.mixing, commands_sent.T),
+            limits.channel,
+            strict=True,
         ):
             drawings.append(_CommandCurve(name + unit, {"sent": w}, w, float(limit)))
     return drawings

@@ -153,8 +153,8 @@ class Page:
         ]
         names = [re.sub(r"\W+", "-", title.lower()).strip("-") for title, _drawing in all_drawings]
         return {
-            f"{k + 1:02d}-{name}": one
-            for k, (name, (_title, one)) in enumerate(zip(names, all_drawings, strict=True))
+            f"{k + 1:02d}-{name}": drawing
+            for k, (name, (_title, drawing)) in enumerate(zip(names, all_drawings, strict=True))
         }
 
     def save_figures(
@@ -185,9 +185,9 @@ def save_text(path: str | Path, text: str) -> Path:
     """Write a file that appears whole, in place of what had its name, and return its path."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(path.name + ".part")
-    unfinished.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(unfinished, path)
+    part_file = path.with_name(path.name + ".part")
+    part_file.write_text(text, encoding="utf-8", newline="\n")
+    os.replace(part_file, path)
     return path
 
 

@@ -84,15 +84,21 @@ def _first(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figure | No
 
 @drawings_of.register(Fit)
 def _of_fit(result: Fit) -> dict[str, Draw]:
-    identified = np.isfinite(result.sd) & np.isfinite(result.estimate)
-    names = [short(name) for name, one in zip(result.names, identified, strict=True) if one]
-    channels = [one for one in result.channels if one.run == result.runs[0] and np.isfinite(one.explained)]
+    identifiable = np.isfinite(result.sd) & np.isfinite(result.estimate)
+    names = [short(name) for name, keep in zip(result.names, identifiable, strict=True) if keep]
+    channels = [
+        channel
+        for channel in result.channels
+        if channel.run == result.runs[0] and np.isfinite(channel.explained)
+    ]
     if not channels:
         return {}
     return {
-        "estimates": lambda: figures.estimates(names, result.estimate[identified], result.sd[identified]),
+        "estimates": lambda: figures.estimates(names, result.estimate[identifiable], result.sd[identifiable]),
         **_of_channels(channels),
-        "correlation": lambda: figures.correlation(names, result.correlation[np.ix_(identified, identified)]),
+        "correlation": lambda: figures.correlation(
+            names, result.correlation[np.ix_(identifiable, identifiable)]
+        ),
     }
 
 
@@ -101,16 +107,18 @@ def _of_channels(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
     return {
         "data": lambda: where_most_moves(list(channels))[0],
         "residuals": lambda: figures.residuals(
-            np.stack([(one.measured - one.predicted) / one.sigma for one in channels], axis=1),
-            [label(one) for one in channels],
+            np.stack(
+                [(channel.measured - channel.predicted) / channel.sigma for channel in channels], axis=1
+            ),
+            [label(reason) for reason in channels],
         ),
     }
 
 
 @drawings_of.register(Validation)
 def _of_validation(result: Validation) -> dict[str, Draw]:
-    explained = [one for one in result.channels if np.isfinite(one.explained)]
-    return _of_channels([one for one in explained if one.run == explained[0].run]) if explained else {}
+    finite = [channel for channel in result.channels if np.isfinite(channel.explained)]
+    return _of_channels([channel for channel in finite if channel.run == finite[0].run]) if finite else {}
 
 
 @drawings_of.register(TeachResult)
@@ -127,9 +135,9 @@ def _of_route(result: Route) -> dict[str, Draw]:
 
 @drawings_of.register(Calibration)
 def _of_calibration(result: Calibration) -> dict[str, Draw]:
-    finite = [one for one in result.numbers if np.isfinite(one.half) and one.value != 0.0]
-    values, half = (np.array([getattr(one, name) for one in finite]) for name in ("value", "half"))
-    names = [one.name for one in finite]
+    finite = [value for value in result.numbers if np.isfinite(value.half) and value.value != 0.0]
+    values, half = (np.array([getattr(value, name) for value in finite]) for name in ("value", "half"))
+    names = [value.name for value in finite]
     return {"estimates": lambda: figures.estimates(names, values, half / 1.96)} if finite else {}
 
 
@@ -178,9 +186,9 @@ def comparison(result: Comparison) -> "Figure":
     upper, lower = axes[:, 0]
     rows = np.arange(len(runs))[::-1]
     marks = (
-        (_("across its path"), [one.across_true.rms_m for one in runs], TRUTH, "s"),
-        ("by the estimate", [one.across_estimate.rms_m for one in runs], MODEL, "o"),
-        ("position off", [one.ate_m for one in runs], MEASURED, "D"),
+        (_("across its path"), [run.across_true.rms_m for run in runs], TRUTH, "s"),
+        ("by the estimate", [run.across_estimate.rms_m for run in runs], MODEL, "o"),
+        ("position off", [run.ate_m for run in runs], MEASURED, "D"),
     )
     for name, metres, colour, marker in marks:
         if np.isfinite(metres).any():
@@ -190,16 +198,16 @@ def comparison(result: Comparison) -> "Figure":
     for k, (name, values, colour) in enumerate(
         (("nees_velocity", _("NEES of the velocity"), MODEL), ("nis", "NIS", MEASURED))
     ):
-        at, bands = rows + 0.15 - 0.3 * k, [getattr(one.consistency, name) for one in runs]
+        at, bands = rows + 0.15 - 0.3 * k, [getattr(run.consistency, name) for run in runs]
         lower.hlines(at, [b.low for b in bands], [b.high for b in bands], color=REFERENCE, lw=5, zorder=1)
         lower.plot([b.mean for b in bands], at, "o", ms=5, color=colour, label=values)
     lower.axvline(1.0, color=TRUTH, lw=1)
     lower.set_xscale("log")
     lower.set_xlabel(_("error² / claimed variance"))
-    for one in (upper, lower):
-        one.set_yticks(rows, [judged.name for judged in runs])
-        one.set_ylim(-0.6, len(runs) - 0.4)
-        one.legend(**(figures.ABOVE | {"ncols": 2}))
+    for ax in (upper, lower):
+        ax.set_yticks(rows, [run.name for run in runs])
+        ax.set_ylim(-0.6, len(runs) - 0.4)
+        ax.legend(**(figures.ABOVE | {"ncols": 2}))
     return figure
 
 
@@ -269,9 +277,12 @@ def drives(result: Forecast) -> "Figure":
     """Draw how far off the end of each drive would be (standard deviation)."""
     figure, axes = panel((7.2, 0.5 * len(result.ahead) + 0.9))
     rows = np.arange(len(result.ahead))[::-1]
-    axes.barh(rows, [100.0 * one.position_m for one in result.ahead], height=0.5, color=MODEL, alpha=0.6)
+    axes.barh(
+        rows, [100.0 * forecast.position_m for forecast in result.ahead], height=0.5, color=MODEL, alpha=0.6
+    )
     axes.set_yticks(
-        rows, [f"{number(one.duration_s):.0f} s, {number(one.way_m):.1f} m" for one in result.ahead]
+        rows,
+        [f"{number(forecast.duration_s):.0f} s, {number(forecast.way_m):.1f} m" for forecast in result.ahead],
     )
     axes.set_xlabel(_("position at the end, open loop [± cm]"))
     return figure

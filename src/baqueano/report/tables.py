@@ -29,7 +29,7 @@ def csv_text(rows: list["TableRow"]) -> str:
     writer = csv.DictWriter(out, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
     for row in rows:
-        writer.writerow({key: "" if _unknown(value) else value for key, value in row.items()})
+        writer.writerow({key: "" if _is_nan(value) else value for key, value in row.items()})
     return out.getvalue()
 
 
@@ -38,7 +38,7 @@ def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None)
     lines = [
         r"\begin{table}",
         r"  \centering",
-        *([rf"  \caption{{{_escaped(caption)}}}"] if caption else []),
+        *([rf"  \caption{{{_escape(caption)}}}"] if caption else []),
         r"  \begin{tabular}{lrrl}",
         r"    \toprule",
         r"    parameter & estimate & standard error & unit \\",
@@ -61,7 +61,7 @@ def symbol(path: str, blocks: object = None) -> str:
     except (AttributeError, KeyError, TypeError):
         p = None
     if p is None or not p.symbol:
-        return rf"\texttt{{{_escaped(path)}}}"
+        return rf"\texttt{{{_escape(path)}}}"
     index = [int(i) for i in entry.rstrip("]").split(",")] if entry else []
     if not isinstance(p.symbol, str):
         return f"${p.symbol[index[0] if index else 0]}$"
@@ -97,13 +97,13 @@ def save_table(rows: list["TableRow"], path: str | Path, caption: str = "", bloc
     path = Path(path)
     text = csv_text(rows) if suffix_of(path) == ".csv" else latex_text(rows, caption, blocks)
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(path.name + ".part")
-    unfinished.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(unfinished, path)
+    part_file = path.with_name(path.name + ".part")
+    part_file.write_text(text, encoding="utf-8", newline="\n")
+    os.replace(part_file, path)
     return path
 
 
-def _unknown(value: object) -> bool:
+def _is_nan(value: object) -> bool:
     return value is None or (isinstance(value, float) and not np.isfinite(value))
 
 
@@ -114,8 +114,8 @@ def _power(number: str) -> str:
 
 def _unit(text: str) -> str:
     superscripts = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-    return re.sub(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: f"$^{{{m.group().translate(superscripts)}}}$", _escaped(text))
+    return re.sub(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: f"$^{{{m.group().translate(superscripts)}}}$", _escape(text))
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("^", r"\^{}").replace("~", r"\~{}")

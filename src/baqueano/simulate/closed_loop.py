@@ -139,7 +139,7 @@ def simulate_loops(
         last, outputs = kernel.run(inputs, carry=start)
         about = metadata("simulate loop", seed, rate, kernel.backend, noise, eta0)
         run = as_run(name, t_ns, outputs, about)
-        events = _stopped(last.blocks.supervisor, int(t_ns[-1])) + beyond(vehicle_file, run)
+        events = _stop_event(last.blocks.supervisor, int(t_ns[-1])) + beyond(vehicle_file, run)
         yield replace(run, vehicle_text=vehicle_file.text, events=events)
 
 
@@ -194,8 +194,8 @@ def compilable(**blocks: Tree) -> None:
     """Raise UsageError, with what to type, for a block of a room whose step is never compiled."""
     for room, block in blocks.items():
         if optional.of(block, "as_written"):
-            how = typed("repeat", "ROUTE", *(f"--{room}", "KIND"))
-            raise UsageError(fault("simulate.as-written", how, room=room, block=type(block).__name__))
+            command = typed("repeat", "ROUTE", *(f"--{room}", "KIND"))
+            raise UsageError(fault("simulate.as-written", command, room=room, block=type(block).__name__))
 
 
 def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> Run:
@@ -225,11 +225,11 @@ def start_of(system: System) -> np.ndarray:
 def lasting(system: System) -> float:
     """Return the time from the first tick to the end of the reference [s], for any motion of the vehicle."""
     low, high = -1, LONGEST_NS
-    if not _done(system, high):
+    if not _is_over(system, high):
         raise UsageError(fault("simulate.never-done"))
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if _done(system, middle) else (middle, high)
+        low, high = (low, middle) if _is_over(system, middle) else (middle, high)
     return seconds(high)
 
 
@@ -238,7 +238,7 @@ def ticks_of(system: System, rate_hz: float) -> int:
     return int(np.ceil(lasting(system) * rate_hz - 1e-6)) + 1
 
 
-def _done(system: System, t_ns: int) -> bool:
+def _is_over(system: System, t_ns: int) -> bool:
     return bool(references_of(system, [0, t_ns])[-1].done > 0.0)
 
 
@@ -252,10 +252,10 @@ def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
     return out
 
 
-def _stopped(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
+def _stop_event(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
     """A line that says why the supervisor stopped the vehicle, if it did."""
     code = round(float(getattr(supervisor, "reason", 0.0)))
     if not 0 < code < len(REASONS):
         return ()
-    why = numbered(code)
-    return (Event(t_ns, "error", "supervisor", in_english(why), why),)
+    message = numbered(code)
+    return (Event(t_ns, "error", "supervisor", in_english(message), message),)

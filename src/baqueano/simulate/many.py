@@ -124,10 +124,10 @@ class Ensemble(Result):
     @property
     def reasons(self) -> tuple[Diagnostic | str, ...]:
         """Return what went wrong with some of the vehicles."""
-        lost, vehicles = int(np.sum(~self._finite)), len(self.theta)
+        lost_count, vehicles = int(np.sum(~self._finite)), len(self.theta)
         messages: list[Diagnostic | str] = list(self.outside)
-        if lost:
-            messages.append(note("simulate.lost", Severity.WARNING, lost=lost, vehicles=vehicles))
+        if lost_count:
+            messages.append(note("simulate.lost", Severity.WARNING, lost=lost_count, vehicles=vehicles))
         if self.clipped:
             messages.append(
                 note("simulate.clipped", Severity.WARNING, clipped=self.clipped, vehicles=vehicles)
@@ -199,19 +199,19 @@ def simulate_many(
     u = command_signal(vehicle_file, u)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     if vary is None:
-        paths, theta, clipped = drawn(vehicle_file, system, vehicles, seed)
+        paths, theta, clips = drawn(vehicle_file, system, vehicles, seed)
     else:
-        (paths, theta), clipped = given(system, vary, vehicles), 0
+        (paths, theta), clips = given(system, vary, vehicles), 0
     rate = vehicle_file.rate_hz
     each = len(u) if every_s is None else max(1, round(every_s * rate))
     ends = sorted({*range(each, len(u) + 1, each), len(u)})
     kernel = lanes_kernel(system, paths, rate, process_noise, backend)
     start = system.model.init(None if eta0 is None else np.array(eta0, dtype=float))
-    done = []
+    batches = []
     for rows in _chunks(len(theta), process_noise, int(np.max(np.diff([0, *ends])))):
         rngs = [stream(seed, f"vehicle.{l}") for l in range(rows.start, rows.stop)] if process_noise else []
-        done.append(_drive(kernel, start, u, theta[rows], ends, rngs))
-    eta, nu = (np.concatenate(x) for x in zip(*done, strict=True))
+        batches.append(_drive(kernel, start, u, theta[rows], ends, rngs))
+    eta, nu = (np.concatenate(x) for x in zip(*batches, strict=True))
     t_s = seconds(times(len(u), rate)[np.array(ends) - 1])
     watch = Watch(vehicle_file.envelope)
     watch.look(u, {})
@@ -222,7 +222,7 @@ def simulate_many(
         t_s,
         eta,
         nu,
-        clipped,
+        clips,
         kernel.backend,
         outside,
     )

@@ -116,12 +116,12 @@ def simulate(
         return _ticks_of(vehicle_file, run, rows, rate)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     u = command_signal(vehicle_file, u)
-    drawn = draw(system.sensors, seed, len(u)) if noise else None
+    draws = draw(system.sensors, seed, len(u)) if noise else None
     kernel = open_loop(system.model, system.sensors, rate, noise, backend)
     world = world_init(system.model, system.sensors)
     start = system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0"))
     world = world._replace(vehicle=start)
-    _, outputs = kernel.run(OpenLoopState(u, drawn), carry=world)
+    _, outputs = kernel.run(OpenLoopState(u, draws), carry=world)
     t_ns = times(len(u), rate)
     run = Run(
         name,

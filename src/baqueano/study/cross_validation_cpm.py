@@ -118,11 +118,14 @@ class CrossValidation:
 
     def rows(self) -> list["TableRow"]:
         """Return a row per model and run."""
-        return [one.row() for one in self.judged]
+        return [judgement.row() for judgement in self.judged]
 
     def parameters(self) -> list["TableRow"]:
         """Return a row per parameter: estimate and standard error of each run."""
-        fits = {run: {row["name"]: row for row in done.fit.rows()} for run, done in self.fitted.items()}
+        fits = {
+            run: {row["name"]: row for row in fitted_run.fit.rows()}
+            for run, fitted_run in self.fitted.items()
+        }
         out = []
         for name, first in next(iter(fits.values())).items():
             row = {"name": name, "unit": first["unit"]}
@@ -133,25 +136,25 @@ class CrossValidation:
 
     def figures(self) -> list[dict[str, str]]:
         """Return a row per figure, a column per model and run, as text."""
-        rows = {_head(one): one.row() for one in self.judged}
+        rows = {_head(judgement): judgement.row() for judgement in self.judged}
         return [{"figure": label} | {head: cell(row) for head, row in rows.items()} for label, cell in _LINES]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Return where a run commands more than the runs of its model."""
-        out, applied = [], {one.judged_on: one.replayed.applied for one in self.judged}
-        for one in self.judged if len(applied) > 1 else ():
-            names = self.fitted[one.fitted_on].file.command.names
-            for name, fitted, commanded in zip(
-                names, applied[one.fitted_on].T, applied[one.judged_on].T, strict=True
+        out, applied = [], {judgement.judged_on: judgement.replayed.applied for judgement in self.judged}
+        for judgement in self.judged if len(applied) > 1 else ():
+            names = self.fitted[judgement.fitted_on].file.command.names
+            for name, fitted, commands in zip(
+                names, applied[judgement.fitted_on].T, applied[judgement.judged_on].T, strict=True
             ):
-                low, high, least, most = np.min(fitted), np.max(fitted), np.min(commanded), np.max(commanded)
+                low, high, least, most = np.min(fitted), np.max(fitted), np.min(commands), np.max(commands)
                 if least < low - BEYOND * (high - low) or most > high + BEYOND * (high - low):
                     out.append(
                         _(
                             "{head}: {name} from {least:.2f} to {most:.2f} leaves what the model was fitted to, "
                             "{low:.2f} to {high:.2f}",
-                            head=_head(one),
+                            head=_head(judgement),
                             name=name,
                             least=least,
                             most=most,
@@ -164,26 +167,28 @@ class CrossValidation:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return the reasons against USABLE."""
-        out = [_("the fit on {run} is {verdict}", run=run, verdict=_(done.fit.verdict)) 
-               for run, done in self.fitted.items() if done.fit.verdict != Verdict.USABLE]  # fmt: skip
-        for one in self.judged:
-            where = _(
+        out = [_("the fit on {run} is {verdict}", run=run, verdict=_(fitted_run.fit.verdict)) 
+               for run, fitted_run in self.fitted.items() if fitted_run.fit.verdict != Verdict.USABLE]  # fmt: skip
+        for judgement in self.judged:
+            place = _(
                 "fitted on {fitted_on}, judged on {judged_on}",
-                fitted_on=one.fitted_on,
-                judged_on=one.judged_on,
+                fitted_on=judgement.fitted_on,
+                judged_on=judgement.judged_on,
             )
-            if one.lost:
-                out.append(_("{where}: the estimate lost the car", where=where))
-            if one.held_out and np.min(one.predicted.explained) < EXPLAINS:
+            if judgement.lost:
+                out.append(_("{where}: the estimate lost the car", where=place))
+            if judgement.held_out and np.min(judgement.predicted.explained) < EXPLAINS:
                 out.append(
                     _(
                         "{where}: less than {explains:.0f} % of speed or yaw rate is explained",
-                        where=where,
+                        where=place,
                         explains=100 * EXPLAINS,
                     )
                 )
         sure = [
-            _head(one) for one in self.judged if one.held_out and one.figures["nees_pose_is"] == "too sure"
+            _head(judgement)
+            for judgement in self.judged
+            if judgement.held_out and judgement.figures["nees_pose_is"] == "too sure"
         ]
         out += [_("the filter is too sure of its pose ({sure})", sure=", ".join(sure))] if sure else []
         return tuple(out)
@@ -191,8 +196,8 @@ class CrossValidation:
     @property
     def verdict(self) -> Verdict:
         """REFUSED where a fit is, or an estimate lost the car; WARN with other reasons; else USABLE."""
-        refused = any(done.fit.verdict == Verdict.REFUSED for done in self.fitted.values())
-        if refused or any(one.lost for one in self.judged):
+        is_refused = any(fitted_run.fit.verdict == Verdict.REFUSED for fitted_run in self.fitted.values())
+        if is_refused or any(judgement.lost for judgement in self.judged):
             return Verdict.REFUSED
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
@@ -210,7 +215,7 @@ class CrossValidation:
             lines.append(
                 f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {shown_unit(row['unit'])}"
             )
-        heads = [_head(one) for one in self.judged]
+        heads = [_head(judgement) for judgement in self.judged]
         lines += ["", f"{'':30}" + "".join(f"{head:>13}" for head in heads)]
         for row in self.figures():
             lines.append(f"{_(row['figure']):30}" + "".join(f"{row[head]:>13}" for head in heads))
@@ -244,12 +249,12 @@ def cross_validate(
     for name, run in runs.items():
         say(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
         fitted[name] = fit_to(run, backend)
-    judged = []
-    for name, done in fitted.items():
-        for other, run in runs.items():
-            say(_("the model of run {name} on run {other}", name=name, other=other))
-            judged.append(judge(done.file, name, run, other, backend))
-    return CrossValidation(fitted, tuple(sorted(judged, key=lambda one: not one.held_out)))
+    judgements = []
+    for name, fitted_run in fitted.items():
+        for test_name, run in runs.items():
+            say(_("the model of run {name} on run {other}", name=name, other=test_name))
+            judgements.append(judge(fitted_run.file, name, run, test_name, backend))
+    return CrossValidation(fitted, tuple(sorted(judgements, key=lambda judgement: not judgement.held_out)))
 
 
 def fit_to(run: "Run", backend: str = "auto") -> RunFit:
@@ -261,11 +266,11 @@ def fit_to(run: "Run", backend: str = "auto") -> RunFit:
 
 def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto") -> Judgement:
     """A vehicle file on a run: its model from the commands alone, its filter from the camera's first pose."""
-    again = replay(run, file, backend=backend)
-    figures = compare(again, names=[judged_on]).rows()[0]
+    replay_run = replay(run, file, backend=backend)
+    figures = compare(replay_run, names=[judged_on]).rows()[0]
     assert run.truth is not None
     driven_m = float(np.nansum(np.hypot(*np.diff(run.truth.eta[:, :2], axis=0).T)))
-    return Judgement(fitted_on, judged_on, predicted(file, run, backend), again, figures, driven_m)
+    return Judgement(fitted_on, judged_on, predicted(file, run, backend), replay_run, figures, driven_m)
 
 
 def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
@@ -296,11 +301,11 @@ def _first(record: FitRecord, sensor: str, entry: int) -> float:
     return float(readings.z[np.argmax(readings.has[:, entry] > 0.0), entry])
 
 
-def _head(one: Judgement) -> str:
+def _head(judgement: Judgement) -> str:
     return (
-        _("{fitted_on} → {judged_on}", fitted_on=one.fitted_on, judged_on=one.judged_on)
-        if one.held_out
-        else _("{fitted_on} itself", fitted_on=one.fitted_on)
+        _("{fitted_on} → {judged_on}", fitted_on=judgement.fitted_on, judged_on=judgement.judged_on)
+        if judgement.held_out
+        else _("{fitted_on} itself", fitted_on=judgement.fitted_on)
     )
 
 

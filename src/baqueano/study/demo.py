@@ -120,7 +120,7 @@ class Demo:
 
     def _summary(self) -> list[str]:
         """Return a line each of gains, laps, speed, filter, corridor and verdict."""
-        judged, corridor = self.judged.rows()[0], self.judged.runs[0].corridor
+        figures, corridor = self.judged.rows()[0], self.judged.runs[0].corridor
         gains = ", ".join(f"{name} {number(value):.3g}" for name, value in self.tuned.values.items())
         lines = {
             _("gains"): _(
@@ -129,30 +129,30 @@ class Demo:
             ),
             _("repeat, {laps} laps", laps=LAPS): _(
                 "across the path: {estimate_cm:.1f} cm rms by the estimate, {true_cm:.1f} cm in truth",
-                estimate_cm=100 * judged["across_estimate_rms_m"], true_cm=100 * judged["across_true_rms_m"],
+                estimate_cm=100 * figures["across_estimate_rms_m"], true_cm=100 * figures["across_true_rms_m"],
             ),
             _("speed"): _(
                 "{percent:.1f} % rms from the requested speed, at a limit in {at_limit:.0f} % of "
                 "the ticks, {changes:.1f} changes of sign per s",
-                percent=100 * judged["pace_true_error"], at_limit=100 * judged["at_limit"],
-                changes=judged["sign_changes_per_s"],
+                percent=100 * figures["pace_true_error"], at_limit=100 * figures["at_limit"],
+                changes=figures["sign_changes_per_s"],
             ),
             _("filter"): _(
                 "velocity {velocity}, pose {pose}",
-                velocity=_(judged["nees_velocity_is"]), pose=_(judged["nees_pose_is"]),
+                velocity=_(figures["nees_velocity_is"]), pose=_(figures["nees_pose_is"]),
             ),
             _("corridor"): _(
                 "{corridor}; the true error at the end is {error_cm:.0f} cm",
-                corridor=corridor.sentence if corridor else _("not known"), error_cm=100 * judged["end_error_m"],
+                corridor=corridor.sentence if corridor else _("not known"), error_cm=100 * figures["end_error_m"],
             ),
             _("verdict"): verdict_line(self.verdict, self.fit.reasons[:1]),
         }  # fmt: skip
         wide = max(16, *map(len, lines))
-        return [f"{label:{wide}} {one}" for label, one in lines.items()]
+        return [f"{label:{wide}} {line}" for label, line in lines.items()]
 
     def animation(self, backend: str = "auto") -> str:
         """Return the moving picture: the intervals narrow as data come in, and the taught path is driven again."""
-        drawn = {
+        labels = {
             "model.actuator_matrix[0,0]": _("motor force"),
             "model.friction.linear[0]": _("viscous friction"),
             "model.friction.linear[1]": _("tyres, sideways"),
@@ -163,12 +163,12 @@ class Demo:
         guess, options = load("small").with_values(GUESS), FitOptions(backend=backend)
         fits = [(s, identify(run.cut(0.0, s), guess, options=options)) for s in STAGES_S]
         truth = dict(zip(self.fit.names, self.true_values, strict=True))
-        stages = bars([*fits, (run.duration_s, self.fit)], list(drawn), [truth[name] for name in drawn])
-        return animation(scene(self.repeated), stages, list(drawn.values()))
+        stages = bars([*fits, (run.duration_s, self.fit)], list(labels), [truth[name] for name in labels])
+        return animation(scene(self.repeated), stages, list(labels.values()))
 
     def page(self) -> Page:
         """Return the report."""
-        judged = self.judged.rows()[0]
+        figures = self.judged.rows()[0]
         text = _(
             "The taught path, driven again {laps} times with IMU and model only. Nothing on "
             "board measures a position, so the true path drifts away from the estimated one; the "
@@ -183,10 +183,10 @@ class Demo:
             title=_("A vehicle without a data sheet"),
             subtitle=_("the simulated small vehicle: experiment, identify, noise, tune, teach, repeat"),
             verdict=self.verdict,
-            headlines=[first, *headlines(judged)],
+            headlines=[first, *headlines(figures)],
             sections=[
                 Section(_("Teach and repeat"), text, paths(self.repeated)),
-                *driving(self.repeated, judged),
+                *driving(self.repeated, figures),
                 *sections_of_fit(self.fit, self.true_values),
                 Section(_("Noise"), _("Measured in the same run."), [Table(self.noise.rows())]),
                 Section(
@@ -212,7 +212,7 @@ def demo(
     backend: str = "auto",
     say: Callable[[str], object] = lambda text: None,
     show: Callable[[Path], object] = lambda run: None,
-    show_gains: Callable[[TuneResult], object] = lambda tuned: None,
+    show_gains: Callable[[TuneResult], object] = lambda result: None,
 ) -> Demo:
     """Run the demo into `folder`: runs, route, vehicle.toml, report.html. Raises AnswerNo if the fit is refused. `show`
     gets the file of each run, `show_gains` what was tuned."""
@@ -238,17 +238,17 @@ def demo(
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
     less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
-    tuned = tune(file, shape, backend=backend, **less)
-    show_gains(tuned)
-    file = tuned.applied()
+    tune_result = tune(file, shape, backend=backend, **less)
+    show_gains(tune_result)
+    file = tune_result.applied()
     file.save(folder / "vehicle.toml")
     say(_("5/6 teach       a sinuous circle"))
-    taught = teach(
+    lesson = teach(
         file, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
     )
     show(folder / "2-teach.mcap")
-    write_route(taught.route, folder / "route.csv")
+    write_route(lesson.route, folder / "route.csv")
     say(_("6/6 repeat      {laps} laps", laps=LAPS))
-    repeated = repeat(file, taught.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
+    repeat_run = repeat(file, lesson.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
     show(folder / "3-repeat.mcap")
-    return Demo(truth, fit, noise, tuned, repeated, compare(repeated), folder)
+    return Demo(truth, fit, noise, tune_result, repeat_run, compare(repeat_run), folder)

@@ -146,7 +146,7 @@ class Driving:
             else []
         )
         for row in self.rows():
-            where = _(
+            place = _(
                 "{case}, {shape} at {asked_m_s:g} m/s",
                 case=row["case"],
                 shape=row["shape"],
@@ -158,7 +158,7 @@ class Driving:
                     out.append(
                         _(
                             "{where}: {figure} {found:.1f} {unit}, at most {most:g} {unit} expected",
-                            where=where,
+                            where=place,
                             figure=limit.figure,
                             found=value,
                             unit=limit.unit,
@@ -170,7 +170,7 @@ class Driving:
                     out.append(
                         _(
                             "{where}: {figure} {value:.3g}, expected 0",
-                            where=where,
+                            where=place,
                             figure=figure,
                             value=row[f"{figure}_worst"],
                         )
@@ -233,10 +233,10 @@ def driving(
     compilable(controller=guess().controller(controller))  # refuses before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
-    parts = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
+    parts = spread_over(work, jobs, processes, lambda batches: each(batches * BATCH))
     drives = tuple(sorted(d for _, laps, _ in parts for d in laps))
-    refused = tuple(sorted(k for _, _, refused in parts for k in refused))
-    return Driving(drives, sum(driven for driven, _, _ in parts), refused)
+    refusals = tuple(sorted(k for _, _, seeds_refused in parts for k in seeds_refused))
+    return Driving(drives, sum(count for count, _, _ in parts), refusals)
 
 
 def batch(
@@ -249,19 +249,19 @@ def batch(
     """Return how many robots these are, their laps, and those whose fit was refused."""
     robots = together([draw_robots(1, seed) for seed in seeds])
     fits = [identify(run, guess(), FREE) for run in experiments(robots, seeds)]
-    kept = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
-    files = [fits[k].vehicle_file for k in kept]
-    robots, names = robots.some(kept), [seeds[k] for k in kept]
+    usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
+    files = [fits[k].vehicle_file for k in usable]
+    robots, names = robots.some(usable), [seeds[k] for k in usable]
     drives: list[EvenDrive] = []
     loops = {
         perfect: [Loop(file, perfect, backend, controller) for file in files]
         for perfect in {CASES[c].perfect for c in cases}
     }
     for case in cases:
-        changed, perfect, its = CASES[case]
+        change, perfect, its = CASES[case]
         for shape, route_at in SHAPES.items():
             for speed in [v for v in its if v in speeds]:
-                laps = follow(loops[perfect], changed(robots), route_at(speed), [s + 1 for s in names])
+                laps = follow(loops[perfect], change(robots), route_at(speed), [s + 1 for s in names])
                 drives += [
                     EvenDrive(case, shape, speed, seed, *lap) for seed, lap in zip(names, laps, strict=True)
                 ]
@@ -330,19 +330,19 @@ def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) 
         state, reference = guide.step(state, _at_rest(int(t)))
         references.append(reference)
     world, u = TruthWorld(robots, seeds, np.tile(route.eta[0], (n, 1))), np.zeros((n, 3))
-    states = [one.start(route.eta[0]) for one in loops]
-    truth, sent = np.zeros((len(t_ns), n, 4)), np.zeros((len(t_ns), n, 3))
+    states = [robot_loop.start(route.eta[0]) for robot_loop in loops]
+    truth, commands = np.zeros((len(t_ns), n, 4)), np.zeros((len(t_ns), n, 3))
     for k, t in enumerate(t_ns):
         z = world.tick(u, 1.0 / rate_hz)
         now, before, u = world.truth, u, np.zeros((n, 3))
-        for i, one in enumerate(loops):
-            true_state = np.concatenate([now.eta[i], now.nu[i]]) if one.perfect else z[i]
-            tick = Tick(int(t), before[i], one.slots(Slot(1.0, true_state)))
-            states[i], (u[i], _) = one.step(states[i], tick, references[k])
-        truth[k], sent[k] = np.column_stack([now.eta, now.nu[:, 0]]), u
+        for i, robot_loop in enumerate(loops):
+            true_state = np.concatenate([now.eta[i], now.nu[i]]) if robot_loop.perfect else z[i]
+            tick = Tick(int(t), before[i], robot_loop.slots(Slot(1.0, true_state)))
+            states[i], (u[i], _) = robot_loop.step(states[i], tick, references[k])
+        truth[k], commands[k] = np.column_stack([now.eta, now.nu[:, 0]]), u
     nu, eta = (np.stack([getattr(r, name) for r in references]) for name in ("nu", "eta"))
     limits = limits_of(loops[0].file.text)
-    return [_lap(t_ns, truth[:, i], sent[:, i], eta, nu[:, 0], limits, states[i][2]) for i in range(n)]
+    return [_lap(t_ns, truth[:, i], commands[:, i], eta, nu[:, 0], limits, states[i][2]) for i in range(n)]
 
 
 def _lap(
@@ -351,17 +351,17 @@ def _lap(
 ) -> tuple[float, ...]:  # fmt: skip
     """Return the figures of an EvenDrive: true poses and speeds (N, 4), commands (N, 3), asked poses (N, 3),
     speeds (N,)."""
-    kept = pace(t_ns, truth[:, 3], speed_ref)
+    pace_figures = pace(t_ns, truth[:, 3], speed_ref)
     changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
-    stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)
+    is_stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)
     across = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
     return (
-        kept.error,
-        kept.uneven,
+        pace_figures.error,
+        pace_figures.uneven,
         share_at_limit(u, limits),
         changes,
         across,
-        float(supervisor.stopped > 0.0 or stuck),
+        float(supervisor.stopped > 0.0 or is_stuck),
     )
 
 

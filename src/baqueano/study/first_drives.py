@@ -40,16 +40,16 @@ class MiswiredLink(World):
 
     def __init__(self, inner: World, wiring: str) -> None:
         self.inner, self.wiring, self.commands = inner, wiring, inner.commands
-        self._sent = np.zeros(inner.commands)
+        self._command = np.zeros(inner.commands)
 
     def read(self, t_ns: int) -> list[Tick]:
         """The ticks until then."""
-        return [tick._replace(u=self._sent) for tick in self.inner.read(t_ns)]
+        return [tick._replace(u=self._command) for tick in self.inner.read(t_ns)]
 
     def write(self, command: Command) -> None:
         """The command, through the wrong wires."""
-        self._sent = np.array(command.u, dtype=float)
-        left, right = self._sent[0] - self._sent[2], self._sent[0] + self._sent[2]
+        self._command = np.array(command.u, dtype=float)
+        left, right = self._command[0] - self._command[2], self._command[0] + self._command[2]
         left = -left if self.wiring == "left inverted" else left
         right = -right if self.wiring == "right inverted" else right
         if self.wiring == "swapped":
@@ -82,11 +82,15 @@ class FirstDrives:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return the failures."""
-        touched = sum(row.touched for row in self.each)
-        unnamed = sum(row.drives - row.named for row in self.each)
+        touches = sum(row.touched for row in self.each)
+        misnamed = sum(row.drives - row.named for row in self.each)
         return (
-            *([_("in {touched} drives the body touched a wall", touched=touched)] if touched else []),
-            *([_("after {unnamed} drives the wiring was named wrongly", unnamed=unnamed)] if unnamed else []),
+            *([_("in {touched} drives the body touched a wall", touched=touches)] if touches else []),
+            *(
+                [_("after {unnamed} drives the wiring was named wrongly", unnamed=misnamed)]
+                if misnamed
+                else []
+            ),
         )
 
     @property
@@ -138,17 +142,19 @@ def first_drives(
     drives = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, each)
     rows = []
     for wiring in WIRINGS:
-        some = [one for one in drives if one.wiring == wiring]
+        some = [drive for drive in drives if drive.wiring == wiring]
         if some:
             rows.append(_row(wiring, some))
     return FirstDrives(tuple(rows))
 
 
 def _row(wiring: str, some: list[One]) -> Row:
-    margins = np.array([one.margin_m for one in some])
-    gain = float(np.median([one.gain_off for one in some]))
-    named, longest = sum(one.named for one in some), max(one.seconds for one in some)
-    return Row(wiring, len(some), int(np.sum(margins < 0.0)), float(margins.min()), named, gain, longest)
+    margins = np.array([drive.margin_m for drive in some])
+    gain = float(np.median([drive.gain_off for drive in some]))
+    named_count, longest = sum(drive.named for drive in some), max(drive.seconds for drive in some)
+    return Row(
+        wiring, len(some), int(np.sum(margins < 0.0)), float(margins.min()), named_count, gain, longest
+    )
 
 
 def drive_one(seed: int, backend: str = "auto") -> One:
@@ -157,21 +163,21 @@ def drive_one(seed: int, backend: str = "auto") -> One:
     robot = unknown(seed)
     world = MiswiredLink(LoopWorld(robot, seed, file.rate_hz), wiring)
     drive = first_drive(file, world=world, seed=seed, backend=backend)
-    where, room = drive.run.truth, room_of(file, ROOM)
-    assert where is not None
-    margin = float(np.min(room.free - np.abs(where.eta[:, :2])))
+    truth, room = drive.run.truth, room_of(file, ROOM)
+    assert truth is not None
+    margin = float(np.min(room.free - np.abs(truth.eta[:, :2])))
     expected = {
         "well": [],
         "left inverted": ["wiring.backwards-left"],
         "right inverted": ["wiring.backwards-right"],
         "swapped": ["wiring.swapped"],
     }[wiring]
-    named = [one.code for one in drive.wiring] == expected
+    is_named = [message.code for message in drive.wiring] == expected
     off = float("nan")
     if wiring == "well":
         ratio = np.array([drive.gain_along, drive.gain_about]) / gains(robot, file)
         off = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
-    return One(wiring, margin, named, off, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9)
+    return One(wiring, margin, is_named, off, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9)
 
 
 def unknown(seed: int) -> Robots:

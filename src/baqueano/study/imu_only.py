@@ -93,7 +93,7 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
     out: list[TableRow] = []
     inside, width, fits = [], [], []
     for gyro in gyros:
-        for name, other in (("a", "b"), ("b", "a")):
+        for name, test_name in (("a", "b"), ("b", "a")):
             say(_("run {name}, gyro {gyro}: fitting the IMU, odometer hidden", name=name, gyro=_(gyro.name)))
             file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
             fit = fit_imu_only(
@@ -104,7 +104,7 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
                 options=FitOptions(backend=backend),
             )
             out += held_out(
-                fit, reference[name], runs[other], f"cpm {name} → {other}, {_(gyro.name)}", backend
+                fit, reference[name], runs[test_name], f"cpm {name} → {test_name}, {_(gyro.name)}", backend
             )
             estimate, truth = drive_of(fit, file), drive_of(reference[name], car)
             fits.append(fit)
@@ -117,8 +117,10 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
 def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
     """The speed of a run that neither fit has seen."""
     car = reference.vehicle_file  # odometer and gyro as they are: what is judged is the model
-    mine = car.with_values({name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))})
-    error = [float(predicted(one, run, backend).rmse[0]) for one in (mine, car)]
+    fitted_car = car.with_values(
+        {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
+    )
+    error = [float(predicted(model, run, backend).rmse[0]) for model in (fitted_car, car)]
     ratio = error[0] / error[1]
     return [
         row(
@@ -165,9 +167,9 @@ def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
 
 def of_words(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     """Return the rows about the gyro, and about the run beyond the range of the fit."""
-    reported = any(one.code == "identifiability.gyro-scale" for one in fit.never)
+    is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
-        row("cpm", _("the gyro's scale is called not identifiable"), reported, _("yes"), reported),
+        row("cpm", _("the gyro's scale is called not identifiable"), is_reported, _("yes"), is_reported),
         row("cpm b → a", _("the run that leaves the envelope is flagged"), beyond, _("yes"), beyond),
     ]

@@ -65,14 +65,14 @@ class RecordingStudy:
                 f"{r['recording']:20} {r['quantity']:{width}}  {ok:3}  {r['bar']:26} {cell_text(r['value'])}"
             )
         lines += self.left_out
-        met = sum(bool(r["ok"]) for r in self.each)
+        passes = sum(bool(r["ok"]) for r in self.each)
         return "\n".join(
             [
                 *lines,
                 _(
                     "{verdict}: {met} of {all} bars are met",
                     verdict=_(self.verdict),
-                    met=met,
+                    met=passes,
                     all=len(self.each),
                 ),
             ]

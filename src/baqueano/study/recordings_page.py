@@ -27,7 +27,7 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
             )
         )
     if study is not None:
-        held_out = [one for one in study.judged if one.held_out]
+        held_out = [judgement for judgement in study.judged if judgement.held_out]
         text = "\n".join((*study.reasons, *study.notes))
         sections.append(
             Section(
@@ -35,9 +35,9 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
             )
         )
         sections.append(Section(_("Parameters"), _("Fitted to one run each."), [Table(study.parameters())]))
-        for one in held_out:
-            sections += sections_of(one)
-            headlines += _headlines(one)
+        for judgement in held_out:
+            sections += sections_of(judgement)
+            headlines += _headlines(judgement)
     result = recorded or study
     assert result is not None
     return Page(
@@ -60,20 +60,22 @@ def sections_of(one: Judgement) -> list[Section]:
     t_s, measured, model = one.predicted
     first = t_s <= t_s[0] + SHOWN_S
     drawing = figures.channels(t_s[first], measured[first], model[first], [_(name) for name in CHANNELS])
-    drawn = draw(drawing, _("The first {shown_s:.0f} s. The model sees the commands alone.", shown_s=SHOWN_S))
+    drawings = draw(
+        drawing, _("The first {shown_s:.0f} s. The model sees the commands alone.", shown_s=SHOWN_S)
+    )
     text = _(
         "The EKF begins at the camera's first pose and sees IMU and odometer: nothing on board measures a "
         "position. Shaded: where it believes the car to be, with 95 % probability."
     )
     return [
-        Section(_("{title}: the model", title=title), "", [drawn]),
+        Section(_("{title}: the model", title=title), "", [drawings]),
         Section(_("{title}: the path", title=title), text, paths(one.replayed)),
         *errors(one.replayed),
     ]
 
 
-def _headlines(one: Judgement) -> list[Headline]:
-    row, way = one.row(), f"{one.fitted_on} → {one.judged_on}"
+def _headlines(judgement: Judgement) -> list[Headline]:
+    row, way = judgement.row(), f"{judgement.fitted_on} → {judgement.judged_on}"
     off = _(
         "{percent:.2g} % of the {driven_m:.0f} m driven",
         percent=100 * row["ate_m"] / row["driven_m"],

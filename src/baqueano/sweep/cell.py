@@ -70,15 +70,15 @@ class SweepJob(NamedTuple):
 def work(job: SweepJob) -> SweepDrive:
     """Return the figures of a drive."""
     try:
-        run = _replayed(job) if job.run is not None else _driven(job)
+        run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick
         return SweepDrive(job.cell, job.drive, {}, {}, error.diagnostic.code)
-    s, why = job.settings, stop_of(run)
+    s, reason = job.settings, stop_of(run)
     figures, pieces = figures_of(run, s.laps, s.alignment, s.over_s)
-    return SweepDrive(job.cell, job.drive, figures, pieces, "" if why is None else why.code)
+    return SweepDrive(job.cell, job.drive, figures, pieces, "" if reason is None else reason.code)
 
 
-def _driven(job: SweepJob) -> "Run":
+def _drive(job: SweepJob) -> "Run":
     assert job.route is not None
     start = compose(job.route.eta[0], np.array(job.settings.start))
     bare = {
@@ -93,7 +93,7 @@ def _driven(job: SweepJob) -> "Run":
     )  # fmt: skip
 
 
-def _replayed(job: SweepJob) -> "Run":
+def _replay(job: SweepJob) -> "Run":
     assert job.run is not None
     return replay(job.run, job.file.parsed(), estimator=job.blocks.estimator, backend=job.settings.backend)
 

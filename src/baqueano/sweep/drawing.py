@@ -40,7 +40,7 @@ def _card(result: Result) -> Card:
         for row in result.cells()
     ]
     title = text(note("sweep.head", drives=max((row["drives"] for row in result.cells()), default=0)))
-    return Card(title, result.verdict, rows, [text(one) for one in result.reasons])
+    return Card(title, result.verdict, rows, [text(reason) for reason in result.reasons])
 
 
 def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> Page:
@@ -63,7 +63,7 @@ def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> 
         result.verdict,
         headlines,
         [
-            Section(_("Cells"), "; ".join(text(one) for one in result.reasons), [Table(medians)]),
+            Section(_("Cells"), "; ".join(text(reason) for reason in result.reasons), [Table(medians)]),
             Section(_("Figures"), "", parts),
             Section(_("Differences"), text(note("sweep.interval")), [Table(_differences(result, rows))]),
         ],
@@ -75,18 +75,18 @@ def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]
     out = []
     for row in rows:
         for name in SUMMED:
-            one = result.difference(row["cell"], name)
-            if row["cell"] != result.reference and np.isfinite(one.ratio):
+            difference = result.difference(row["cell"], name)
+            if row["cell"] != result.reference and np.isfinite(difference.ratio):
                 out.append({
-                    "cell": row["cell"], "figure": _(SUMMED[name].heading), "ratio": one.ratio, "from": _plain(one.low),
-                    "to": _plain(one.high), "blocks": one.blocks,
+                    "cell": row["cell"], "figure": _(SUMMED[name].heading), "ratio": difference.ratio,
+                    "from": _plain(difference.low), "to": _plain(difference.high), "blocks": difference.blocks,
                 })  # fmt: skip
     return out
 
 
 def _head(name: str) -> str:
-    one = ALL[name]
-    return f"{_(one.heading)} [{one.unit}]" if one.unit else _(one.heading)
+    figure = ALL[name]
+    return f"{_(figure.heading)} [{figure.unit}]" if figure.unit else _(figure.heading)
 
 
 def _plain(value: float) -> float | None:
@@ -118,9 +118,9 @@ def ratios(result: SweepResult) -> "Figure":
     main, rows = result.main_figure(), [row for row in result.cells() if row["cell"] != result.reference]
     figure, axes = panel((7.2, 0.45 * max(len(rows), 1) + 1.2))
     for k, row in enumerate(reversed(rows)):
-        one = result.difference(row["cell"], main)
-        axes.hlines([k], [one.low], [one.high], color=REFERENCE, lw=5)
-        axes.plot([one.ratio], [k], "o", ms=5, color=MODEL)
+        difference = result.difference(row["cell"], main)
+        axes.hlines([k], [difference.low], [difference.high], color=REFERENCE, lw=5)
+        axes.plot([difference.ratio], [k], "o", ms=5, color=MODEL)
     axes.axvline(1.0, color=MEASURED, lw=1)
     axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
     axes.set_xscale("log")

@@ -81,10 +81,10 @@ def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[n
     eta_true = poses_at(est.t_ns, truth.t_ns, truth.eta)
     eta = errors.aligned(est.eta, eta_true, alignment)
     off, drift = errors.absolute(eta, eta_true), errors.relative(est.t_ns, eta, eta_true, over_s)
-    begun = est.t_ns[: len(drift.position_m)]
+    start_ns = est.t_ns[: len(drift.position_m)]
     return {
         "ate_m": (est.t_ns, off.position_m), "ate_heading_rad": (est.t_ns, off.heading_rad),
-        "rpe_m": (begun, drift.position_m), "rpe_heading_rad": (begun, drift.heading_rad),
+        "rpe_m": (start_ns, drift.position_m), "rpe_heading_rad": (start_ns, drift.heading_rad),
     }  # fmt: skip
 
 
@@ -126,8 +126,8 @@ def _laps(run: "Run", t_ns: np.ndarray, across: np.ndarray, part: np.ndarray, la
     stops = [event.t_ns for event in run.events if event.level == "error"]
     if not stops and np.all(np.abs(across) <= LOST_M):
         return float(laps)
-    lost = [int(t_ns[k]) for k in np.flatnonzero(~(np.abs(across) <= LOST_M))[:1]]
-    until = part[t_ns <= min([*stops, *lost])]
+    lost_ns = [int(t_ns[k]) for k in np.flatnonzero(~(np.abs(across) <= LOST_M))[:1]]
+    until = part[t_ns <= min([*stops, *lost_ns])]
     return float(np.floor(laps * until[-1] - 1e-9)) if until.size and until[-1] > 0.0 else 0.0
 
 
@@ -137,11 +137,11 @@ def _of_command(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.nda
     u = (run.applied if run.sent is None else run.sent)[k]
     if limits is None or u.shape[1] != len(limits.command):
         return {}
-    used = (limits.command > 0.0) & np.isfinite(limits.command)
-    if not used.any() or len(u) < 2:
+    limited = (limits.command > 0.0) & np.isfinite(limits.command)
+    if not limited.any() or len(u) < 2:
         return {}
-    part = u[:, used] / limits.command[used]
+    part = u[:, limited] / limits.command[limited]
     change = np.diff(part, axis=0) / np.maximum(np.diff(seconds(run.t_ns[k], 0)), 1e-9)[:, None]
-    m = np.sqrt(np.count_nonzero(used))
+    m = np.sqrt(np.count_nonzero(limited))
     size = [np.sqrt(np.sum(x * x, axis=1)) / m for x in (part, change)]
     return {"effort": (run.t_ns[k], size[0]), "roughness_1_s": (run.t_ns[k][1:], size[1])}

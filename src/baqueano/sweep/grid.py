@@ -87,18 +87,18 @@ def sweep(
     >>> [row["cell"] for row in result.cells()], len(result.drives)
     (['kanayama', 'lqr'], 2)
     """
-    subjects = [load(one) if isinstance(one, str) else one for one in _several(over)]
+    subjects = [load(subject) if isinstance(subject, str) else subject for subject in _several(over)]
     rooms = {
         "estimator": _several(estimators),
         "controller": _several(controllers),
         "guide": _several(guides),
     }
-    conditions = _checked(settings)
-    runs = [one for one in subjects if isinstance(one, Run)]
+    conditions = _checked_settings(settings)
+    runs = [subject for subject in subjects if isinstance(subject, Run)]
     if runs and len(runs) == len(subjects):
         jobs = _of_runs(runs, rooms, vehicle, conditions, _several(routes))
     else:
-        jobs = _of_vehicles(subjects, rooms, _named(routes), [int(one) for one in seeds], conditions)
+        jobs = _of_vehicles(subjects, rooms, _by_name(routes), [int(seed) for seed in seeds], conditions)
     labels = list(dict.fromkeys(job.cell.label for job in jobs))
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", found=reference, near=nearest(reference, labels)))
@@ -110,14 +110,14 @@ def sweep(
     return SweepResult(tuple(drives), len(jobs), reference or labels[0])
 
 
-def _several(given: Tree) -> list:
+def _several(value: Tree) -> list:
     """Return one thing or several as a list."""
-    if isinstance(given, str | type | Route | Result | VehicleFile) or not isinstance(given, Iterable):
-        return [given]
-    return list(given)
+    if isinstance(value, str | type | Route | Result | VehicleFile) or not isinstance(value, Iterable):
+        return [value]
+    return list(value)
 
 
-def _checked(settings: dict) -> SweepSettings:
+def _checked_settings(settings: dict) -> SweepSettings:
     names = SweepSettings._fields
     for name in settings:
         if name not in names:
@@ -130,7 +130,7 @@ def _checked(settings: dict) -> SweepSettings:
     return conditions._replace(start=tuple(float(x) for x in conditions.start))
 
 
-def _named(routes: Tree) -> dict[str, Route]:
+def _by_name(routes: Tree) -> dict[str, Route]:
     if isinstance(routes, dict):
         return routes
     several = _several(routes)
@@ -143,9 +143,9 @@ def _of_vehicles(
     """Return the jobs, cell by cell; each block was made once, so that a wrong one ends it before the first drive."""
     if not files or not routes or not seeds:
         raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
-    if wrong := [one for one in files if not isinstance(one, VehicleFile)]:
+    if wrong := [file for file in files if not isinstance(file, VehicleFile)]:
         raise UsageError(fault("sweep.mixed", found=type(wrong[0]).__name__))
-    if wrong := [one for one in routes.values() if not isinstance(one, Route)]:
+    if wrong := [route for route in routes.values() if not isinstance(route, Route)]:
         raise UsageError(fault("sweep.route", found=type(wrong[0]).__name__))
     jobs, names = [], _labels([file.label for file in files])
     for cell, blocks in _cells(rooms, files[0]):
@@ -169,8 +169,12 @@ def _of_runs(
     routes: list,
 ) -> list[SweepJob]:
     """Return the jobs of recorded runs, which no controller can drive otherwise."""
-    for given, name in ((rooms["controller"], "controllers"), (rooms["guide"], "guides"), (routes, "routes")):
-        if given:
+    for values, name in (
+        (rooms["controller"], "controllers"),
+        (rooms["guide"], "guides"),
+        (routes, "routes"),
+    ):
+        if values:
             raise UsageError(fault("sweep.of-runs", what=name))
     files = [vehicle or vehicle_of(run) for run in runs]
     names, jobs = _labels([run.name for run in runs]), []
@@ -183,20 +187,20 @@ def _of_runs(
 
 def _cells(rooms: dict[str, list], file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
     """Return every combination of blocks, with its label: the names of those that vary."""
-    named = {}
+    choices = {}
     for room in LOOP:
         own = str(file.data.get(room, {}).get("kind", DEFAULT_KIND[room]))
-        given = rooms[room] or [None]
-        named[room] = list(
-            zip(_labels([own if one is None else _name(one) for one in given]), given, strict=True)
+        options = rooms[room] or [None]
+        choices[room] = list(
+            zip(_labels([own if block is None else _name(block) for block in options]), options, strict=True)
         )
-    varied = [room for room in LOOP if len(named[room]) > 1] or ["controller"]
+    varied_rooms = [room for room in LOOP if len(choices[room]) > 1] or ["controller"]
     out = []
-    for estimator in named["estimator"]:
-        for controller in named["controller"]:
-            for guide in named["guide"]:
+    for estimator in choices["estimator"]:
+        for controller in choices["controller"]:
+            for guide in choices["guide"]:
                 names = NamedBlocks(estimator[0], controller[0], guide[0])
-                label = " · ".join(getattr(names, room) for room in varied)
+                label = " · ".join(getattr(names, room) for room in varied_rooms)
                 blocks = SweepBlocks(estimator[1], controller[1], guide[1])
                 out.append((SweepCell(label, *names), blocks))
     return out
@@ -221,7 +225,7 @@ def _labels(names: list[str]) -> list[str]:
     """Return the names, numbered where two are the same."""
     out: list[str] = []
     for name in names:
-        before = sum(one == name or one.startswith(f"{name} #") for one in out)
+        before = sum(label == name or label.startswith(f"{name} #") for label in out)
         out.append(f"{name} #{before + 1}" if before else name)
     return out
 

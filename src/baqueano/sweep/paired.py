@@ -64,7 +64,7 @@ def paired(ours: Sequence[Pieces], others: Sequence[Pieces]) -> PairedDifference
     both = [_blocks(a, b) for a, b in zip(ours, others, strict=True) if sum(a.squares) * sum(b.squares) > 0.0]
     if not both:
         return UNKNOWN
-    logs, n = np.array([_log_ratio(np.sum(one, axis=0)) for one in both]), len(both)
+    logs, n = np.array([_log_ratio(np.sum(blocks_of_drive, axis=0)) for blocks_of_drive in both]), len(both)
     theta, of_drives = float(np.mean(logs)), n >= FEWEST
     blocks = n if of_drives else sum(map(len, both))
     freedom = n - 1 if of_drives else blocks - n
@@ -80,8 +80,8 @@ def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
     """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, of TIMES correlation times each."""
     rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them may have been stopped
     pieces = np.array([row for row in rows if row[1] and row[3]])
-    needed = max(1, int(np.ceil(TIMES * max(a.correlation_s, b.correlation_s) / a.length_s)))
-    groups = np.array_split(pieces, max(1, len(pieces) // needed))
+    size = max(1, int(np.ceil(TIMES * max(a.correlation_s, b.correlation_s) / a.length_s)))
+    groups = np.array_split(pieces, max(1, len(pieces) // size))
     return np.array([np.sum(group, axis=0) for group in groups])
 
 

@@ -47,9 +47,9 @@ def pieces_of(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> Pieces:
     t_s = seconds(t_ns, t_ns[0])
     count = max(1, int((t_s[-1] + span_s) / length_s + 1.0 - ENOUGH))
     end_s = t_s + max(span_s - 1e-9, 0.0)
-    begun, over = (np.minimum(t // length_s, count - 1).astype(int) for t in (t_s, end_s))
-    whole = np.isfinite(e) & (begun == over)
-    squares, samples = (np.bincount(begun[whole], x[whole], count) for x in (e * e, np.ones(len(e))))
+    first, over = (np.minimum(t // length_s, count - 1).astype(int) for t in (t_s, end_s))
+    whole = np.isfinite(e) & (first == over)
+    squares, samples = (np.bincount(first[whole], x[whole], count) for x in (e * e, np.ones(len(e))))
     finite = np.isfinite(e)
     return Pieces(
         tuple(squares.tolist()),

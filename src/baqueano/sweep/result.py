@@ -121,11 +121,11 @@ class SweepResult(Result):
         """Return a flat row per cell and drive."""
         return [
             {
-                "cell": one.cell.label, "estimator": one.cell.estimator, "controller": one.cell.controller,
-                "guide": one.cell.guide, "drive": one.name,
-                **{name: one.figures.get(name, float("nan")) for name in ALL}, "stopped": one.stopped,
+                "cell": drive.cell.label, "estimator": drive.cell.estimator, "controller": drive.cell.controller,
+                "guide": drive.cell.guide, "drive": drive.name,
+                **{name: drive.figures.get(name, float("nan")) for name in ALL}, "stopped": drive.stopped,
             }
-            for one in self.drives
+            for drive in self.drives
         ]  # fmt: skip
 
     def cells(self) -> list["TableRow"]:
@@ -154,8 +154,8 @@ class SweepResult(Result):
     def difference(self, label: str, figure: str) -> PairedDifference:
         """Return a figure of the cell `label` in parts of the reference's, on the drives that both did."""
         cells = self._by_cell()
-        ours, others = ({d.name: d for d in cells.get(one, ())} for one in (label, self.reference))
-        both = [(ours[name], others[name]) for name in ours if name in others]
+        drives, references = ({d.name: d for d in cells.get(cell, ())} for cell in (label, self.reference))
+        both = [(drives[name], references[name]) for name in drives if name in references]
         pairs = [
             (a.pieces[figure], b.pieces[figure]) for a, b in both if figure in a.pieces and figure in b.pieces
         ]
@@ -238,9 +238,9 @@ class SweepResult(Result):
         main = self.main_figure()
         if row["cell"] == self.reference or not np.isfinite(row[f"{main}_ratio"]):
             return "  1" if row["cell"] == self.reference else "  -"
-        shown = [f"{number(row[f'{main}_{end}']):.2f}" for end in ("ratio", "low", "high")]
-        interval = f"[{shown[1]}, {shown[2]}]" if np.isfinite(row[f"{main}_low"]) else _("cannot tell")
-        return f"  {shown[0]} {interval}"
+        texts = [f"{number(row[f'{main}_{end}']):.2f}" for end in ("ratio", "low", "high")]
+        interval = f"[{texts[1]}, {texts[2]}]" if np.isfinite(row[f"{main}_low"]) else _("cannot tell")
+        return f"  {texts[0]} {interval}"
 
 
 def _cell(value: float) -> str:

@@ -44,18 +44,18 @@ def run_all(
     names = [digest(job) for job in jobs] if resources.keep is not None else [""] * len(jobs)
     each, rows = each or (lambda n: None), {}
     for k, name in enumerate(names):
-        if resources.keep is not None and (row := _read(resources.keep / f"{name}.json")) is not None:
+        if resources.keep is not None and (row := _stored_row(resources.keep / f"{name}.json")) is not None:
             rows[k] = row
             each(1)
     ahead = [NumberedJob(k, job) for k, job in enumerate(jobs) if k not in rows]
     task = partial(
-        _run_and_store, keep=resources.keep, names={one.number: names[one.number] for one in ahead}
+        _run_and_store, keep=resources.keep, names={job.number: names[job.number] for job in ahead}
     )
     if resources.cluster is not None and ahead:
-        done = on_cluster(ahead, resources, names, each)
+        results = on_cluster(ahead, resources, names, each)
     else:
-        done = spread_over(task, ahead, resources.processes if _travels(ahead) else 1, each)
-    rows |= dict(done)
+        results = spread_over(task, ahead, resources.processes if _travels(ahead) else 1, each)
+    rows |= dict(results)
     return [of_row(jobs[k], rows[k]) for k in sorted(rows)]
 
 
@@ -66,12 +66,12 @@ class NumberedJob(NamedTuple):
     job: SweepJob
 
 
-def _run_and_store(one: NumberedJob, keep: Path | None, names: dict[int, str]) -> tuple[int, dict]:
+def _run_and_store(job: NumberedJob, keep: Path | None, names: dict[int, str]) -> tuple[int, dict]:
     """Run a job, write its row to `keep`, and return its number and row."""
-    row = as_row(work(one.job))
+    row = as_row(work(job.job))
     if keep is not None:
-        _write(keep / f"{names[one.number]}.json", row)
-    return one.number, row
+        _write(keep / f"{names[job.number]}.json", row)
+    return job.number, row
 
 
 def _write(path: Path, row: dict) -> None:
@@ -80,7 +80,7 @@ def _write(path: Path, row: dict) -> None:
     half.replace(path)
 
 
-def _read(path: Path) -> dict | None:
+def _stored_row(path: Path) -> dict | None:
     """Return the row of a drive; None where it does not exist, or is not whole."""
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
@@ -91,7 +91,7 @@ def _read(path: Path) -> dict | None:
 
 def _travels(jobs: Sequence[NumberedJob]) -> bool:
     """Return True where another process can take the blocks; one of a notebook's cell it cannot find."""
-    blocks = {block for one in jobs for block in one.job.blocks if not isinstance(block, str | None)}
+    blocks = {block for job in jobs for block in job.job.blocks if not isinstance(block, str | None)}
     if any((b if isinstance(b, type) else type(b)).__module__ in ("__main__", "builtins") for b in blocks):
         return False
     try:
@@ -147,7 +147,7 @@ def on_cluster(
         client = Client(resources.cluster, timeout="10s", set_as_default=False)
     except (OSError, ValueError) as error:
         raise UsageError(fault("sweep.no-cluster", address=resources.cluster, cause=error)) from error
-    done: list[tuple[int, dict]] = []
+    results: list[tuple[int, dict]] = []
     with client:
         waiting = [client.submit(_run_and_store, job, keep=None, names={}, pure=False) for job in jobs]
         try:
@@ -155,8 +155,8 @@ def on_cluster(
                 k, row = future.result()
                 if resources.keep is not None:
                     _write(resources.keep / f"{names[k]}.json", row)
-                done.append((k, row))
+                results.append((k, row))
                 each(1)
         except KeyboardInterrupt:
             client.cancel(waiting)
-    return done
+    return results

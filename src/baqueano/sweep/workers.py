@@ -34,15 +34,15 @@ def spread_over(
     `work`, a function of a module, jobs and results are pickled where there is more than one process. After
     Ctrl-C: what is done.
     """
-    tell, done = each or (lambda n: None), []
+    tell, results = each or (lambda n: None), []
     if processes < 2 or len(jobs) < 2:
         try:
             for job in jobs:
-                done.append(work(job))
+                results.append(work(job))
                 tell(1)
         except KeyboardInterrupt:
             pass
-        return done
+        return results
     pool = ProcessPoolExecutor(
         min(processes, len(jobs)), mp_context=get_context("spawn"), initializer=_end_with_parent
     )
@@ -50,14 +50,14 @@ def spread_over(
         waiting = [pool.submit(work, job) for job in jobs]
     try:
         for future in as_completed(waiting):
-            done.append(future.result())
+            results.append(future.result())
             tell(1)
     except KeyboardInterrupt:
         pool.shutdown(cancel_futures=True)
         return [future.result() for future in waiting if future.done() and not future.cancelled()]
     finally:
         pool.shutdown(cancel_futures=True)
-    return done
+    return results
 
 
 def _end_with_parent() -> None:

@@ -97,7 +97,7 @@ def tune(
     fresh = None
     if options.get("estimator"):
         fresh = _fresh(rehearsal, descents[0].gains, options.get("seed", 0))
-    return _tuned(vehicle_file, rehearsal, descents, own, worst, fresh, options.get("controller"))
+    return _tune_result(vehicle_file, rehearsal, descents, own, worst, fresh, options.get("controller"))
 
 
 def searched(
@@ -120,9 +120,9 @@ def searched(
         rehearsal, own, starts = replace(rehearsal, space=wider), [best], 0
     if rehearsal.remembers(best):
         space, rehearsal = rehearsal.space, rehearsal.begun_with(best)
-        again = descend(rehearsal.cost_and_gradient, best, space.low, space.high)
-        rehearsal = rehearsal.begun_with(again.gains)
-        descents.insert(0, again._replace(cost=rehearsal.cost(again.gains)))
+        second = descend(rehearsal.cost_and_gradient, best, space.low, space.high)
+        rehearsal = rehearsal.begun_with(second.gains)
+        descents.insert(0, second._replace(cost=rehearsal.cost(second.gains)))
     return rehearsal, descents
 
 
@@ -132,10 +132,10 @@ def judged(
     """The worst costs over other vehicles, and the descents, that with the least worst cost first; the nominal gains,
     `sharp`, are among them."""
     system = rehearsal.legs[0].system
-    others = replace(rehearsal, vehicles=drawn_vehicles(vehicle_file, system, JUDGES, seed + FAR)[1])
+    judges = replace(rehearsal, vehicles=drawn_vehicles(vehicle_file, system, JUDGES, seed + FAR)[1])
     cost = rehearsal.cost(sharp)
     ends = [Descent(sharp, sharp, cost, np.array([cost]), 0.0), *robust]
-    each = others.of_vehicles(np.array([end.gains for end in ends]))
+    each = judges.of_vehicles(np.array([end.gains for end in ends]))
     worst = np.where(np.isfinite(each).all(axis=1), np.max(each, axis=1), UNUSABLE)
     order = np.argsort(worst, kind="stable")
     draws = len(rehearsal.vehicles) - 1
@@ -145,11 +145,11 @@ def judged(
 
 def _fresh(rehearsal: Rehearsal, gains: np.ndarray, seed: int) -> FreshSeeds:
     """The cost on noise that the search has not met."""
-    others = rehearsal.nominal().with_seeds(seed + FAR, FRESH)
-    return FreshSeeds(FRESH, others.cost(gains), rehearsal.nominal().cost(gains))
+    fresh = rehearsal.nominal().with_seeds(seed + FAR, FRESH)
+    return FreshSeeds(FRESH, fresh.cost(gains), rehearsal.nominal().cost(gains))
 
 
-def _tuned(
+def _tune_result(
     vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list[Descent], own: list[np.ndarray],
     worst: WorstCase | None, fresh: FreshSeeds | None, controller: Any,
 ) -> TuneResult:  # fmt: skip
@@ -192,6 +192,6 @@ def _around(rehearsal: Rehearsal, best: Descent) -> np.ndarray:
 def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int, around: np.ndarray) -> Gain:
     """Gain k, with the cost when it alone is smaller and larger."""
     space, (less, more) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
-    named = space.names[k], space.units[k], float(best.gains[k]), float(space.before[k])
+    description = space.names[k], space.units[k], float(best.gains[k]), float(space.before[k])
     ends = float(space.low[k]), float(space.high[k]), limit
-    return Gain(*named, *ends, float(around[k, less]), float(around[k, more]))
+    return Gain(*description, *ends, float(around[k, less]), float(around[k, more]))

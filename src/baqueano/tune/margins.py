@@ -64,11 +64,11 @@ class Linear(NamedTuple):
     def at(self, omega: np.ndarray | float) -> np.ndarray:
         """Return the first entry of the transfer function at ω (f,) [rad/s]."""
         z = np.exp(1j * np.atleast_1d(omega) * self.dt_s)
-        resolved = np.linalg.solve(
+        response = np.linalg.solve(
             z[:, None, None] * np.eye(len(self.A)) - self.A,
             np.broadcast_to(self.B[:, :1], (len(z), len(self.A), 1)),
         )
-        return (self.C[:1] @ resolved)[:, 0, 0] + self.D[0, 0]
+        return (self.C[:1] @ response)[:, 0, 0] + self.D[0, 0]
 
 
 @lru_cache(maxsize=32)
@@ -112,11 +112,13 @@ def margins(loop: Linear) -> tuple[float, float, float, float]:
 def opened(plant: Linear, channel: int) -> Linear:
     """Return L of a channel, the others closed: their commands become states.  (2)"""
     A, B, C, D, dt_s = plant
-    others = [k for k in range(B.shape[1]) if k != channel]
-    n, m = len(A), len(others)
-    A_closed = np.block([[A, B[:, others]], [C[others], D[np.ix_(others, others)]]])
-    B_closed = np.vstack([B[:, [channel]], D[np.ix_(others, [channel])]])
-    row = np.hstack([C[[channel]], D[np.ix_([channel], others)]])
+    closed_channels = [k for k in range(B.shape[1]) if k != channel]
+    n, m = len(A), len(closed_channels)
+    A_closed = np.block(
+        [[A, B[:, closed_channels]], [C[closed_channels], D[np.ix_(closed_channels, closed_channels)]]]
+    )
+    B_closed = np.vstack([B[:, [channel]], D[np.ix_(closed_channels, [channel])]])
+    row = np.hstack([C[[channel]], D[np.ix_([channel], closed_channels)]])
     A_late = np.block([[A_closed, np.zeros((n + m, 1))], [row, np.zeros((1, 1))]])
     B_late = np.vstack([B_closed, D[[channel]][:, [channel]]])
     C_late = np.hstack([np.zeros((1, n + m)), -np.ones((1, 1))])
@@ -137,7 +139,7 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
     flat = _Numbers(state)
     along = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
     state = state._replace(world=state.world._replace(vehicle=_moving(state.world.vehicle, speed_m_s)))
-    state, _ = _driven(system, state, times(round(SETTLE_S * rate_hz), rate_hz))
+    state, _ = _drive_system(system, state, times(round(SETTLE_S * rate_hz), rate_hz))
 
     def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
         flat = _Numbers(state)
@@ -147,9 +149,9 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
     x, J, steady = _steady(tick, flat.of(state), speed_m_s * dt_s * along)
     if not steady:  # as where nothing corrects the error beside the path
         t_ns = times(round(LONGER_S * rate_hz) + 1, rate_hz)
-        state, sent = _driven(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
+        state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
         J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.of(state)), dtype=float)
-        steady = bool(np.max(np.ptp(sent[-round(CALM_S * rate_hz) :], axis=0)) < CALM)
+        steady = bool(np.max(np.ptp(commands[-round(CALM_S * rate_hz) :], axis=0)) < CALM)
     n = len(x) - system.model.commands
     return Linear(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
 
@@ -169,13 +171,13 @@ def _steady(
     return x, J, False
 
 
-def _driven(system: System, state: SystemState, t_ns: np.ndarray) -> tuple[SystemState, np.ndarray]:
+def _drive_system(system: System, state: SystemState, t_ns: np.ndarray) -> tuple[SystemState, np.ndarray]:
     """Return the state after some ticks, and the commands (N, m)."""
-    sent = []
+    commands = []
     for t in t_ns:
         state, _ = advance(system, float(t_ns[1] - t_ns[0]) / NANOSECONDS, state, Input(int(t), None))
-        sent.append(state.u)
-    return state, np.array(sent)
+        commands.append(state.u)
+    return state, np.array(commands)
 
 
 class _Numbers:

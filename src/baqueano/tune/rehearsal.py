@@ -333,4 +333,4 @@ def _radian(vehicle_file: "VehicleFile") -> float:
 
 
 def _flat(tree: object) -> list[np.ndarray]:
-    return [x for one in tree for x in _flat(one)] if isinstance(tree, tuple) else [np.asarray(tree)]
+    return [x for branch in tree for x in _flat(branch)] if isinstance(tree, tuple) else [np.asarray(tree)]

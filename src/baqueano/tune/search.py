@@ -55,13 +55,13 @@ def search(
     `polish`, searches without slopes follow where the cost turns out to be rough."""
     minimize = _minimize()
     points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
-    ranked = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
-    begin = [np.clip(g, low, high) for g in own] + [points[k] for _, k in ranked[:starts]]
+    by_cost = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
+    begin = [np.clip(g, low, high) for g in own] + [points[k] for _, k in by_cost[:starts]]
     ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < UNUSABLE and ends[0].slope > SLOPE:
         for _ in range(SEARCHES):
-            ends[:2] = [_polished(minimize, cost, end, low, high) for end in ends[:2]]
+            ends[:2] = [_polish(minimize, cost, end, low, high) for end in ends[:2]]
             ends.sort(key=lambda d: d.cost)
     return ends
 
@@ -111,7 +111,7 @@ def _slope(optimum: Any, x: np.ndarray) -> float:
     return float(np.max(np.abs(g)) / max(abs(optimum.fun), 1e-300))
 
 
-def _polished(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray) -> Descent:
+def _polish(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray) -> Descent:
     """Return the descent, continued without slopes."""
     costs: list[float] = []
 

@@ -77,9 +77,9 @@ def _kind(controller: OwnBlock) -> str:
     if isinstance(controller, str):
         return controller
     kind = controller if isinstance(controller, type) else type(controller)
-    ours = [name for name in kinds("controller") if resolve("controller", name) is kind]
-    if ours:
-        return ours[0]
+    names = [name for name in kinds("controller") if resolve("controller", name) is kind]
+    if names:
+        return names[0]
     file = getattr(sys.modules.get(kind.__module__), "__file__", None)
     if file is None:
         raise UsageError(fault("tune.of-a-cell", controller=kind.__name__))
@@ -114,9 +114,9 @@ def search_space(
     for name, l, h in zip(names, low, high, strict=True):
         if not (np.isfinite(l) and np.isfinite(h) and l < h):
             raise UsageError(fault("tune.bounds", name=name, low=l, high=h))
-    allowed = np.where(np.isfinite(before), before, 0.5 * (low + high))
+    start = np.where(np.isfinite(before), before, 0.5 * (low + high))
     units = tuple(entries[name].unit for name in names)
-    block = with_gains(block, names, allowed)
+    block = with_gains(block, names, start)
     return SearchSpace(names, units, low, high, hard_low, hard_high, before, block)
 
 

@@ -225,11 +225,11 @@ class TuneResult(Result):
                 "evaluations",
                 percent=100 * d.saturated, agreed=self.agreed, starts=len(self.descents), evaluations=len(self.history),
             ),
-            *self._others(),
+            *self._check_lines(),
             *map(_margins_line, self.margins),
         ]  # fmt: skip
 
-    def _others(self) -> list[str]:
+    def _check_lines(self) -> list[str]:
         """The cost on vehicles and noise that the search has not met."""
         lines = []
         if self.worst:

@@ -58,9 +58,9 @@ class Horizon:
         D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / self._change))
         self._P = D.T @ D + SMALL * np.eye(STEPS * self._k)
         wall = np.array([law.wall_low, law.wall_high])
-        self._wall, self._walled = wall, np.isfinite(wall).any(axis=0)
-        self._here = np.repeat(np.eye(STEPS), self._parts, axis=0)
-        self._kernel = self._begun = self._commanded = None
+        self._wall, self._with_wall = wall, np.isfinite(wall).any(axis=0)
+        self._weights = np.repeat(np.eye(STEPS), self._parts, axis=0)
+        self._kernel = self._begin_compiled = self._command_compiled = None
 
     def at_rest(self) -> tuple[np.ndarray, np.ndarray, Tree]:
         """Return plan (N, k), effort (k,) and drivetrain of motors that have been off for long."""
@@ -78,12 +78,12 @@ class Horizon:
     ) -> tuple[np.ndarray, Tree, Quadratic | None]:
         """Return the plan (N, k) moved on, the drivetrain now, and the program; None where the model diverges."""
         now = plan[1:4], dt_s, float(plan.t_ns >= 0), estimate.eta, estimate.nu, reference.eta, reference.nu
-        if self._begun is None:
-            self._begun = function(self._begin, *now).call
-        E, drivetrain, start = self._begun(*now)
+        if self._begin_compiled is None:
+            self._begin_compiled = function(self._begin, *now).call
+        E, drivetrain, start = self._begin_compiled(*now)
         if self._kernel is None:
-            self._kernel = self._made(start)
-        out, slopes = self._kernel.sensitivities(self._here, z := E.ravel(), start)
+            self._kernel = self._scan(start)
+        out, slopes = self._kernel.sensitivities(self._weights, z := E.ravel(), start)
         out, slopes = (x[self._parts - 1 :: self._parts] for x in (out, slopes))
         J = slopes[:, :3].reshape(-1, len(z))
         q = J.T @ (out[:, :3].ravel() - J @ z)
@@ -92,14 +92,14 @@ class Horizon:
             return E, drivetrain, None
         p_E = slopes[:, 3:].reshape(-1, len(z))
         free = out[:, 3:].ravel() - p_E @ z
-        low, high = (np.tile(wall[self._walled], STEPS) - free for wall in self._wall)
+        low, high = (np.tile(wall[self._with_wall], STEPS) - free for wall in self._wall)
         return E, drivetrain, Quadratic(J.T @ J + self._P, q, p_E, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the command (n,) of an effort (k,), and the effort (k,) that it truly gives."""
-        if self._commanded is None:
-            self._commanded = function(self._command, effort).call
-        return self._commanded(effort)
+        if self._command_compiled is None:
+            self._command_compiled = function(self._command, effort).call
+        return self._command_compiled(effort)
 
     def _command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         motors = self._motors
@@ -108,12 +108,12 @@ class Horizon:
         return u, self._alive @ motors.unmix(motors.static(motors.mix(u)))
 
     def _begin(
-        self, before: Tree, dt_s: Value, begun: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
+        self, before: Tree, dt_s: Value, has_plan: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
     ) -> tuple[np.ndarray, Tree, np.ndarray]:
         """Return plan and drivetrain of now, and the start of the kernel: all numbers in one row."""
         E, effort, drivetrain = before
         drivetrain = self._even.drivetrain.step(drivetrain, self._alive.T @ effort, dt_s)[0]
-        k = np.minimum(np.arange(STEPS) + begun * dt_s / self._step_s, STEPS - 1.0)
+        k = np.minimum(np.arange(STEPS) + has_plan * dt_s / self._step_s, STEPS - 1.0)
         E = (
             np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
         )  # straight lines between the steps
@@ -121,26 +121,26 @@ class Horizon:
         parts = eta, nu, drivetrain.past.ravel(), drivetrain.steps_s, drivetrain.lagged, eta_r, nu_r
         return E, drivetrain, np.concatenate(parts)
 
-    def _made(self, start: np.ndarray) -> Scan:
+    def _scan(self, start: np.ndarray) -> Scan:
         """Return the kernel: e / e_max, and the places where there are walls, at the end of each step."""
         dt_s, past = self._step_s / self._parts, self._even.drivetrain.init()
         ends = np.cumsum([3, 3, past.past.size, past.steps_s.size, past.lagged.size, 3])
 
-        def step(theta: np.ndarray, x: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def step(theta: np.ndarray, x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             eta, nu, *rest, eta_r, nu_r = np.split(x, ends)
             motors = DrivetrainState(np.reshape(rest[0], past.past.shape), *rest[1:])
-            effort = here @ np.reshape(theta, (STEPS, self._k))
+            effort = row @ np.reshape(theta, (STEPS, self._k))
             state = VehicleState(eta, nu, np.zeros(3), motors)
             state, _ = self._even.step(state, self._alive.T @ effort, dt_s, np.zeros(3))
-            motors, eta_r = state.drivetrain, compose(eta_r, _travelled(nu_r * dt_s))
+            motors, eta_r = state.drivetrain, compose(eta_r, _arc(nu_r * dt_s))
             parts = state.eta, state.nu, motors.past.ravel(), motors.steps_s, motors.lagged, eta_r, nu_r
-            out = [pose_error(eta_r, state.eta) / self._e_max, state.eta[:2][self._walled]]
+            out = [pose_error(eta_r, state.eta) / self._e_max, state.eta[:2][self._with_wall]]
             return np.concatenate(parts), np.concatenate(out)
 
-        return scan(step, start, self._here[0], np.zeros(STEPS * self._k))
+        return scan(step, start, self._weights[0], np.zeros(STEPS * self._k))
 
 
-def _travelled(way: np.ndarray) -> np.ndarray:
+def _arc(way: np.ndarray) -> np.ndarray:
     """Return the pose (3,) after a short way (3,) along an arc, from the origin."""
     chord = 1.0 - way[2] ** 2 / 24.0
     return map_from_body(0.5 * way[2]) @ np.array([chord * way[0], chord * way[1], way[2]])

@@ -42,8 +42,8 @@ class BoundedProgram:
         program: Any = self._program
         program.warm_start(x=start.ravel())
         answer = program.solve(raise_error=False)
-        solved = answer.info.status_val in SOLVED and np.isfinite(answer.x).all()
-        return np.reshape(answer.x, start.shape) if solved else None
+        is_solved = answer.info.status_val in SOLVED and np.isfinite(answer.x).all()
+        return np.reshape(answer.x, start.shape) if is_solved else None
 
     def _set_up(self, P: np.ndarray, q: np.ndarray, A: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
         """Give the solver the pattern: the upper half of P, the rows, and A dense; both are stored by columns."""
@@ -51,8 +51,8 @@ class BoundedProgram:
 
         upper = np.triu(np.ones_like(P)) > 0.0
         pattern = np.vstack([self._rows != 0.0, np.ones_like(A, bool)])
-        matrices = [csc_matrix(np.where(one, 1.0, 0.0)) for one in (upper, pattern)]
-        self._of_P, self._of_A = (np.flatnonzero(one.T) for one in (upper, pattern))
+        matrices = [csc_matrix(np.where(matrix, 1.0, 0.0)) for matrix in (upper, pattern)]
+        self._of_P, self._of_A = (np.flatnonzero(matrix.T) for matrix in (upper, pattern))
         matrices[0].data = P.take(self._of_P)
         matrices[1].data = np.vstack([self._rows, A]).T.take(self._of_A)
         program = _osqp()

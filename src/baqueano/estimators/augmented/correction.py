@@ -62,7 +62,7 @@ def corrected(
     its, (last, place_doubt) = layout(estimator), before
     if not len(its.moving):
         return x, Innovations(last, place_doubt, 0.0, last, np.zeros((0, 0)), last)
-    gaps, slopes, noise, arrived, ways = [], [], [], [], []
+    gaps, slopes, noise, arrivals, ways = [], [], [], [], []
     for name, rows in zip(its.names, its.at, strict=True):
         sensor, slot, at = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
 
@@ -75,9 +75,9 @@ def corrected(
         gaps.append(difference(sensor, z, predicted)[at])
         slopes.append(jacobian(h)(x.mean)[at])
         noise.append(sensor.cov[at][:, at])
-        arrived.append(np.where(has, 1.0, 0.0)[at])
+        arrivals.append(np.where(has, 1.0, 0.0)[at])
         ways += list(mistakes(sensor, z).T[at])
-    y, H, has = (np.concatenate(one) for one in (gaps, slopes, arrived))
+    y, H, has = (np.concatenate(parts) for parts in (gaps, slopes, arrivals))
     Q, H_of_present = block_diagonal(noise), H * has[:, None]
     numbers = PlaceNumbers(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, ways)
     of_place = judged(its.places, numbers, place_doubt, dt_s, estimator.gate_sigma)
@@ -89,20 +89,20 @@ def corrected(
         if c in of_place.weights:
             return of_place.weights[c]
         limit = estimator.gate_sigma * np.sqrt((Q[c, c] + its.patience[c] ** 2 * (s - Q[c, c])) / s)
-        alone = np.minimum(np.abs(e), np.abs(e - last[c] / np.sqrt(s)) / np.sqrt(2.0))
-        return 1.0 / (1.0 + (np.maximum(alone, np.abs(e) / ABSURD) / limit) ** 8)
+        least_error = np.minimum(np.abs(e), np.abs(e - last[c] / np.sqrt(s)) / np.sqrt(2.0))
+        return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD) / limit) ** 8)
 
     E = its.resting if still else its.moving
     # what did not arrive weighs nothing, and tells nothing of the others
     own = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
     update = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))
     w = np.array([weight(c, update.e[c], update.s[c]) for c in range(len(y))])
-    refused = np.sum(np.where(w < 0.5, has, 0.0))
+    refusals = np.sum(np.where(w < 0.5, has, 0.0))
     gap = np.where(has > 0.0, update.e * np.sqrt(update.s), last)
     S = mirrored(H @ x.cov @ H.T + Q)
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
-    y, w = (np.where(has > 0.0, one, np.nan) for one in (y, w))
-    return x, Innovations(gap, of_place.doubt, refused, y, S, w)
+    y, w = (np.where(has > 0.0, values, np.nan) for values in (y, w))
+    return x, Innovations(gap, of_place.doubt, refusals, y, S, w)
 
 
 def expected(
@@ -110,15 +110,15 @@ def expected(
 ) -> np.ndarray:
     """Return what a sensor would show with its biases as believed, (m,), to first order when it was measured."""
     sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALES]
-    for k, one in enumerate(layout(estimator).biases):
-        if one.sensor == name:
-            sensor = put(sensor, one.path, get(sensor, one.path) + mean[BIASES + k])
+    for k, bias in enumerate(layout(estimator).biases):
+        if bias.sensor == name:
+            sensor = put(sensor, bias.path, get(sensor, bias.path) + mean[BIASES + k])
     if nu_dot is None:
         nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + pushed(estimator.vehicle, d)
     old_s = age_s(sensor, slot)
-    turned = old_s * nu[2]
-    way = map_from_body(eta[2] - 0.5 * turned) @ (old_s * nu)
-    eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turned])
+    turn = old_s * nu[2]
+    way = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
+    eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turn])
     return sensor.h(Motion(eta, nu - old_s * nu_dot, nu_dot, estimator.vehicle.gravity(eta[2])))
 
 

@@ -45,7 +45,7 @@ def ahead(
     """Return the state (n,), (n, n) one row later; `lasting` (2,) is d̄.  (2)-(4)"""
     n = len(x.mean)
     walks = [
-        np.array([one.of(estimator.sensors, one.walk) ** 2 * row.dt_s]) for one in layout(estimator).biases
+        np.array([bias.of(estimator.sensors, bias.walk) ** 2 * row.dt_s]) for bias in layout(estimator).biases
     ]
     constant = np.diag(np.concatenate([np.zeros(BIASES - SCALES), *walks]))
 
@@ -55,8 +55,8 @@ def ahead(
             [unsure, np.zeros((n - 3, n - 3))]
         )
 
-    moved = predict(x, lambda mean: move(estimator, mean, lasting, effort, row.moved_s, x.cov[2, 2]), R)
-    return Gaussian(moved.mean, bounded(moved.cov))
+    motion = predict(x, lambda mean: move(estimator, mean, lasting, effort, row.moved_s, x.cov[2, 2]), R)
+    return Gaussian(motion.mean, bounded(motion.cov))
 
 
 def move(
@@ -88,7 +88,7 @@ def lasting_part(before: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
 
 def pushed(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarray:
     """Return D (3,).  (2)"""
-    return _turned(vehicle) @ np.array([d[0], 0.0, d[1]])
+    return _to_axes(vehicle) @ np.array([d[0], 0.0, d[1]])
 
 
 def slipped(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> np.ndarray:
@@ -108,7 +108,7 @@ def kicks(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) ->
 
     Of the variance σ² δ³/3 of the way, σ² δ³/4 goes with what ν gains, σ² δ³/12 does not; of what d gives to ν
     likewise. `kept` is the part of ν_y that a row leaves.  (7)"""
-    W, E = _turned(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    W, E = _to_axes(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     J, D, moved_s = map_from_body(psi) @ W, W @ E, row.moved_s
     d = estimator.disturbance_std**2 * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
     walk, of_nu, of_eta = estimator.velocity_walk_std**2 * row.dt_s, D, 0.5 * moved_s * J @ E
@@ -128,7 +128,7 @@ def scaled(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
     return np.array([kappa[0] * nu[0], kappa[0] * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
 
 
-def _turned(vehicle: DynamicVehicle) -> np.ndarray:
+def _to_axes(vehicle: DynamicVehicle) -> np.ndarray:
     """∂ν/∂(push) (3, 3) of a push ahead, aside, and in turning."""
     arm = optional.of(vehicle, "turning_arm_m")
     return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0 if arm is None else arm], [0.0, 0.0, 1.0]])

@@ -55,9 +55,9 @@ class Layout(NamedTuple):
     @property
     def doubted(self) -> np.ndarray:
         """1 (n,) for what may be wrong where the pose is: (η, κ, β, b)."""
-        doubted = np.ones(self.size)
-        doubted[[*range(3, SCALES), BEND]] = 0.0
-        return doubted
+        mask = np.ones(self.size)
+        mask[[*range(3, SCALES), BEND]] = 0.0
+        return mask
 
     @property
     def size(self) -> int:
@@ -71,17 +71,17 @@ def layout(estimator: "AugmentedEkf") -> Layout:
     sensors, uses = estimator.sensors, estimator.use
     names, at = tuple(split(use)[0] for use in uses), tuple(rows_of(sensors, use) for use in uses)
     biases = tuple(
-        one
+        bias
         for name, rows in zip(names, at, strict=True)
-        for one in uncertain(sensors, name, rows, np.zeros(3))
-        if one.walk
+        for bias in uncertain(sensors, name, rows, np.zeros(3))
+        if bias.walk
     )
-    trusted = {(split(use)[0], i) for use in estimator.speed_from for i in rows_of(sensors, use)}
+    reliable = {(split(use)[0], i) for use in estimator.speed_from for i in rows_of(sensors, use)}
     numbers = [(name, i) for name, rows in zip(names, at, strict=True) for i in rows]
     signals = {name: _shows(getattr(sensors, name)) for name in names}
     shows = [signals[name][i] for name, i in numbers]
     own = [
-        [biases.index(one) for one in uncertain(sensors, name, (i,), np.zeros(3)) if one.walk]
+        [biases.index(bias) for bias in uncertain(sensors, name, (i,), np.zeros(3)) if bias.walk]
         for name, i in numbers
     ]
     leads = [turning and not (pose or forward) for pose, forward, turning in shows]
@@ -90,9 +90,9 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         if pose:
             moving[k] = 1.0
             continue
-        if (forward and not own[k]) or number in trusted:
+        if (forward and not own[k]) or number in reliable:
             moving[k, [*PLACE, *FORWARD]] = 1.0
-        if number in trusted:
+        if number in reliable:
             moving[k, [BIASES + j for j in own[k]]] = 1.0
         if turning and not (any(leads) and forward):
             moving[k, [*TURNING]] = 1.0
@@ -100,14 +100,14 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         moving[:, BIASES:] = 1.0
     moving[:, BEND] = 0.0
     resting = moving.copy()
-    for k, mine in enumerate(own):
-        resting[k, [BIASES + j for j in mine]] = 1.0
+    for k, own_biases in enumerate(own):
+        resting[k, [BIASES + j for j in own_biases]] = 1.0
     at_rest = {name: slopes(getattr(sensors, name), np.zeros(9)) for name in names}
     slope = np.array([at_rest[name][i, AXES] for name, i in numbers]).reshape(-1, 2) * moving[:, AXES]
     places = tuple(
         group
         for name in dict.fromkeys(names)
-        if (group := tuple(k for k, (one, _) in enumerate(numbers) if one == name and shows[k][0]))
+        if (group := tuple(k for k, (name_k, _) in enumerate(numbers) if name_k == name and shows[k][0]))
     )
     return Layout(names, at, biases, moving, resting, np.where(leads, LEADING, 1.0), slope, places)
 
@@ -115,7 +115,7 @@ def layout(estimator: "AugmentedEkf") -> Layout:
 def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     """Return the standard deviations (n,) at the start."""
     its = layout(estimator)
-    biases = np.array([one.of(estimator.sensors, one.std) for one in its.biases])
+    biases = np.array([bias.of(estimator.sensors, bias.std) for bias in its.biases])
     scales = scale_std(estimator.sensors, dict(zip(its.names, its.at, strict=True)))
     course = np.array([estimator.course_std, 1.0])
     return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
@@ -124,6 +124,6 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
 def _shows(sensor: Sensor) -> list[tuple[bool, bool, bool]]:
     """If each number of a sensor shows the pose anywhere; at rest the speed ahead, the yaw rate."""
     return [
-        (bool(np.any(there[:3])), bool(here[3] != 0.0), bool(here[5] != 0.0))
-        for there, here in zip(slopes(sensor), slopes(sensor, np.zeros(9)), strict=True)
+        (bool(np.any(anywhere[:3])), bool(at_rest[3] != 0.0), bool(at_rest[5] != 0.0))
+        for anywhere, at_rest in zip(slopes(sensor), slopes(sensor, np.zeros(9)), strict=True)
     ]

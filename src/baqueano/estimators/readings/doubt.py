@@ -41,19 +41,19 @@ def doubted(
     `slope` (m, 2) of each number by speed and yaw rate, 0 where it corrects neither; `innovations` y (m,), NaN where
     nothing arrived, with their weight (m,); `against` (2,) by how much the model is overruled.
     """
-    refused, came = [], []
+    refusals, came = [], []
     for h in slope.T:
-        mine = np.flatnonzero(h)
-        refused.append(
+        numbers = np.flatnonzero(h)
+        refusals.append(
             _largest(
                 [
                     np.where(innovations.weight[c] < 0.5, np.abs(innovations.y[c]) / abs(h[c]), 0.0)
-                    for c in mine
+                    for c in numbers
                 ]
             )
         )
-        came.append(_largest([np.where(np.isfinite(innovations.y[c]), 1.0, 0.0) for c in mine]))
-    now = lasting(doubt, np.array(refused), against, np.array(came) > 0.0, dt_s)
+        came.append(_largest([np.where(np.isfinite(innovations.y[c]), 1.0, 0.0) for c in numbers]))
+    now = lasting(doubt, np.array(refusals), against, np.array(came) > 0.0, dt_s)
     return DoubtUpdate(now, *wider(np.maximum(now[0], against), doubt[1], now[1], psi, dt_s))
 
 

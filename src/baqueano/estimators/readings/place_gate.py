@@ -73,7 +73,7 @@ def judged(
     if not groups:
         return GateDecision({}, 1.0, doubt)
     weights: dict[int, Value] = {}
-    grown, before, after = 1.0, list(doubt.y), []
+    factor, before, after = 1.0, list(doubt.y), []
     for group, *was in zip(groups, *doubt.past, strict=True):
         at, limit = list(group), gate(sigma, len(group))
         y, S, came = numbers.y[at], numbers.S[np.ix_(at, at)], np.max(numbers.has[at]) > 0.0
@@ -83,28 +83,28 @@ def judged(
         right = 1.0 / (1.0 + MISTAKEN * np.exp(np.minimum(0.5 * (d2 - other2), LIKELY)))
         off = came & ((d2 > limit) | (right < 0.5))
         mistake = off & (right < 0.5) & (other2 <= limit) & (past.mistakes < OVERLOOKED)
-        waited = past.since_s >= AGAIN_S
-        informative = off & ~mistake & waited
-        again = informative & (past.witness > 0.0)
-        same = again & (apart2 <= limit)
+        is_due = past.since_s >= AGAIN_S
+        informative = off & ~mistake & is_due
+        has_witness = informative & (past.witness > 0.0)
+        same = has_witness & (apart2 <= limit)
         weights |= dict.fromkeys(group, np.where(same, 1.0, right / (1.0 + (d2 / limit) ** 4)))
-        grown = np.maximum(grown, np.where(again, np.sqrt(d2 / len(group)), 1.0))
+        factor = np.maximum(factor, np.where(has_witness, np.sqrt(d2 / len(group)), 1.0))
         for k in group:
             before[k] = np.where(informative & ~same, numbers.y[k], before[k])
         after.append(_later(past, off & ~same, mistake, came & (same | ~off)))
     past = Past(*(np.array(column) for column in zip(*after, strict=True)))
-    return GateDecision(weights, grown, PlaceDoubt(np.array(before), past))
+    return GateDecision(weights, factor, PlaceDoubt(np.array(before), past))
 
 
-def _later(past: Past, refused: Value, mistake: Value, trusted: Value) -> Past:
+def _later(past: Past, refusal: Value, mistake: Value, is_right: Value) -> Past:
     """Return what became of the readings of one sensor, with that of this tick."""
-    counts = refused & (past.since_s >= AGAIN_S)
+    counts = refusal & (past.since_s >= AGAIN_S)
     since_s = np.where(counts, 0.0, np.minimum(past.since_s, LONG_AGO_S))
     witness = np.where(counts & ~mistake, 1.0, past.witness)
     mistakes = past.mistakes + np.where(counts & mistake, 1.0, 0.0)
     return Past(
         *(
-            np.where(trusted, a, b)
+            np.where(is_right, a, b)
             for a, b in zip((LONG_AGO_S, 0.0, 0.0), (since_s, witness, mistakes), strict=True)
         )
     )
@@ -114,8 +114,8 @@ def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
     """Return the least d²ᵢ of (2); one that explains nothing where the sensor knows of no mistake."""
     least = 1.0 / SMALL
     for way in np.stack(ways, axis=1):
-        here = np.sum(way**2) < SMALL
-        least = np.minimum(least, np.where(here, 1.0 / SMALL, square(S, y + way)))
+        is_none = np.sum(way**2) < SMALL
+        least = np.minimum(least, np.where(is_none, 1.0 / SMALL, square(S, y + way)))
     return least
 
 

@@ -59,9 +59,9 @@ def rows_of(sensors: SensorBlocks, use: str) -> tuple[int, ...]:
 def check_use(sensors: SensorBlocks, use: tuple[str, ...], by_number: bool = False) -> None:
     """Raise ValueError for a name in `use` that no sensor of the vehicle has; `by_number` allows "imu[2]"."""
     names = getattr(sensors, "_fields", ())
-    for one in use:
-        if (split(one)[0] if by_number else one) not in names:
-            raise Invalid(fault("field.use", found=one, known=names))
+    for number in use:
+        if (split(number)[0] if by_number else number) not in names:
+            raise Invalid(fault("field.use", found=number, known=names))
 
 
 def arrived(sensor: Sensor, slot: Slot) -> Value:
@@ -104,11 +104,11 @@ def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Valu
 
     Slips of several wheels are independent; 0, 1 and 0 without a wheel."""
     each = [
-        (get(sensor, one.slip), get(sensor, one.fade), 1.0 / sensor.rate_hz)
+        (get(sensor, parameter.slip), get(sensor, parameter.fade), 1.0 / sensor.rate_hz)
         for name, rows in used.items()
         for sensor in [getattr(sensors, name)]
-        for _, one in _bearing(sensor, rows, AHEAD)
-        if one.slip and get(sensor, one.slip) > 0.0
+        for _, parameter in _bearing(sensor, rows, AHEAD)
+        if parameter.slip and get(sensor, parameter.slip) > 0.0
     ]
     if not each:
         return 0.0, 1.0, 0.0
@@ -123,10 +123,10 @@ def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.nda
     """
     forward, turning = (
         [
-            float(one.of(sensors, one.std))
+            float(parameter.of(sensors, parameter.std))
             for name, rows in used.items()
-            for one in uncertain(sensors, name, rows, nu)
-            if not one.walk
+            for parameter in uncertain(sensors, name, rows, nu)
+            if not parameter.walk
         ]
         for nu in (AHEAD, TURNING)
     )
@@ -139,8 +139,10 @@ def _bearing(sensor: Sensor, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[
     motion, at = REST._replace(nu=nu), list(rows)
     for field, one_field in parameters(sensor) if rows else ():
         for index in [f"[{i}]" for i in range(one_field.shape[0])] if one_field.shape else [""]:
-            other = put(sensor, field + index, get(sensor, field + index) + STEP) if one_field.std else sensor
-            if one_field.std and np.any(other.h(motion)[at] != sensor.h(motion)[at]):
+            shifted_sensor = (
+                put(sensor, field + index, get(sensor, field + index) + STEP) if one_field.std else sensor
+            )
+            if one_field.std and np.any(shifted_sensor.h(motion)[at] != sensor.h(motion)[at]):
                 yield field + index, one_field
 
 

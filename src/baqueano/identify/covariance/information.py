@@ -47,7 +47,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
     A, B, channels = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
     pieces = problem.sensitivities(theta)
     colour = autocorrelation([r for r, _, _ in pieces], problem.has)
-    autocorrelated = bool(np.any(colour > COLOUR))
+    has_colour = bool(np.any(colour > COLOUR))
     few = np.sum([has.sum(axis=0) for has in problem.has], axis=0) < FEW
 
     def parts(piece: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -55,9 +55,9 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
         if not (np.max(d, initial=0.0) < FAR and np.min(d, initial=0.0) > -FAR and np.isfinite(r).all()):
             r, d = np.zeros_like(r), np.zeros_like(d)  # a model that runs away tells nothing
         bread, meat = _white(np.where(few & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
-        if autocorrelated:
-            scored = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))
-            meat = coloured_scores(scored, has, d, record.dt_s)
+        if has_colour:
+            scores_of_few = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))
+            meat = coloured_scores(scores_of_few, has, d, record.dt_s)
             meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
@@ -66,9 +66,9 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
         channels[:, index] += channel
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
-    scores = _by_piece(problem, pieces) if autocorrelated else None
+    scores = _by_piece(problem, pieces) if has_colour else None
     samples = int(sum(has.sum() for has in problem.has))
-    return Information(A, B, channels, autocorrelated, colour, samples, scores, problem.layout.starts)
+    return Information(A, B, channels, has_colour, colour, samples, scores, problem.layout.starts)
 
 
 def _by_piece(problem: Residuals, pieces: list[Any]) -> np.ndarray | None:
@@ -125,11 +125,11 @@ def autocorrelation(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.nd
     return np.where(np.abs(rho) > scatter, rho, 0.0)
 
 
-def _products(r: np.ndarray, there: np.ndarray) -> np.ndarray:
+def _products(r: np.ndarray, presence: np.ndarray) -> np.ndarray:
     """(3, m) of residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and how many x there are."""
     out = np.zeros((3, r.shape[1]))
     for c in range(r.shape[1]):
-        x = r[there[:, c] > 0.0, c]
+        x = r[presence[:, c] > 0.0, c]
         if len(x) <= 2 * LAGS:
             continue
         x = np.minimum(np.maximum(x, -3.0), 3.0)
@@ -151,8 +151,8 @@ def coloured_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.nd
     taper[-lags:] = taper[lags:0:-1]
     B = np.zeros((p, p))
     for c in range(m):
-        there = np.fft.rfft(has[:, c], size)
-        pairs = np.fft.irfft(np.abs(there) ** 2, size)
+        spectrum = np.fft.rfft(has[:, c], size)
+        pairs = np.fft.irfft(np.abs(spectrum) ** 2, size)
         cov = np.fft.irfft(np.abs(np.fft.rfft(psi[:, c], size)) ** 2, size)
         gamma = np.where(pairs > 0.5, cov / np.maximum(pairs, 0.5), 0.0) * taper
         power = np.maximum(np.fft.rfft(gamma).real, 0.0)
@@ -190,9 +190,9 @@ def own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
 
 def own_sd(A: np.ndarray, at: np.ndarray, free: np.ndarray) -> np.ndarray:
     """(q,) standard errors of the entries `at` of θ by the information A (p, p) on those that are `free` (p,)."""
-    used = np.flatnonzero((free | np.isin(np.arange(len(free)), at)) & (np.diagonal(A) > 0.0))
-    root = np.sqrt(np.diagonal(A)[used])
-    inverse = np.linalg.pinv(A[np.ix_(used, used)] / np.outer(root, root), hermitian=True)
+    entries = np.flatnonzero((free | np.isin(np.arange(len(free)), at)) & (np.diagonal(A) > 0.0))
+    root = np.sqrt(np.diagonal(A)[entries])
+    inverse = np.linalg.pinv(A[np.ix_(entries, entries)] / np.outer(root, root), hermitian=True)
     sd = np.full(len(free), np.inf)
-    sd[used] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
+    sd[entries] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
     return np.asarray(sd[at])

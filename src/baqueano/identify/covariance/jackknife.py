@@ -43,7 +43,7 @@ def jackknife(
     """(2), (k, k), of the entries `kept` of θ with the information `bread` (p, p), of runs that are cut that without
     their starts; None of too few blocks, of no entries, or of a model that ran away; if `alike`, also where a block
     has more than MOST_KNOWN. If `by_piece`, each piece is a block, which may have MOST_OF_PIECE; None of whole runs."""
-    if not len(identifiable) or (by_piece and not _cut(problem)):
+    if not len(identifiable) or (by_piece and not _is_cut(problem)):
         return None
     A = bread[np.ix_(identifiable, identifiable)]
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
@@ -52,7 +52,7 @@ def jackknife(
     place[identifiable] = np.arange(len(identifiable))
     block_s = np.inf if by_piece else block_of(problem)
     fewest, most = (FEWEST_PIECES, MOST_OF_PIECE) if by_piece else (FEWEST, MOST_KNOWN)
-    moves, shared = [], np.flatnonzero(identifiable < problem.layout.shared)
+    moves, shared_entries = [], np.flatnonzero(identifiable < problem.layout.shared)
     for (r, d, index), record in zip(slopes_of(problem, theta), problem.records, strict=True):
         inside = place[index] >= 0
         at = place[index[inside]]
@@ -61,7 +61,7 @@ def jackknife(
         # a run knows few of the entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, C the part of A⁻¹ between them
         remainder = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
         moves.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[at] / root)
-        between, own = inverse[np.ix_(at, shared)], inverse[np.ix_(shared, shared)]
+        between, own = inverse[np.ix_(at, shared_entries)], inverse[np.ix_(shared_entries, shared_entries)]
         if alike and _of_one_block_only(A_b, remainder, between, own, most):
             return None
     every = np.concatenate(moves)
@@ -88,7 +88,7 @@ def slopes_of(problem: Residuals, theta: np.ndarray) -> Iterator[tuple[np.ndarra
     """Per piece r (N, m), ∂r (N, m, q), and where the q entries stand in θ; where runs are cut without the starts, NaN
     of a piece in which the model ran away."""
     for r, d, index in problem.sensitivities(theta):
-        if not _cut(problem):
+        if not _is_cut(problem):
             yield r, d, index
             continue
         start = index >= problem.layout.starts
@@ -98,7 +98,7 @@ def slopes_of(problem: Residuals, theta: np.ndarray) -> Iterator[tuple[np.ndarra
             yield r, np.full_like(d[..., ~start], np.nan), index[~start]
 
 
-def _cut(problem: Residuals) -> bool:
+def _is_cut(problem: Residuals) -> bool:
     """Return True where runs are cut into segments."""
     return len(problem.records) > max(problem.layout.runs) + 1
 
@@ -129,9 +129,9 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
     g, A = np.zeros((len(edges) - 1, q)), np.zeros((len(edges) - 1, q, q))
     with np.errstate(invalid="ignore", over="ignore"):  # a model that ran away
         for b, (first, end) in enumerate(pairwise(m * np.array(edges))):
-            x, here = d[first:end], r[first:end]
-            g[b] = np.clip(here, -HUBER, HUBER) @ x
-            A[b] = gram(x) - gram(x[np.abs(here) >= HUBER])
+            x, residuals = d[first:end], r[first:end]
+            g[b] = np.clip(residuals, -HUBER, HUBER) @ x
+            A[b] = gram(x) - gram(x[np.abs(residuals) >= HUBER])
     return g, A
 
 
@@ -142,13 +142,13 @@ def no_smaller(
     which come first, if the blocks (`by_piece`: the pieces) disagree.  (4)"""
     if other is None or not k:
         return cov
-    shared, blocks = cov[:k, :k], other[:k, :k]
+    shared_cov, blocks = cov[:k, :k], other[:k, :k]
     n = len(problem.records) if by_piece else min(MOST, int(_driven_s(problem) / BLOCK_S))
-    disagree = np.trace(np.linalg.solve(shared, blocks)) / k
+    disagree = np.trace(np.linalg.solve(shared_cov, blocks)) / k
     if not disagree > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
         return cov
     wider = np.ones(len(cov))
-    wider[:k] = np.sqrt(np.maximum(np.diagonal(blocks) / np.maximum(np.diagonal(shared), 1e-300), 1.0))
+    wider[:k] = np.sqrt(np.maximum(np.diagonal(blocks) / np.maximum(np.diagonal(shared_cov), 1e-300), 1.0))
     return cov * np.outer(wider, wider)
 
 
@@ -162,6 +162,6 @@ def with_blocks(info: Information, identifiable: np.ndarray, cov: np.ndarray) ->
     variance = np.diagonal(cov) * root**2
     most = np.maximum(variance, np.maximum(np.diagonal(own), np.diagonal(inverse)))
     D = np.sqrt(most / np.maximum(variance, 1e-300))
-    other = A @ (cov * np.outer(D, D)) @ A
-    meat[at] = 0.5 * (other + other.T)
+    product = A @ (cov * np.outer(D, D)) @ A
+    meat[at] = 0.5 * (product + product.T)
     return info._replace(meat=meat)

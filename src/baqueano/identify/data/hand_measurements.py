@@ -133,7 +133,7 @@ def drift(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
         return 0.0
     ticks = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1
     dt_s = seconds(np.diff(run.t_ns[:ticks], prepend=2 * run.t_ns[0] - run.t_ns[1]))
-    fixed = np.column_stack([dt_s, np.nan_to_num(run.applied[:ticks])])
+    columns = np.column_stack([dt_s, np.nan_to_num(run.applied[:ticks])])
     n = 1 + vehicle.commands
 
     def step(state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
@@ -143,7 +143,7 @@ def drift(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
     kernel = scan(step, vehicle.init(), np.zeros(n + 3))
     rng, ends = np.random.default_rng(0), []
     for noise in (np.zeros((ticks, 3)), *rng.standard_normal((DRAWN, ticks, 3))):
-        eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([fixed, noise])))[1])[-1]
+        eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([columns, noise])))[1])[-1]
         ends.append(KINDS[measurement.kind]().h(Motion(eta, np.zeros(3), np.zeros(3), np.zeros(2))))
     away = np.array(ends[1:]) - ends[0]
     per_entry = (
@@ -157,7 +157,7 @@ def read(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
     match = LINE.match(line.replace(",", ", "))
     if match is None:
         raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))
-    at = _run(match["run"], line, runs)
+    at = _run_index(match["run"], line, runs)
     run = runs[at]
     t_s = run.duration_s if match["t"] == "end" else float(match["t"].rstrip("s "))
     if not 0.0 < t_s <= run.duration_s:
@@ -168,7 +168,7 @@ def read(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
     return at, [_part(part, line, t_ns) for part in match["what"].split(",")]
 
 
-def _run(name: str | None, line: str, runs: Sequence[Run]) -> int:
+def _run_index(name: str | None, line: str, runs: Sequence[Run]) -> int:
     names = [run.name for run in runs]
     if name is None and len(runs) == 1:
         return 0
@@ -198,7 +198,7 @@ def _part(part: str, line: str, t_ns: int) -> HandMeasurement:
 
 
 def _with_channel(run: Run, kind: str, measurement: list[HandMeasurement], block: Tree) -> Run:
-    measurement = sorted(measurement, key=lambda one: one.t_ns)
-    t_ns = np.array([one.t_ns for one in measurement], dtype=np.int64)
-    z = np.array([one.z for one in measurement]) if measurement else np.zeros((0, block.size))
+    measurement = sorted(measurement, key=lambda reading: reading.t_ns)
+    t_ns = np.array([reading.t_ns for reading in measurement], dtype=np.int64)
+    z = np.array([reading.z for reading in measurement]) if measurement else np.zeros((0, block.size))
     return replace(run, sensors={**run.sensors, kind: Channel(t_ns, t_ns, z)})

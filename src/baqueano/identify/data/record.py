@@ -78,7 +78,7 @@ def record_of(
     ends = np.cumsum(pieces) - 1
     readings = {}
     for name, block in sensors.items():
-        readings[name] = _measured(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
+        readings[name] = _measurements(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
         if only and name in only:
             left_out = np.setdiff1d(np.arange(block.size), only[name])
             readings[name].has[:, left_out] = 0.0
@@ -130,7 +130,7 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
     return u, [note("data.command-unknown", ticks=int((~finite).sum()))]
 
 
-def _measured(
+def _measurements(
     run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], late_s: float
 ) -> Measurements:
     """The measurements of one sensor at rows `ends` of ends[-1] + 1, each `late_s` after its stamp."""
@@ -183,10 +183,10 @@ def _sound(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) ->
     good = np.isfinite(channel.z)
     limit = range_of(block)
     if limit is not None:
-        clipped = good & (np.abs(channel.z) >= limit)
-        if clipped.any():
-            notes.append(note("data.end-of-range", subject=name, lost=int(clipped.sum())))
-        good &= ~clipped
+        at_limit = good & (np.abs(channel.z) >= limit)
+        if at_limit.any():
+            notes.append(note("data.end-of-range", subject=name, lost=int(at_limit.sum())))
+        good &= ~at_limit
     return good
 
 

@@ -46,15 +46,15 @@ def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["Vehicl
             continue
         bias, sd = float(sensor.gyro_bias + x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))
         message = note("bias.at-rest", subject=name, bias_rad_s=bias, sd_rad_s=sd, runs=", ".join(stood))
-        return _written(file, name, bias, sd, stood), message
+        return _rest_file(file, name, bias, sd, stood), message
     return file, None
 
 
 def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
     """Return whether a run begins at a standstill, as far as its commands and `sensors` show.  (2)"""
-    driven = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # not known counts as driven
-    first_ns = run.t_ns[max(driven[0] - 1, 0)] if len(driven) else run.t_ns[-1]
-    quiet = not len(driven) or driven[0] > 0
+    driven_ticks = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # not known counts as driven
+    first_ns = run.t_ns[max(driven_ticks[0] - 1, 0)] if len(driven_ticks) else run.t_ns[-1]
+    quiet = not len(driven_ticks) or driven_ticks[0] > 0
     for name, sensor in sensors._asdict().items():
         channel = run.sensors.get(name)
         if channel is None or len(channel.z) <= FIRST:
@@ -74,18 +74,18 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
 
 def shows_speed(sensor: "Tree") -> np.ndarray:
     """Return which channels (m,) follow ν and not ν̇."""
-    none, still = np.zeros(3), np.zeros(2)
-    at_rest, moving = (sensor.h(Motion(none, nu, none, still)) for nu in (none, np.array([1.0, 0.0, 1.0])))
-    faster = sensor.h(Motion(none, none, np.ones(3), still))
+    none, no_force = np.zeros(3), np.zeros(2)
+    at_rest, moving = (sensor.h(Motion(none, nu, none, no_force)) for nu in (none, np.array([1.0, 0.0, 1.0])))
+    faster = sensor.h(Motion(none, none, np.ones(3), no_force))
     return np.asarray((moving != at_rest) & (faster == at_rest))
 
 
 def standing(run: "Run", t_ns: np.ndarray) -> np.ndarray:
     """(K,) True at the times `t_ns` (K,) before which nothing was commanded for REST_S."""
-    driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
-    last = np.maximum.accumulate(np.where(driven, run.t_ns, run.t_ns[0]))
+    driven_ticks = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    last = np.maximum.accumulate(np.where(driven_ticks, run.t_ns, run.t_ns[0]))
     tick = np.clip(np.searchsorted(run.t_ns, t_ns), 0, len(run.t_ns) - 1)
-    return ~driven[tick] & (t_ns - last[tick] > REST_S * NANOSECONDS)
+    return ~driven_ticks[tick] & (t_ns - last[tick] > REST_S * NANOSECONDS)
 
 
 def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
@@ -94,13 +94,13 @@ def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)
     at_rest = standing(run, channel.t_ns) & np.isfinite(channel.z[:, -1])
-    still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
-    residuals = channel.z[at_rest, -1] - sensor.h(still)[-1]
-    turned = len(residuals) and np.std(residuals) > QUIET * np.sqrt(sensor.cov[-1, -1]) > 0.0
-    return np.zeros(0) if turned or len(residuals) < LEAST_S * sensor.rate_hz else residuals
+    at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
+    residuals = channel.z[at_rest, -1] - sensor.h(at_standstill)[-1]
+    turns = len(residuals) and np.std(residuals) > QUIET * np.sqrt(sensor.cov[-1, -1]) > 0.0
+    return np.zeros(0) if turns or len(residuals) < LEAST_S * sensor.rate_hz else residuals
 
 
-def _written(file: "VehicleFile", name: str, bias: float, sd: float, stood: list[str]) -> "VehicleFile":
+def _rest_file(file: "VehicleFile", name: str, bias: float, sd: float, stood: list[str]) -> "VehicleFile":
     from baqueano.vehicle_file import Provenance
     from baqueano.vehicle_file.file import today
 

@@ -107,11 +107,11 @@ def without(
 def slopes_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return d⊥ (N, m, q) of the slopes d (N, m, p) of a piece with weights w (N, m); `start` (p,) bool marks the
     entries of its start.  (2)"""
-    own, others = d[..., start], d[..., ~start]
-    weighted = own * w[..., None]
+    own, rest = d[..., start], d[..., ~start]
+    weighted_slopes = own * w[..., None]
     axes = (0, 1), (0, 1)
-    ties = _inverse(np.tensordot(weighted, own, axes)) @ np.tensordot(weighted, others, axes)
-    return others - own @ ties
+    ties = _inverse(np.tensordot(weighted_slopes, own, axes)) @ np.tensordot(weighted_slopes, rest, axes)
+    return rest - own @ ties
 
 
 def _inverse(A: np.ndarray) -> np.ndarray:
@@ -119,5 +119,5 @@ def _inverse(A: np.ndarray) -> np.ndarray:
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     values, vectors = np.linalg.eigh(A / np.outer(root, root))
     positive = values > LEAST * np.max(values, initial=1e-300)
-    kept = vectors[:, positive]
-    return (kept / values[positive]) @ kept.T / np.outer(root, root)
+    columns = vectors[:, positive]
+    return (columns / values[positive]) @ columns.T / np.outer(root, root)

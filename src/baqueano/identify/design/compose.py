@@ -49,8 +49,8 @@ class Composer:
         self.xy = xy if not self.xy.size else np.concatenate([self.xy, xy], axis=1)
         away = np.sqrt(np.mean(np.sum(self.xy**2, axis=0), axis=-1)) / np.min(self.room.free)
         self.reach = np.max(away, axis=-1)
-        apart = self.path[:, :, -1, :2]
-        self.price = PRICE * np.sqrt(np.mean(np.sum(apart**2, axis=-1), axis=-1)) / np.min(self.room.free)
+        distance = self.path[:, :, -1, :2]
+        self.price = PRICE * np.sqrt(np.mean(np.sum(distance**2, axis=-1), axis=-1)) / np.min(self.room.free)
 
     def score(self, F: np.ndarray) -> np.ndarray:
         """J (…,) of F (…, M, q, q): of a Cholesky factor that begins with the nuisance, what follows on it."""
@@ -86,8 +86,8 @@ class Composer:
     ) -> list[int]:
         """Pieces for that place beside all the others of `chosen`, of those that should stay inside from the poses
         (L, 3) on: the `count` best at each price of their reach, in order."""
-        others = [*chosen[:place], *chosen[place + 1 :]]
-        rest = self.F[others].sum(axis=0)
+        rest_of_pieces = [*chosen[:place], *chosen[place + 1 :]]
+        rest = self.F[rest_of_pieces].sum(axis=0)
         some = np.argsort(-self._bound(rest) + self.price)[:DEEP]
         some = some[self._margin(pose[None], some) >= 0.0]
         score = self.score(rest + self.F[some])
@@ -99,11 +99,11 @@ class Composer:
         keep near, the chosen and the first stay too; which are left, in order."""
         bound = self._bound(self.F[self.chosen].sum(axis=0))
         near = np.argsort(NEAR * self.reach - bound)[: count // 4]
-        kept = np.unique([0, *self.chosen, *near, *np.argsort(self.price - bound)[:count].tolist()])
-        self.F, self.upper, self.path = self.F[kept], self.upper[kept], self.path[kept]
-        self.price, self.reach, self.xy = self.price[kept], self.reach[kept], self.xy[:, kept]
-        self.chosen = np.searchsorted(kept, self.chosen).tolist()
-        return kept
+        survivors = np.unique([0, *self.chosen, *near, *np.argsort(self.price - bound)[:count].tolist()])
+        self.F, self.upper, self.path = self.F[survivors], self.upper[survivors], self.path[survivors]
+        self.price, self.reach, self.xy = self.price[survivors], self.reach[survivors], self.xy[:, survivors]
+        self.chosen = np.searchsorted(survivors, self.chosen).tolist()
+        return survivors
 
     def _greedy(self) -> None:
         total, pose = np.zeros(self.F.shape[1:]), self._start()
@@ -126,9 +126,9 @@ class Composer:
         pose = self._start()
         for k in before:
             pose = in_map(pose, self.path[k, :, -1])
-        others = [*before, *after]
-        paid = float(self.price[others].sum())
-        first_inside = self._first_inside(self.F[others].sum(axis=0), pose, after, best + paid + 1e-6)
+        rest_of_pieces = [*before, *after]
+        paid = float(self.price[rest_of_pieces].sum())
+        first_inside = self._first_inside(self.F[rest_of_pieces].sum(axis=0), pose, after, best + paid + 1e-6)
         if first_inside is None:
             return best
         self.chosen[place] = first_inside[0]

@@ -56,8 +56,8 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     """Return the parameters and the nuisance that a fit of this vehicle estimates."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     candidates = [described(blocks, p, {}) for p in default_free(blocks)]
-    frozen = frozen_columns(candidates, np.asarray(vehicle_file.command.limit)[None])
-    free = [one.path for k, one in enumerate(candidates) if k not in frozen]
+    constant = frozen_columns(candidates, np.asarray(vehicle_file.command.limit)[None])
+    free = [parameter.path for k, parameter in enumerate(candidates) if k not in constant]
     interest = [p for p in free if value(blocks, p) != 0.0]
     zero = [p for p in free if p not in interest]
     own = [
@@ -90,9 +90,9 @@ class Informant:
             return substitute(blocks, of.paths, theta).model.init(nu=nu)
 
         def step(theta: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
-            there = substitute(blocks, of.paths, theta)
-            state, motion = there.model.step(state, u, dt_s, np.zeros(3))
-            return state, weight * np.concatenate([s.h(motion) for s in there.sensors])
+            blocks_at = substitute(blocks, of.paths, theta)
+            state, motion = blocks_at.model.step(state, u, dt_s, np.zeros(3))
+            return state, weight * np.concatenate([s.h(motion) for s in blocks_at.sensors])
 
         self.start, self.tick, self.commands = start, step, n
         self.nominal = np.array([*(value(blocks, p) for p in of.paths), *np.zeros(len(of.start))])
@@ -131,12 +131,16 @@ def mean_error(relative_sd: np.ndarray) -> float:
 def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
     """Return the largest entry of the row of a matrix; of the frictions of an axis, as if it went at 1 m/s or 1 rad/s;
     of the whole field, where these are 0; 1 where it is."""
-    one = described(blocks, path, {})
-    same = [other for other in candidates if one.axis is not None and other.axis == one.axis]
+    parameter = described(blocks, path, {})
+    same = [
+        candidate
+        for candidate in candidates
+        if parameter.axis is not None and candidate.axis == parameter.axis
+    ]
     row = [
-        abs(value(blocks, other.path))
-        for other in same
-        if (other.of.role == "gain") == (one.of.role == "gain")
+        abs(value(blocks, candidate.path))
+        for candidate in same
+        if (candidate.of.role == "gain") == (parameter.of.role == "gain")
     ]
     whole = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
     return max(row, default=0.0) or max(whole) or 1.0

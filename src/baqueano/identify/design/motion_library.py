@@ -68,9 +68,9 @@ def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> li
     pieces = [MotionPiece(np.zeros((length, len(shape.limit))), BACK - 1)]
     while len(pieces) < count:
         out, back = np.zeros((length, len(shape.limit))), int(rng.integers(BACK))
-        used = length if back == BACK - 1 else length // 2
+        ticks_used = length if back == BACK - 1 else length // 2
         for j in shape.moving:
-            out[:used, j] = _levels(rng, used)
+            out[:ticks_used, j] = _levels(rng, ticks_used)
         if rng.random() < 0.25:  # one channel alone
             out[:, rng.permutation(shape.moving)[1:]] = 0.0
         pieces.append(MotionPiece(out, back))
@@ -85,7 +85,7 @@ def children(
     for _ in range(count):
         piece = parents[int(rng.integers(len(parents)))]
         for _ in range(int(rng.integers(1, 3))):
-            piece = _changed(piece, parents[int(rng.integers(len(parents)))], shape, rng)
+            piece = _mutation(piece, parents[int(rng.integers(len(parents)))], shape, rng)
         out.append(piece)
     return out
 
@@ -93,9 +93,9 @@ def children(
 def gentler(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
     """The piece with all channels but the first at a third, for a vehicle that would slide in its curves; of a vehicle
     with one channel, that."""
-    others = shape.moving[1:] if len(shape.moving) > 1 else shape.moving
+    rest = shape.moving[1:] if len(shape.moving) > 1 else shape.moving
     out = piece.out.copy()
-    out[:, others] *= GENTLE
+    out[:, rest] *= GENTLE
     return MotionPiece(out, piece.back)
 
 
@@ -107,21 +107,21 @@ def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
     return np.stack([*xy, pose[..., 2] + path[..., 2]], axis=-1)
 
 
-def _changed(
-    piece: MotionPiece, other: MotionPiece, shape: PieceShape, rng: np.random.Generator
+def _mutation(
+    piece: MotionPiece, second: MotionPiece, shape: PieceShape, rng: np.random.Generator
 ) -> MotionPiece:
-    out, how, j = piece.out.copy(), int(rng.integers(8)), int(rng.choice(shape.moving))
-    used = len(out) if piece.back == BACK - 1 else len(out) // 2
-    a, b = np.sort(rng.integers(0, used + 1, 2))
-    if how < 4:  # another level for a while
-        b = min(used, a + 1 + int(rng.integers(1, max(2, used // 3))))
+    out, mode, j = piece.out.copy(), int(rng.integers(8)), int(rng.choice(shape.moving))
+    ticks_used = len(out) if piece.back == BACK - 1 else len(out) // 2
+    a, b = np.sort(rng.integers(0, ticks_used + 1, 2))
+    if mode < 4:  # another level for a while
+        b = min(ticks_used, a + 1 + int(rng.integers(1, max(2, ticks_used // 3))))
         out[a:b, j] = _level(rng)
-    elif how == 4:
+    elif mode == 4:
         out[:, j] = np.clip(out[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
-    elif how == 5:
-        out[a:] = other.out[a:]
-    elif how == 6:
-        out[:, j] = other.out[:, j] * rng.choice([-1.0, 1.0])
+    elif mode == 5:
+        out[a:] = second.out[a:]
+    elif mode == 6:
+        out[:, j] = second.out[:, j] * rng.choice([-1.0, 1.0])
     else:
         return MotionPiece(out, int(rng.integers(BACK)))
     return MotionPiece(out, piece.back)

@@ -56,11 +56,11 @@ def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
     }  # fmt: skip
     motions = []
     for kind, channels, back in kinds:
-        for how, shape in shapes.items():
-            for level in LEVELS if how == "steady" else LEVELS[:1]:
+        for shape_name, shape in shapes.items():
+            for level in LEVELS if shape_name == "steady" else LEVELS[:1]:
                 out = np.zeros((ticks, len(limit)))
                 out[:, list(channels)] = level * shape[:, None]
-                words = note(f"motion.{kind}-{how}", percent=round(100.0 * level), t_s=SECONDS)
+                words = note(f"motion.{kind}-{shape_name}", percent=round(100.0 * level), t_s=SECONDS)
                 motions.append(NamedMotion(words, MotionPiece(out, back).u(ticks, limit)))
     return motions
 
@@ -81,11 +81,11 @@ class MotionAdvisor:
             return None
         if not np.array_equal(theta, self._theta):
             scale = np.outer(self._informant.of.size, self._informant.of.size)
-            each = [self._informant.information(one.u, theta) / scale for one in self._motions]
+            each = [self._informant.information(motion.u, theta) / scale for motion in self._motions]
             self._F, self._theta = np.stack(each), theta
         D, sd = np.outer(size, size), self._informant.relative_sd
         before = np.minimum(wider * sd(F * D), 1.0)
-        after = np.array([np.minimum(wider * sd((F + one) * D), 1.0) for one in self._F])
+        after = np.array([np.minimum(wider * sd((F + more) * D), 1.0) for more in self._F])
         gain = np.log(before**2 + GOAL**2) - np.log(after**2 + GOAL**2)
         k, i = np.unravel_index(np.argmax(gain), gain.shape)
         return NextMotion(self._motions[k].words, int(i), float(before[i]), float(after[k, i]))

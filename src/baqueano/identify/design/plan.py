@@ -120,8 +120,8 @@ def designed(
     search.fill((ticks - rest) // places / rate, limit, (lambda text: False) if say is None else say)
     u, eta = search.driven(ticks, rest)
     if room.margin(eta) < 0.0:
-        kept = contained(u, vehicle_file, room, cloud=search.judges)
-        u, eta = kept.u, kept.eta
+        safe = contained(u, vehicle_file, room, cloud=search.judges)
+        u, eta = safe.u, safe.eta
     sd = search.informant.relative_sd(search.informant.information(u))
     return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
 
@@ -141,12 +141,12 @@ class PlanSearch:
         self.room, self.rng = room, stream(seed, "pieces")
         self.informant = Informant(vehicle_file, backend)
         with ThreadPoolExecutor(1) as thread:  # both kernels compile at once
-            informed = thread.submit(self.informant.information, np.zeros((2, vehicle_file.vehicle.commands)))
+            future = thread.submit(self.informant.information, np.zeros((2, vehicle_file.vehicle.commands)))
             self.cloud = Cloud(vehicle_file, belief.some(SCOUTS), seed, backend)
-            informed.result()
+            future.result()
         self.all = Cloud(vehicle_file, belief, seed, backend)
-        others = possible_vehicles(vehicle_file, vehicles=VEHICLES, seed=seed + 1)
-        self.judges = Cloud(vehicle_file, others, seed + 1, backend)
+        vehicle_files = possible_vehicles(vehicle_file, vehicles=VEHICLES, seed=seed + 1)
+        self.judges = Cloud(vehicle_file, vehicle_files, seed + 1, backend)
         self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
         self.composer = Composer(room, places, self.informant.of.interest)
         self.pieces: list[MotionPiece] = []
@@ -190,17 +190,17 @@ class PlanSearch:
         ticks_each, limit = self.shape.ticks, self.shape.limit
         us = [piece.u(ticks_each, limit) for piece in self.pieces]
 
-        def tried(order: list[int]) -> tuple[float, np.ndarray]:
+        def trial(order: list[int]) -> tuple[float, np.ndarray]:
             pieces = driven(self.composer, order, us.__getitem__, self.judges, self.room, rest)
             u = np.zeros((ticks, len(limit)))
             u[rest : rest + ticks_each * len(pieces)] = np.concatenate([us[k] for k in pieces])
             F = np.array([self.informant.information(u, theta) for theta in self.thetas])
             return float(self.composer.score(F)), u
 
-        composed, reach = self.composer.chosen, self.composer.reach
-        near = sorted(composed, key=lambda k: reach[k])
+        pieces, reach = self.composer.chosen, self.composer.reach
+        near = sorted(pieces, key=lambda k: reach[k])
         with ThreadPoolExecutor() as threads:  # of their own: a drive takes those of `each` for itself
-            u = max(threads.map(tried, [composed, near, near[::-1]]), key=lambda paths: paths[0])[1]
+            u = max(threads.map(trial, [pieces, near, near[::-1]]), key=lambda paths: paths[0])[1]
         _, eta = self.judges.drive(self.judges.at(self.room.start), u)
         return u, eta
 
@@ -212,26 +212,26 @@ class PlanSearch:
         first = int(np.argmax(limit > 0.0))
         u[:second, first] = limit[first]
         _, eta = self.cloud.drive(self.cloud.at(np.zeros(3)), u)
-        rolled = np.hypot(*(eta[0, second:, :2] - eta[0, second - 1, :2]).T)
-        return float(np.argmax(rolled >= COVERED * rolled[-1]) + 1) / second
+        way_m = np.hypot(*(eta[0, second:, :2] - eta[0, second - 1, :2]).T)
+        return float(np.argmax(way_m >= COVERED * way_m[-1]) + 1) / second
 
     def _grow(self, pieces: list[MotionPiece]) -> None:
         """Takes the pieces that keep to the limits of speed into the library; of those that do not, a gentler one."""
-        drives = self._of_each(self._weighed, pieces)
-        hasty = [k for k, one in enumerate(drives) if not one[0]]
+        drives = self._of_each(self._weigh, pieces)
+        hasty = [k for k, drive in enumerate(drives) if not drive[0]]
         calm = [gentler(pieces[k], self.shape) for k in hasty]
-        drives += self._of_each(self._weighed, calm) if calm else []
-        fits = [k for k, one in enumerate(drives) if one[0]]
+        drives += self._of_each(self._weigh, calm) if calm else []
+        fits = [k for k, drive in enumerate(drives) if drive[0]]
         self.pieces += [[*pieces, *calm][k] for k in fits]
         self.composer.grow(np.array([drives[k][2] for k in fits]), np.array([drives[k][1] for k in fits]))
 
-    def _of_each(self, what: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
-        """`what` of a tick and the commands (T, n) of each piece, on all cores; pieces take TURNS at the noise."""
+    def _of_each(self, work: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
+        """`work` of a tick and the commands (T, n) of each piece, on all cores; pieces take TURNS at the noise."""
         us = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
         at = [k % TURNS * self.shape.ticks for k in range(len(us))]
-        return each(what, at, us, rows=self.cloud.size * sum(map(len, us)))
+        return each(work, at, us, rows=self.cloud.size * sum(map(len, us)))
 
-    def _weighed(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
+    def _weigh(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
         """Return if the piece (T, n) is slow enough, its poses (L, S, 3) and, if it is, its information (M, q, q)."""
         slow, path = self._path(self.cloud, tick, u, 4)
         F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if slow else None
@@ -242,10 +242,10 @@ class PlanSearch:
         The last is where it comes to rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         rest, eta = cloud.drive(cloud.at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
-        sampled = eta[:, stride - 1 : ticks : stride]
-        slow = bool(self.room.slow(sampled, cloud.rate_hz / stride))
+        samples = eta[:, stride - 1 : ticks : stride]
+        slow = bool(self.room.slow(samples, cloud.rate_hz / stride))
         return slow, np.concatenate(
-            [sampled[:, each - 1 :: each], sampled[:, -1:], rest.eta[:, None]], axis=1
+            [samples[:, each - 1 :: each], samples[:, -1:], rest.eta[:, None]], axis=1
         )
 
     @property
@@ -265,21 +265,23 @@ def driven(
 ) -> list[int]:
     """The pieces that the vehicles of `cloud` may drive one after the other where those of `order` were meant, after
     `rest` ticks of standing still; `commands` gives (T, n) of a piece.  (1)"""
-    state, tick, chosen = cloud.at(room.start), rest, list(order)
+    state, tick, order_kept = cloud.at(room.start), rest, list(order)
     if rest:
         state, _ = cloud.drive(state, np.zeros((rest, commands(0).shape[1])))
-    for place in range(len(chosen)):
+    for place in range(len(order_kept)):
         at = commands, cloud, room, state, tick
-        later = list(dict.fromkeys(chosen[place:]))
-        allowed = _first(later[:1], *at) or _first(later[1:], *at)
-        if allowed:
-            chosen.insert(place, chosen.pop(chosen.index(allowed[0], place)))
+        later = list(dict.fromkeys(order_kept[place:]))
+        options = _first(later[:1], *at) or _first(later[1:], *at)
+        if options:
+            order_kept.insert(place, order_kept.pop(order_kept.index(options[0], place)))
         else:
-            others = composer.instead(chosen, place, state.eta[: composer.path.shape[1]], PRICES, TRIED)
-            allowed = _first([*others, 0], *at)
-        chosen[place], state = allowed or (0, cloud.drive(state, commands(0), tick)[0])
+            substitutes = composer.instead(
+                order_kept, place, state.eta[: composer.path.shape[1]], PRICES, TRIED
+            )
+            options = _first([*substitutes, 0], *at)
+        order_kept[place], state = options or (0, cloud.drive(state, commands(0), tick)[0])
         tick += len(commands(0))
-    return chosen
+    return order_kept
 
 
 def _first(

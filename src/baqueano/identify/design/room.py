@@ -186,21 +186,21 @@ def contained(
         cloud = Cloud(vehicle_file, possible_vehicles(vehicle_file, vehicles=VEHICLES), seed, backend)
     state, rate = cloud.at(room.start), vehicle_file.rate_hz
     chunk = max(1, round(CHUNK_S * rate))
-    out, poses, changed = np.empty_like(u), [], 0
+    out, poses, changes = np.empty_like(u), [], 0
     for begin in range(0, len(u), chunk):
         chunk_u = u[begin : begin + chunk]
         options = alternatives(chunk_u)
-        best, state, driven = _first_allowed(cloud, room, state, options, begin)
+        best, state, path = _first_allowed(cloud, room, state, options, begin)
         out[begin : begin + chunk] = options[best]
-        poses.append(driven)
-        changed += not np.array_equal(options[best], chunk_u)
+        poses.append(path)
+        changes += not np.array_equal(options[best], chunk_u)
     eta = np.concatenate(poses, axis=1)
     margin = float(room.margin(eta))
     if margin < 0.0:
         raise AnswerNo(
             fault("room.too-small", width_m=room.width_m, height_m=room.height_m, beyond_m=-margin)
         )
-    return ContainedSignal(out, margin, changed / len(poses), eta)
+    return ContainedSignal(out, margin, changes / len(poses), eta)
 
 
 def alternatives(u: np.ndarray) -> np.ndarray:
@@ -222,10 +222,10 @@ def first_allowed(
     drives = cloud.under([state] * len(options), options, tick)
     paths = [eta[:, ticks % stride :: stride] for _, eta in drives]
     may = [k for k, eta in enumerate(paths) if room.margin(eta) >= RESERVE_M]
-    still = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
+    no_command = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
     for at in range(0, len(may), AT_ONCE):
         some = may[at : at + AT_ONCE]
-        coasts = cloud.under([drives[k][0] for k in some], [still] * len(some), tick + ticks)
+        coasts = cloud.under([drives[k][0] for k in some], [no_command] * len(some), tick + ticks)
         for k, (_, eta) in zip(some, coasts, strict=True):
             whole = np.concatenate([paths[k], eta[:, ::stride]], axis=1)
             if room.margin(whole) >= RESERVE_M and room.slow(whole, rate_hz):

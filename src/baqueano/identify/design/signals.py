@@ -55,7 +55,7 @@ def random_steps(
     >>> random_steps([0.5], 3.0, 2.0, hold_s=1.0).shape
     (6, 1)
     """
-    limit, n_ticks = _checked(limit, duration_s, rate_hz)
+    limit, n_ticks = _validate(limit, duration_s, rate_hz)
     hold = _ticks(hold_s, rate_hz, "hold_s")
     levels = np.random.default_rng(seed).uniform(-1.0, 1.0, (-(-n_ticks // hold), len(limit)))
     return np.repeat(levels, hold, axis=0)[:n_ticks] * limit
@@ -105,7 +105,7 @@ def multisine(
     >>> u.shape, np.abs(u).max(axis=0).tolist()
     ((1000, 2), [1.0, 0.0])
     """
-    limit, n_ticks = _checked(limit, duration_s, rate_hz)
+    limit, n_ticks = _validate(limit, duration_s, rate_hz)
     if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
         raise UsageError(fault("signal.band", low_hz=low_hz, high_hz=high_hz, most_hz=0.5 * rate_hz))
     moving = np.flatnonzero(limit > 0.0)
@@ -166,7 +166,7 @@ def prbs(
     >>> np.unique(prbs([0.5], 4.0, 50.0)).tolist()
     [-0.5, 0.5]
     """
-    limit, n_ticks = _checked(limit, duration_s, rate_hz)
+    limit, n_ticks = _validate(limit, duration_s, rate_hz)
     bit = _ticks(bit_s, rate_hz, "bit_s")
     signs = np.random.default_rng(seed).integers(0, 2, (-(-n_ticks // bit), len(limit))) * 2.0 - 1.0
     return np.repeat(signs, bit, axis=0)[:n_ticks] * limit
@@ -204,7 +204,7 @@ def ramps(
     >>> ramps([1.0, 1.0], 8.0, 50.0).shape
     (400, 2)
     """
-    limit, n_ticks = _checked(limit, duration_s, rate_hz)
+    limit, n_ticks = _validate(limit, duration_s, rate_hz)
     ramp = _ticks(ramp_s, rate_hz, "ramp_s")
     rng = np.random.default_rng(seed)
     triangle = 1.0 - np.abs(2.0 * (np.arange(ramp) + 0.5) / ramp - 1.0)
@@ -280,7 +280,7 @@ def excitation(
     return np.concatenate([rest, u, rest])
 
 
-def _checked(limit: ArrayLike, duration_s: float, rate_hz: float) -> tuple[np.ndarray, int]:
+def _validate(limit: ArrayLike, duration_s: float, rate_hz: float) -> tuple[np.ndarray, int]:
     """Limits (n,) and the number of ticks."""
     limit = np.atleast_1d(np.array(limit, dtype=float))
     if limit.ndim != 1 or not np.all(np.isfinite(limit)) or np.any(limit < 0.0):

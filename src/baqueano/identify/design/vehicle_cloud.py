@@ -59,8 +59,8 @@ def possible_vehicles(
     blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
     fitted = [] if fit is None else [k for k, n in enumerate(fit.names) if n.startswith("model.")]
     names = [] if fit is None else [fit.names[k] for k in fitted]
-    guessed = [p for p in default_free(blocks) if p not in names and value(blocks, p) != 0.0]
-    paths = (*names, *guessed)
+    guesses = [p for p in default_free(blocks) if p not in names and value(blocks, p) != 0.0]
+    paths = (*names, *guesses)
     mean = np.array([value(blocks, p) for p in paths])
     half = stream(seed, "possible_vehicles").standard_normal((vehicles // 2, len(paths)))
     unit = np.concatenate([np.zeros((1, len(paths))), half, -half])
@@ -69,11 +69,11 @@ def possible_vehicles(
     low, high = np.array([bounds(system, p) for p in paths]).T
     if fit is not None and names:
         k, cov = len(names), fit.cov[np.ix_(fitted, fitted)]
-        theta[:, :k] = _drawn(unit[:, :k], mean[:k], cov, low[:k], high[:k])
+        theta[:, :k] = _draw(unit[:, :k], mean[:k], cov, low[:k], high[:k])
     return VehicleDistribution(paths, np.clip(theta, low, high))
 
 
-def _drawn(
+def _draw(
     unit: np.ndarray, mean: np.ndarray, cov: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
     """θ (L, p) of unit normals (L, p) between bounds (p,).  (2), (4)"""
@@ -83,17 +83,17 @@ def _drawn(
     sheet = np.diag(part[wide] ** 2 / (1.0 - part[wide] ** 2))
     P = P - P[:, wide] @ np.linalg.pinv(P[np.ix_(wide, wide)] + sheet, hermitian=True) @ P[wide]
     size, axes = np.linalg.eigh(P)
-    drawn, low, high = (unit * np.sqrt(np.maximum(size, 0.0))) @ axes.T, (low - mean) / sd, (high - mean) / sd
-    return mean + sd * np.array([_between(low, high, one, P) for one in drawn])
+    draws, low, high = (unit * np.sqrt(np.maximum(size, 0.0))) @ axes.T, (low - mean) / sd, (high - mean) / sd
+    return mean + sd * np.array([_inside(low, high, draw, P) for draw in draws])
 
 
-def _between(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
+def _inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """A draw (p,) of covariance P (p, p), between its bounds.  (4)"""
-    out, fixed = x, np.zeros(len(x), bool)
-    while (beyond := ~fixed & ((out < low) | (out > high))).any():
-        fixed |= beyond
-        back = np.clip(x, low, high)[fixed] - x[fixed]
-        out = x + P[:, fixed] @ np.linalg.pinv(P[np.ix_(fixed, fixed)], hermitian=True) @ back
+    out, is_fixed = x, np.zeros(len(x), bool)
+    while (beyond := ~is_fixed & ((out < low) | (out > high))).any():
+        is_fixed |= beyond
+        back = np.clip(x, low, high)[is_fixed] - x[is_fixed]
+        out = x + P[:, is_fixed] @ np.linalg.pinv(P[np.ix_(is_fixed, is_fixed)], hermitian=True) @ back
     return out
 
 
@@ -109,7 +109,7 @@ class Cloud:
         self.rest = vehicle_file.vehicle.init()
         self.size = len(belief.theta)
         self.noisy = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))
-        self._drawn = np.zeros((self.size, 0, 3))
+        self._draw = np.zeros((self.size, 0, 3))
         self._windows: dict[tuple[int, int], np.ndarray] = {}
         self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
 
@@ -149,16 +149,16 @@ class Cloud:
 
     def _noise(self, tick: int, ticks: int) -> np.ndarray:
         """(L, T, 3) unit normals, those of the nominal vehicle zero; a tick has its own, however many follow."""
-        drawn = self._drawn
-        if drawn.shape[1] < tick + ticks:
-            size = max(2 * drawn.shape[1], tick + ticks, round(DRAWN_S * self.rate_hz))
-            drawn = self._drawn = np.zeros((self.size, size, 3))
+        draws = self._draw
+        if draws.shape[1] < tick + ticks:
+            size = max(2 * draws.shape[1], tick + ticks, round(DRAWN_S * self.rate_hz))
+            draws = self._draw = np.zeros((self.size, size, 3))
             if self.noisy:
-                others = unit_normals(self.seed, "cloud", size, 3 * (self.size - 1)).reshape(size, -1, 3)
-                drawn[1:] = others.transpose(1, 0, 2)
+                normals = unit_normals(self.seed, "cloud", size, 3 * (self.size - 1)).reshape(size, -1, 3)
+                draws[1:] = normals.transpose(1, 0, 2)
         key, windows = (tick, ticks), self._windows
         if key not in windows:
             if len(windows) >= WINDOWS:
                 windows = self._windows = {}
-            windows[key] = np.ascontiguousarray(drawn[:, tick : tick + ticks])
+            windows[key] = np.ascontiguousarray(draws[:, tick : tick + ticks])
         return windows[key]

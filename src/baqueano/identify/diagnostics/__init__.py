@@ -41,12 +41,14 @@ def clean(
             messages += words_of
             out.append(channels)
         if len(runs) > 1:
-            messages = [replace(one, figures={**one.figures, "of_run": run.name}) for one in messages]
+            messages = [
+                replace(message, figures={**message.figures, "of_run": run.name}) for message in messages
+            ]
         return out, messages
 
     results = each(of, runs, rows=sum(len(run.t_ns) for run in runs))
-    return [run for cleaned, _ in results for run in cleaned], tuple(
-        one for _, messages in results for one in messages
+    return [run for pieces, _ in results for run in pieces], tuple(
+        message for _, messages in results for message in messages
     )
 
 
@@ -79,15 +81,17 @@ def diagnose(
         channel_map.check_channels(problem, theta) if np.isfinite(theta).all() else [],
         list(end.doubts),
     )
-    if not {one.code for one in before} & {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}:
-        accused, cleared = physical_units.against_model(end)
-        messages += accused
-        before = [one for one in before if not (cleared and one.code == physical_units.CURVE)]
+    if not {message.code for message in before} & {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}:
+        errors, is_cleared = physical_units.against_model(end)
+        messages += errors
+        before = [message for message in before if not (is_cleared and message.code == physical_units.CURVE)]
     if not (end.search.solution.converged and np.isfinite(theta).all() and identifiable[:s].any()):
         # no fit to hold the axes against: what the search began with says how they should go
-        codes = {one.code for one in messages}
+        codes = {message.code for message in messages}
         messages += [
-            one for one in channel_map.check_channels(problem, end.task.first) if one.code not in codes
+            message
+            for message in channel_map.check_channels(problem, end.task.first)
+            if message.code not in codes
         ]
         return before + channel_map.with_mount(end, messages), {}
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]

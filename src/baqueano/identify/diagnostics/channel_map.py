@@ -42,11 +42,11 @@ def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     out = []
     for name, size in zip(problem.names, problem.sizes, strict=True):
         hypotheses = signal_map(*of_sensor(problem, theta, name), [MappedChannel()] * size)
-        for i, one in enumerate(hypotheses):
-            rho, channel = one.relation.correlation, f"{name}[{i}]"
-            if one.code == "inverted":
+        for i, hypothesis in enumerate(hypotheses):
+            rho, channel = hypothesis.relation.correlation, f"{name}[{i}]"
+            if hypothesis.code == "inverted":
                 out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
-            elif one.code == "swapped" and (j := one.of) < i:
+            elif hypothesis.code == "swapped" and (j := hypothesis.of) < i:
                 both = {"other": channel, "first": hypotheses[j].relation.correlation, "second": rho}
                 out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **both))
     return out
@@ -107,26 +107,26 @@ def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnosti
     """Return `messages` about a finished search, led by the mount of an IMU where that is the reason: it then takes the
     place of diagnostics about other axes and signs."""
     task, blocks = end.task, end.blocks
-    if type(task.problem) is not Residuals or all(one.severity == Severity.INFO for one in messages):
+    if type(task.problem) is not Residuals or all(message.severity == Severity.INFO for message in messages):
         return messages
     for name, block in blocks.sensors._asdict().items():
-        if has_field(block, "gyro_scale") and _astray(task, name) and (named := _named(end, name)):
-            kind = "axes.swapped" if named[0].order[0] else "axes.inverted"
-            rest = [one for one in messages if one.code not in AXES or one.code == kind]
-            return [named[1], *rest]
+        if has_field(block, "gyro_scale") and _astray(task, name) and (mount := _better_mount(end, name)):
+            kind = "axes.swapped" if mount[0].order[0] else "axes.inverted"
+            rest = [message for message in messages if message.code not in AXES or message.code == kind]
+            return [mount[1], *rest]
     return messages
 
 
 def _astray(task: Task, name: str) -> bool:
     """Return True if a channel of the IMU does not follow its prediction, or follows that of another more."""
     hypotheses = relations(*of_sensor(task.problem, task.first, name))
-    rho = np.array([[one.correlation for one in row] for row in hypotheses])
+    rho = np.array([[hypothesis.correlation for hypothesis in row] for row in hypotheses])
     own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
-    related = any(one.is_clear() for row in hypotheses for one in row)
-    return related and bool(np.any((own < NO_RELATION) | (own < any_of)))
+    is_related = any(hypothesis.is_clear() for row in hypotheses for hypothesis in row)
+    return is_related and bool(np.any((own < NO_RELATION) | (own < any_of)))
 
 
-def _named(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
+def _better_mount(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
     """Return the mount with smaller residuals that acts as the file says, and its diagnostic."""
     task, blocks = end.task, end.blocks
     records = [first_rows(record, MOST_ROWS) for record in task.problem.records]
@@ -137,25 +137,29 @@ def _named(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
         task.first,
         np.where(np.isfinite(end.search.solution.theta), end.search.solution.theta, task.first),
     ]
-    here = min(
-        (_searched(task, blocks, records, theta) for theta in starts), key=lambda one: _log_sigma(one, own, n)
+    as_in_file = min(
+        (_search_from(task, blocks, records, theta) for theta in starts),
+        key=lambda result: _log_sigma(result, own, n),
     )
     ways = [
-        (way, _searched(task, blocks, [_other_way(r, name, way) for r in records], starts[0])) for way in WAYS
+        (way, _search_from(task, blocks, [_other_way(r, name, way) for r in records], starts[0]))
+        for way in WAYS
     ]
-    gains = [_log_sigma(here, own, n) - _log_sigma(result, own, n[list(way.order)]) for way, result in ways]
+    gains = [
+        _log_sigma(as_in_file, own, n) - _log_sigma(result, own, n[list(way.order)]) for way, result in ways
+    ]
     best = max(gains)
     if not best > WORTH * n.sum():
         return None
     for gain, (way, result) in zip(gains, ways, strict=True):
         if gain > ALIKE * best and _as_in_the_file(task, blocks, result):
             sigma = result.sigma[own][np.argsort(way.order)]  # of the columns as they are in the run
-            less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in zip(here.sigma[own], sigma, strict=True))
+            less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in zip(as_in_file.sigma[own], sigma, strict=True))
             return way, note(way.code, Severity.ERROR, subject=name, less=less)
     return None
 
 
-def _searched(task: Task, blocks: FittedBlocks, records: list[FitRecord], theta: np.ndarray) -> Search:
+def _search_from(task: Task, blocks: FittedBlocks, records: list[FitRecord], theta: np.ndarray) -> Search:
     problem = Residuals(blocks, task.problem.shape, records, task.problem.scan.backend)
     return search(task._replace(problem=problem, say=None), theta, rough=True)
 
@@ -175,4 +179,4 @@ def _log_sigma(end: Search, own: slice, n: np.ndarray) -> float:
 def _as_in_the_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
     names = task.problem.shape.shared
     messages = gain_changes.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
-    return not any(one.code in AXES for one in messages)
+    return not any(message.code in AXES for message in messages)

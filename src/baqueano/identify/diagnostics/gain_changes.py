@@ -71,13 +71,13 @@ def _gains(file: FittedBlocks, numbers: dict[str, tuple[float, float]]) -> list[
     out = []
     for path, p in all_parameters(file.model, "model"):
         matrix = np.ndim(get(file, path)) == 2
-        for one in entries(file, path) if p.role == "gain" and not matrix else ():
-            if one in numbers and value(file, one) != 0.0:
-                out += _compared(one, value(file, one), *numbers[one])
+        for entry in entries(file, path) if p.role == "gain" and not matrix else ():
+            if entry in numbers and value(file, entry) != 0.0:
+                out += _comparison(entry, value(file, entry), *numbers[entry])
     return out
 
 
-def _compared(path: str, was: float, now: float, sd: float) -> list[Diagnostic]:
+def _comparison(path: str, was: float, now: float, sd: float) -> list[Diagnostic]:
     """One gain against the file."""
     if not abs(now - was) > CLEAR * sd:
         return []
@@ -115,23 +115,23 @@ def _matrix(file: FittedBlocks, numbers: dict[str, tuple[float, float]]) -> list
             continue
         now = np.array([numbers.get(p, (was[i, j], 0.0))[0] for i, p in enumerate(paths)]) / scale
         size, before = _size(now, was, scale), _size(was[:, j] / scale, was, scale)
-        other = int(np.argmax(np.where(np.arange(3) == main, 0.0, size)))
-        if size[other] > size[main] and GAIN * size[main] < before[main]:
+        second_axis = int(np.argmax(np.where(np.arange(3) == main, 0.0, size)))
+        if size[second_axis] > size[main] and GAIN * size[main] < before[main]:
             out.append(
                 note(
                     "file.swapped",
                     Severity.WARNING,
                     subject=f"u[{j}]",
                     expected=note(f"axis.{AXES[main]}"),
-                    found=note(f"axis.{AXES[other]}"),
+                    found=note(f"axis.{AXES[second_axis]}"),
                 )
             )
             continue
-        if size[other] > size[main] and main == TURNING:
+        if size[second_axis] > size[main] and main == TURNING:
             lever = "--free +sensors.imu.lever_arm_m"
-            axis = note(f"axis.{AXES[other]}")
+            axis = note(f"axis.{AXES[second_axis]}")
             out.append(note("file.lever-arm", Severity.WARNING, lever, f"u[{j}]", axis=axis))
-        out += _compared(paths[main], was[main, j], *numbers[paths[main]])
+        out += _comparison(paths[main], was[main, j], *numbers[paths[main]])
     return out
 
 

@@ -53,32 +53,41 @@ FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
     """A gyro in another unit than wheels, or speed and sideways acceleration, of the same run: nothing where some
     wheels turn as it does, and gyro or accelerometer where a curve alone tells.  (3), (4)"""
-    sensors, turned, curves = file.sensors._asdict(), [], []
-    for other, channel in run.sensors.items():
-        block: Tree = sensors.get(other)
+    sensors, by_wheels, curves = file.sensors._asdict(), [], []
+    for sensor_name, channel in run.sensors.items():
+        block: Tree = sensors.get(sensor_name)
         wheels = has_field(block, "track_m")
         if not (wheels or has_field(block, "scale")) or channel.z.shape[1] != block.size:
             continue
         if (both := _windows(run.sensors[name], channel)) is None:
             continue
-        imu, moved = both
+        imu, wheel_speeds = both
         if wheels:
-            turned.append((_map(imu[:, 2], (moved[:, 1] - moved[:, 0]) / block.track_m, TOO_FAST), other))
-        curves.append((_map(imu[:, 1], moved.mean(axis=1) * imu[:, 2], TOO_SLOW), other))
-    if any(_near(one) for one, _ in turned):
+            by_wheels.append(
+                (
+                    _map(imu[:, 2], (wheel_speeds[:, 1] - wheel_speeds[:, 0]) / block.track_m, TOO_FAST),
+                    sensor_name,
+                )
+            )
+        curves.append((_map(imu[:, 1], wheel_speeds.mean(axis=1) * imu[:, 2], TOO_SLOW), sensor_name))
+    if any(_near(hypothesis) for hypothesis, _ in by_wheels):
         return []
     messages = [
-        _wrong_unit(name, one, abs(one.relation.slope), note("gyro.as-wheels", subject=other))
-        for one, other in turned
+        _wrong_unit(
+            name, hypothesis, abs(hypothesis.relation.slope), note("gyro.as-wheels", subject=sensor_name)
+        )
+        for hypothesis, sensor_name in by_wheels
     ]
-    messages += [_of_a_curve(name, one, other) for one, other in curves]
-    return [one for one in messages if one is not None][:1]
+    messages += [_of_a_curve(name, hypothesis, sensor_name) for hypothesis, sensor_name in curves]
+    return [message for message in messages if message is not None][:1]
 
 
-def _of_a_curve(name: str, curve: Hypothesis, other: str) -> Diagnostic | None:
+def _of_a_curve(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic | None:
     """Test a_y = v ω_z / r, which cannot say which of them is wrong.  (4)"""
     slope = abs(curve.relation.slope) or np.nan
-    message = _wrong_unit(name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=other))
+    message = _wrong_unit(
+        name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=speed_name)
+    )
     if message is None:
         return None
     return note(CURVE, Severity.ERROR, subject=f"{name}[1]", gyro=message, times=slope)
@@ -89,43 +98,45 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     cleared. The search has ended: it turns as they say, or as wheels do, or the fit explains it with the file's own
     gains. Where the search began tells nothing of it.  (3), (5)"""
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
-    freed = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
-    by_file, _, _ = first_theta(end.blocks, freed, problem.shape, problem.records, FitOptions())
+    unbounded = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
+    by_file, _, _ = first_theta(end.blocks, unbounded, problem.shape, problem.records, FitOptions())
     at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = channel_map.measured(problem), channel_map.predicted(problem, by_file)
     wheels = [(k, sensors[name]) for name, k in at.items() if has_field(sensors[name], "track_m")]
-    turned = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
+    wheel_rates = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
     fitted = [channel_map.predicted(problem, end.search.solution.theta)] if _as_promised(end) else []
-    messages, cleared = [], True
+    messages, is_cleared = [], True
     for name in (name for name in at if has_field(sensors[name], "gyro_scale")):
         i = at[name] + 2
-        of = h[:, i], *turned, *(fit[:, i] for fit in fitted)
-        model, *others = (_map(z[:, i], omega, TOO_FAST) for omega in of)
-        if not any(map(_near, (model, *others))):
-            slope, cleared = abs(model.relation.slope), False
+        of = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted)
+        model, *rest = (_map(z[:, i], omega, TOO_FAST) for omega in of)
+        if not any(map(_near, (model, *rest))):
+            slope, is_cleared = abs(model.relation.slope), False
             messages.append(_wrong_unit(name, model, slope, note("gyro.as-commands")))
-    return [one for one in messages if one is not None], cleared
+    return [message for message in messages if message is not None], is_cleared
 
 
 def _as_promised(end: "FinishedFit") -> bool:
     """True if a fit left the gains that turn the vehicle, and what they act on, near those of the file. A fit in which
     none of its free gains is identifiable says nothing about them."""
     free = end.free
-    now, kept = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
-    was = [value(end.blocks, one.path) if _turns(one) else 0.0 for one in free]
-    moved = [x / x_0 for x, x_0, free_here in zip(now, was, kept, strict=True) if free_here and x_0]
-    identifiable = bool(moved) or not any(was)
+    now, is_identifiable = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
+    was = [value(end.blocks, parameter.path) if _turns(parameter) else 0.0 for parameter in free]
+    ratios = [
+        x / x_0 for x, x_0, free_here in zip(now, was, is_identifiable, strict=True) if free_here and x_0
+    ]
+    identifiable = bool(ratios) or not any(was)
     return (
         end.search.solution.converged
         and identifiable
-        and all(1.0 / NEAR < abs(ratio) < NEAR for ratio in moved)
+        and all(1.0 / NEAR < abs(ratio) < NEAR for ratio in ratios)
     )
 
 
-def _turns(one: Free) -> bool:
+def _turns(parameter: Free) -> bool:
     """Return True for a gain or a measure of the vehicle from which its turning comes."""
-    is_gain = one.of.role in ("gain", "known") and one.path.startswith("model.")
-    return is_gain and one.axis in (None, 2) and not one.unit.startswith("m/s")
+    is_gain = parameter.of.role in ("gain", "known") and parameter.path.startswith("model.")
+    return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
 
 
 def _map(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
@@ -134,25 +145,25 @@ def _map(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
     return signal_map(z, h, [MappedChannel(1.0 / NEAR, NEAR, units)], NOTHING)[0]
 
 
-def _near(one: Hypothesis) -> bool:
-    return one.is_clear and one.ratio == 1.0
+def _near(hypothesis: Hypothesis) -> bool:
+    return hypothesis.is_clear and hypothesis.ratio == 1.0
 
 
-def _wrong_unit(name: str, one: Hypothesis, r: float, who: Diagnostic) -> Diagnostic | None:
-    if not one.meaning:
+def _wrong_unit(name: str, hypothesis: Hypothesis, r: float, source: Diagnostic) -> Diagnostic | None:
+    if not hypothesis.meaning:
         return None
-    units = {"given": one.meaning, "read": "rad/s" if one.meaning == "deg/s" else "deg/s"}
-    return note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", times=r, by=who, **units)
+    units = {"given": hypothesis.meaning, "read": "rad/s" if hypothesis.meaning == "deg/s" else "deg/s"}
+    return note("gyro.unit", Severity.ERROR, subject=f"{name}[2]", times=r, by=source, **units)
 
 
-def _windows(one: Log, other: Log) -> tuple[np.ndarray, np.ndarray] | None:
+def _windows(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray] | None:
     """Means (W, m) of both over the same windows, those in which both said something."""
-    if min(len(one.t_ns), len(other.t_ns)) < FEW:
+    if min(len(log.t_ns), len(second_log.t_ns)) < FEW:
         return None
-    usual_s = max(float(np.median(np.diff(c.t_ns))) for c in (one, other)) / NANOSECONDS
+    usual_s = max(float(np.median(np.diff(c.t_ns))) for c in (log, second_log)) / NANOSECONDS
     width = max(WINDOW_S, SAMPLES * usual_s)
-    origin = int(min(one.t_ns[0], other.t_ns[0]))
-    both = [means(c, origin, width) for c in (one, other)]
+    origin = int(min(log.t_ns[0], second_log.t_ns[0]))
+    both = [means(c, origin, width) for c in (log, second_log)]
     same = np.intersect1d(both[0][0], both[1][0])
     first, second = (mean[np.searchsorted(windows, same)] for windows, mean in both)
     return first, second
@@ -181,7 +192,7 @@ def _commands(run: Run, file: "VehicleFile") -> list[Diagnostic]:
         if limit == 0.0:
             messages.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=most))
             continue
-        guess = next((what for low, high, what in FULL if low <= most <= high), "V")
+        guess = next((unit for low, high, unit in FULL if low <= most <= high), "V")
         details = {"most": most, "limit": float(limit), "of_file": file.command.unit, "guess": guess}
         messages.append(note("command.unit", Severity.ERROR, subject=name, **details))
     return messages
@@ -207,15 +218,17 @@ def _gravity(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     channel = run.sensors[name]
     tick = np.minimum(np.searchsorted(run.t_ns, channel.t_ns), len(run.t_ns) - 1)
     rest = ~np.any(run.applied != 0.0, axis=1)[tick]
-    where = rest if rest.sum() >= FEW_AT_REST else np.ones(len(tick), bool)
+    rows = rest if rest.sum() >= FEW_AT_REST else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad
     expected = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
     messages = []
     for i in range(2):
-        x = channel.z[where, i]
+        x = channel.z[rows, i]
         x = x[np.isfinite(x)]
-        tilted = np.count_nonzero(np.abs(x - expected[i]) > TILTED_M_S2)  # fewer than half move no median
-        off = float(np.median(x)) - float(expected[i]) if tilted and 2 * tilted >= len(x) else 0.0
+        tilted_rows = np.count_nonzero(
+            np.abs(x - expected[i]) > TILTED_M_S2
+        )  # fewer than half move no median
+        off = float(np.median(x)) - float(expected[i]) if tilted_rows and 2 * tilted_rows >= len(x) else 0.0
         if abs(off) > TILTED_M_S2:
             whole = abs(abs(off) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY and rest.sum() >= FEW_AT_REST
             code = "gravity.at-rest" if rest.sum() >= FEW_AT_REST else "gravity.all-the-time"

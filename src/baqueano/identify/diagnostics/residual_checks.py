@@ -76,14 +76,14 @@ def check_residuals(
     now = fitted_motion(blocks, problem, theta)
     candidates = list if now is None else term_columns(blocks, problem, now)
     fit = fit_residuals(problem, theta, identifiable)
-    here = _FitEvidence(fit, [problem.shape.shared[i] for i in index], theta[index], sd[index])
-    messages, parts = _of_residuals(problem, fit.residuals), _parts(here, now)
+    fit_evidence = _FitEvidence(fit, [problem.shape.shared[i] for i in index], theta[index], sd[index])
+    messages, parts = _of_residuals(problem, fit.residuals), _parts(fit_evidence, now)
     answers = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     off: dict[str, float] = {}
-    for one in (missing := _missing(here, answers)) + parts:
-        for path, by in here.widens(one.by):
+    for clear in (missing := _missing(fit_evidence, answers)) + parts:
+        for path, by in fit_evidence.widens(clear.by):
             off[path] = max(by, off.get(path, 0.0))
-    return [*messages, *(one.message for one in (*missing[:MOST_REPORTED], *parts[:MOST_REPORTED]))], off
+    return [*messages, *(clear.message for clear in (*missing[:MOST_REPORTED], *parts[:MOST_REPORTED]))], off
 
 
 class _Clear(NamedTuple):
@@ -123,20 +123,20 @@ class _FitEvidence:
 
 
 def _missing(fit: _FitEvidence, answers: Sequence[tuple[LabelledTerm, ScoreTest]]) -> list[_Clear]:
-    ranked = sorted(answers, key=lambda pair: -abs(pair[1].z))
+    by_size = sorted(answers, key=lambda pair: -abs(pair[1].z))
     out = []
-    for (code, what), answer in ranked:
-        filtered = what.code == "term.low-pass"
+    for (code, term_note), answer in by_size:
+        filtered = term_note.code == "term.low-pass"
         if not (abs(answer.z) > LIKELY if filtered else fit.clear(answer)):
             continue
         k, delay = fit.most_biased(answer), code == "delay"
         if delay and DELAY in fit.paths:
             continue  # it is in the model: what is left has another shape
         if k is not None:
-            path = f"sensors.{what.subject}.low_pass_hz" if filtered else DELAY
+            path = f"sensors.{term_note.subject}.low_pass_hz" if filtered else DELAY
             message = note(
                 "residual.missing-free" if delay or filtered else "residual.missing", Severity.WARNING,
-                f"--free +{path}" if delay or filtered else "", fit.paths[k], term=code, what=what,
+                f"--free +{path}" if delay or filtered else "", fit.paths[k], term=code, what=term_note,
                 z=abs(answer.z), errors=abs(answer.shift[k]) / fit.sd[k],
             )  # fmt: skip
             out.append(_Clear(abs(answer.z), message, np.abs(answer.shift)))
@@ -157,7 +157,7 @@ def _parts(fit: _FitEvidence, now: FittedMotion | None) -> list[_Clear]:
                 )  # fmt: skip
                 half = 0.5 * abs(answer.size) * (np.arange(len(fit.theta)) == k)
                 worst.append(_Clear(abs(answer.z), message, half))
-    return sorted(worst, key=lambda one: -one.z)
+    return sorted(worst, key=lambda clear: -clear.z)
 
 
 def _masks(residuals: FitResiduals, now: FittedMotion | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
@@ -186,9 +186,9 @@ def _channels(
     standard deviations."""
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     for c, label in enumerate(labels):
-        there = [has[:, c] > 0.0 for has in problem.has]
-        r = [x[t, c] for x, t in zip(residuals, there, strict=True)]
-        z = [x[t, c] * w[t, c] for x, w, t in zip(problem.z, problem.weights, there, strict=True)]
+        has_samples = [has[:, c] > 0.0 for has in problem.has]
+        r = [x[t, c] for x, t in zip(residuals, has_samples, strict=True)]
+        z = [x[t, c] * w[t, c] for x, w, t in zip(problem.z, problem.weights, has_samples, strict=True)]
         yield label, r, [a - b for a, b in zip(z, r, strict=True)]
 
 
@@ -197,15 +197,15 @@ def _of_residuals(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[D
     out = []
     for label, r, h in _channels(problem, residuals):
         if sum(map(len, r)) >= ENOUGH:
-            out += _coloured(label, r, h) + _timely(label, r, h)
+            out += _colour_messages(label, r, h) + _timely(label, r, h)
     return out
 
 
-def _coloured(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
+def _colour_messages(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
     """(1), (2)"""
-    clipped = [np.clip(x, -3.0, 3.0) for x in r]
-    count = sum(max(0, len(x) - 1) for x in clipped)
-    gamma = sum(float(x[1:] @ x[:-1]) for x in clipped) / max(count, 1)
+    limited = [np.clip(x, -3.0, 3.0) for x in r]
+    count = sum(max(0, len(x) - 1) for x in limited)
+    gamma = sum(float(x[1:] @ x[:-1]) for x in limited) / max(count, 1)
     model = float(np.std(np.concatenate(h)))
     if not gamma > 5.0 / np.sqrt(max(count, 1)):
         return []

@@ -44,9 +44,9 @@ class Grain(NamedTuple):
 def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, list[Diagnostic]]:
     """Return the channel with NaN in place of invalid samples, and the findings."""
     z, messages = channel.z.copy(), []
-    lost = int(np.sum(~np.isfinite(z)))
-    if lost:
-        messages.append(note("data.not-finite", subject=name, lost=lost))
+    sample_grain = int(np.sum(~np.isfinite(z)))
+    if sample_grain:
+        messages.append(note("data.not-finite", subject=name, lost=sample_grain))
     if len(z) < ENOUGH or optional.of(block, "cov") is None:
         return channel, messages
     imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
@@ -64,25 +64,25 @@ def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.nda
         return none, []
     if np.ptp(x[good]) == 0.0:
         return (~none, [_dead(label, x[good])]) if noise > 0.0 else (none, [])
-    here = grain(x[good])
-    if here.sigma <= 0.0:
+    lost_count = grain(x[good])
+    if lost_count.sigma <= 0.0:
         return none, []
-    end, messages = _clipped(label, x, here) if imu else (none, [])
+    end, messages = _limit_samples(label, x, lost_count) if imu else (none, [])
     x = np.where(end, np.nan, x)
-    zero, zero_message = _zeros(label, x, here, imu)
-    same, more = _repeats(label, x, here, imu)
+    zero, zero_message = _zeros(label, x, lost_count, imu)
+    same, more = _repeats(label, x, lost_count, imu)
     return end | zero | same, messages + zero_message + more
 
 
 def _together(name: str, m: int, messages: list[Diagnostic]) -> list[Diagnostic]:
     """Return the findings, one for all m channels where these agree."""
     out: list[Diagnostic] = []
-    for one in messages:
-        same = [o for o in messages if (o.code, o.figures) == (one.code, one.figures)]
+    for message in messages:
+        same = [o for o in messages if (o.code, o.figures) == (message.code, message.figures)]
         if m > 1 and len(same) == m:
-            out += [replace(one, subject=name)] if one is same[0] else []
+            out += [replace(message, subject=name)] if message is same[0] else []
         else:
-            out.append(one)
+            out.append(message)
     return out
 
 
@@ -110,21 +110,21 @@ def _part(bad: np.ndarray, finite: np.ndarray) -> float:
     return 100.0 * float(bad.sum()) / max(1, int(finite.sum()))
 
 
-def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
+def _zeros(label: str, x: np.ndarray, sample_grain: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
     """Frames that were lost and logged as zero."""
     zero, none = x == 0.0, np.zeros(len(x), bool)
-    chance = len(x) * here.step / (np.sqrt(2.0 * np.pi) * here.sigma)
+    chance = len(x) * sample_grain.step / (np.sqrt(2.0 * np.pi) * sample_grain.sigma)
     if zero.sum() <= FACTOR * chance + FEW:
         return none, []
     if not imu:
-        there = np.flatnonzero(np.isfinite(x) & ~zero)
-        if len(there) < 2:
+        nonzero = np.flatnonzero(np.isfinite(x) & ~zero)
+        if len(nonzero) < 2:
             return none, []
         row = np.arange(len(x))
-        after = np.searchsorted(there, row)
-        before, after = there[np.maximum(after - 1, 0)], there[np.minimum(after, len(there) - 1)]
+        after = np.searchsorted(nonzero, row)
+        before, after = nonzero[np.maximum(after - 1, 0)], nonzero[np.minimum(after, len(nonzero) - 1)]
         zero &= (before < row) & (row < after)
-        far = np.minimum(np.abs(x[before]), np.abs(x[after])) > FAR * here.sigma
+        far = np.minimum(np.abs(x[before]), np.abs(x[after])) > FAR * sample_grain.sigma
         zero &= far & (x[before] * x[after] > 0.0) & (after - before <= FEW)
         if zero.sum() <= FEW:
             return none, []
@@ -132,10 +132,12 @@ def _zeros(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarra
     return zero, [note("data.zeros", subject=label, lost=int(zero.sum()), percent=part)]
 
 
-def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
+def _repeats(
+    label: str, x: np.ndarray, sample_grain: Grain, imu: bool
+) -> tuple[np.ndarray, list[Diagnostic]]:
     """Samples that repeat the one before: held, or stuck."""
     same = np.concatenate([[False], x[1:] == x[:-1]])
-    chance = len(x) * here.step / (2.0 * np.sqrt(np.pi) * here.sigma)
+    chance = len(x) * sample_grain.step / (2.0 * np.sqrt(np.pi) * sample_grain.sigma)
     if same.sum() <= FACTOR * chance + FEW if imu else not are_held(repeats(x).lasting):
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~same)
@@ -145,12 +147,12 @@ def _repeats(label: str, x: np.ndarray, here: Grain, imu: bool) -> tuple[np.ndar
     return same, [note("data.repeats", subject=label, lost=int(same.sum()), percent=part, longest=longest)]
 
 
-def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[Diagnostic]]:
+def _limit_samples(label: str, x: np.ndarray, sample_grain: Grain) -> tuple[np.ndarray, list[Diagnostic]]:
     """Samples at the end of a range.  (2), (3)"""
     finite, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
-    if finite.sum() < ENOUGH or here.sigma < here.step:
+    if finite.sum() < ENOUGH or sample_grain.sigma < sample_grain.step:
         return bad, []  # so coarse that levels are piles by themselves
-    width = max(2.0 * here.step, 0.2 * here.sigma)
+    width = max(2.0 * sample_grain.step, 0.2 * sample_grain.sigma)
     for sign in (1.0, -1.0):
         y = np.where(finite, sign * x, -np.inf)
         most = float(np.max(y))
@@ -158,7 +160,7 @@ def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[D
         inner = int(np.sum((y < most) & (y >= most - width)))
         visits = int(np.sum(at[1:] & ~at[:-1])) + int(at[0])
         if visits >= VISITS and at.sum() >= PILE and at.sum() > PILE * inner:
-            bad |= _beyond(y, at, most, here.sigma)
+            bad |= _beyond(y, at, most, sample_grain.sigma)
             ends.append(sign * most)
             count += int(at.sum())
     if not ends:
@@ -182,8 +184,8 @@ def _clipped(label: str, x: np.ndarray, here: Grain) -> tuple[np.ndarray, list[D
 def _beyond(y: np.ndarray, at: np.ndarray, most: float, sigma: float) -> np.ndarray:
     """Return the samples at which the signal itself, not its noise, is at the end
     `most` of the range: (M,) bool.  (3)"""
-    padded = np.pad(y, AROUND // 2, mode="edge")
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, AROUND), axis=1)
+    extended = np.pad(y, AROUND // 2, mode="edge")
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(extended, AROUND), axis=1)
     near = middle > most - 2.0 * sigma
     edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):

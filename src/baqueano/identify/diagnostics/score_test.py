@@ -91,21 +91,23 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
     own: list[NuisanceSlopes] = []
     for k, (a, b) in enumerate(pairwise(ends.tolist())):
-        kept = identifiable[layout.of_starts(k)]
-        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), kept, range(q - layout.by_piece))
+        keep = identifiable[layout.of_starts(k)]
+        own += _own(flat, w, slice(a, b), m, range(q - layout.by_piece, q), keep, range(q - layout.by_piece))
     for k in range(max(layout.runs) + 1):
         rows = np.flatnonzero(run == k)
-        kept = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
+        keep = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
         at = slice(int(rows[0]), int(rows[-1]) + 1)
-        own += _own(flat, w, at, m, range(s, s + layout.by_run), kept, range(s))
+        own += _own(flat, w, at, m, range(s, s + layout.by_run), keep, range(s))
     d = flat if identifiable[:s].all() and q == s else np.ascontiguousarray(flat[:s][identifiable[:s]].T).T
-    weighted = np.empty((len(w), len(d) + 1)).T
-    np.multiply(d, w, out=weighted[:-1])
-    weighted[-1] = psi
-    both = _product(weighted, d.T)
+    weighted_rows = np.empty((len(w), len(d) + 1)).T
+    np.multiply(d, w, out=weighted_rows[:-1])
+    weighted_rows[-1] = psi
+    both = _product(weighted_rows, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
     residuals = [r for r, _, _ in pieces]
-    return FitResiduals(residuals, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted, power)
+    return FitResiduals(
+        residuals, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted_rows, power
+    )
 
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -123,18 +125,18 @@ def _own(
     m: int,
     entries: range,
     identifiable: np.ndarray,
-    others: range,
+    rest_rows: range,
 ) -> list[NuisanceSlopes]:
-    """The told ones of `entries` of a run or piece, taken out of the `others` of `flat` (q, N m)."""
+    """The told ones of `entries` of a run or piece, taken out of the `rest_rows` of `flat` (q, N m)."""
     index = [i for i, is_shown in zip(entries, identifiable, strict=True) if is_shown]
     if not index:
         return []
     at = slice(rows.start * m, rows.stop * m)
     d = flat[index, at].copy()
-    weighted = d * w[at]
-    own = NuisanceSlopes(rows, at, d, weighted, inverse(_product(weighted, d.T)))
-    rest = flat[others.start : others.stop, at]
-    _take_out(rest, _product(rest, weighted.T) @ own.inverse, d)
+    weighted_slopes = d * w[at]
+    own = NuisanceSlopes(rows, at, d, weighted_slopes, inverse(_product(weighted_slopes, d.T)))
+    rest = flat[rest_rows.start : rest_rows.stop, at]
+    _take_out(rest, _product(rest, weighted_slopes.T) @ own.inverse, d)
     return [own]
 
 
@@ -170,33 +172,36 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
 def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ScoreTest]]:
     """Test if each of the k entries differs in the rows of each mask (N,): D = 1_part d."""
     k, n = len(fit.d), len(fit.run)
-    m, there = len(fit.psi) // n, np.array(masks)
+    m, part_masks = len(fit.psi) // n, np.array(masks)
     rows = fit.weighted[:-1].T.reshape(n, m, k)
-    code = 2 ** np.arange(len(there)) @ there
+    code = 2 ** np.arange(len(part_masks)) @ part_masks
     alike = (np.cumsum(np.bincount(code) > 0) - 1)[code]
-    A = _in_parts(rows, rows, alike, there)  # w is 0 or 1
+    A = _in_parts(rows, rows, alike, part_masks)  # w is 0 or 1
     scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.psi.reshape(n, m))
     own = [
         _in_parts(
-            rows[one.rows], one.weighted.T.reshape(-1, m, len(one.d)), alike[one.rows], there[:, one.rows]
+            rows[slopes.rows],
+            slopes.weighted.T.reshape(-1, m, len(slopes.d)),
+            alike[slopes.rows],
+            part_masks[:, slopes.rows],
         )
-        for one in fit.own
+        for slopes in fit.own
     ]
     sums = _Sums(
         np.einsum("pkk->pk", A).ravel(),
-        _product(there.astype(float), scores).ravel(),
+        _product(part_masks.astype(float), scores).ravel(),
         A.reshape(-1, k),
-        [products.reshape(len(there) * k, -1) for products in own],
+        [products.reshape(len(part_masks) * k, -1) for products in own],
     )
 
     def column(at: np.ndarray) -> np.ndarray:
-        return fit.d[at % k] * np.repeat(there[at // k], m, axis=1)
+        return fit.d[at % k] * np.repeat(part_masks[at // k], m, axis=1)
 
     tests = _score_tests(fit, sums, column)
     return [tests[i : i + k] for i in range(0, len(tests), k)]
 
 
-def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray) -> np.ndarray:
+def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, part_masks: np.ndarray) -> np.ndarray:
     """(P, k, q) Σ xᵀ y of the rows x (n, m, k), y (n, m, q) of each part (P, n): rows that are `alike` (n,) are in
     the same parts, so that each is taken once."""
     order = np.argsort(
@@ -206,9 +211,9 @@ def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, there: np.ndarray
     k, q = x.shape[2], y.shape[2]
     x, y = x[order].reshape(-1, k), y[order].reshape(-1, q)
     sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
-    for one, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
-        np.matmul(x[a:b].T, y[a:b], out=one)
-    return (there[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
+    for total, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
+        np.matmul(x[a:b].T, y[a:b], out=total)
+    return (part_masks[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
 
 
 def _score_tests(
@@ -219,13 +224,15 @@ def _score_tests(
     power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
     total = sums.total - ties @ fit.score
     ties_own = []
-    for own, mine in zip(fit.own, sums.own, strict=True):
-        ties_own.append(mine @ own.inverse)
-        power -= np.einsum("ki,ki->k", mine, ties_own[-1])
+    for own, own_sums in zip(fit.own, sums.own, strict=True):
+        ties_own.append(own_sums @ own.inverse)
+        power -= np.einsum("ki,ki->k", own_sums, ties_own[-1])
         total = total - ties_own[-1] @ _product(own.d, fit.psi[own.at])
-    there = power > UNSEEN * np.maximum(sums.whole, 1e-300)  # else θ imitates it, or nothing shows it
-    size = np.where(there, total / np.where(there, power, 1.0), 0.0)
-    clear = np.flatnonzero(there & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * fit.power)))
+    is_shown = power > UNSEEN * np.maximum(sums.whole, 1e-300)  # else θ imitates it, or nothing shows it
+    size = np.where(is_shown, total / np.where(is_shown, power, 1.0), 0.0)
+    clear = np.flatnonzero(
+        is_shown & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * fit.power))
+    )
     shift = -ties * size[:, None]
     out = [ScoreTest(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
     for first in range(0, len(clear), AT_ONCE):

@@ -36,10 +36,10 @@ def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnost
         return [run], []
     run, unit = _units(run, rate_hz)
     run, more = _bursts(run)
-    stamped = {name: _stamps(name, channel) for name, channel in run.sensors.items()}
-    messages = [one for _, messages in stamped.values() for one in messages]
+    with_stamps = {name: _stamps(name, channel) for name, channel in run.sensors.items()}
+    messages = [message for _, messages in with_stamps.values() for message in messages]
     if messages:
-        run = replace(run, sensors={name: channel for name, (channel, _) in stamped.items()})
+        run = replace(run, sensors={name: channel for name, (channel, _) in with_stamps.items()})
     pieces, cuts = _pieces(run)
     return pieces, unit + more + messages + cuts
 
@@ -58,22 +58,22 @@ def _units(run: Run, rate_hz: float) -> tuple[Run, list[Diagnostic]]:
     )
     first = int(run.t_ns[0])
 
-    def scaled(log: Any) -> Any:
+    def scale_log(log: Any) -> Any:
         if log is None:
             return None
-        times = {k: _scaled(getattr(log, k), first, off) for k in log._fields if k in ("t_ns", "arrival_ns")}
+        times = {k: _scale(getattr(log, k), first, off) for k in log._fields if k in ("t_ns", "arrival_ns")}
         return log._replace(**times)
 
     # The search is made in the time of the file, so that it ends; the verdict is REFUSED all the same.
-    sensors = {name: scaled(channel) for name, channel in run.sensors.items()}
-    t_ns = _scaled(run.t_ns, first, off)
+    sensors = {name: scale_log(channel) for name, channel in run.sensors.items()}
+    t_ns = _scale(run.t_ns, first, off)
     if np.any(np.diff(t_ns) <= 0):
         return run, [message]
-    bare = replace(run, t_ns=t_ns, sensors=sensors, truth=scaled(run.truth), estimate=None, reference=None)
+    bare = replace(run, t_ns=t_ns, sensors=sensors, truth=scale_log(run.truth), estimate=None, reference=None)
     return bare, [message]
 
 
-def _scaled(t_ns: np.ndarray, first: int, off: float) -> np.ndarray:
+def _scale(t_ns: np.ndarray, first: int, off: float) -> np.ndarray:
     return first + np.rint((t_ns - first) / off).astype(np.int64)
 
 
@@ -102,28 +102,28 @@ def _bursts(run: Run) -> tuple[Run, list[Diagnostic]]:
     if _is_burst(run.t_ns):
         t_ns = spread(run.t_ns)
         if np.all(np.diff(t_ns) > 0):
-            moved = float(np.quantile(np.abs(t_ns - run.t_ns), 0.95)) / NANOSECONDS
+            shift_s = float(np.quantile(np.abs(t_ns - run.t_ns), 0.95)) / NANOSECONDS
             sensors = {
-                name: c._replace(t_ns=_moved(c.t_ns, run.t_ns, t_ns), arrival_ns=_moved(c.arrival_ns, run.t_ns, t_ns))
+                name: c._replace(t_ns=_shift(c.t_ns, run.t_ns, t_ns), arrival_ns=_shift(c.arrival_ns, run.t_ns, t_ns))
                 for name, c in run.sensors.items()
             }  # fmt: skip
             run = replace(run, t_ns=t_ns, sensors=sensors)
-            messages.append(_burst("ticks", moved))
+            messages.append(_burst("ticks", shift_s))
     channels = dict(run.sensors)
     for name, c in channels.items():
         if len(c.t_ns) > FEW and np.all(np.diff(c.t_ns) >= 0) and _is_burst(c.t_ns):
             t_ns = spread(c.t_ns)
-            moved = float(np.quantile(np.abs(t_ns - c.t_ns), 0.95)) / NANOSECONDS
+            shift_s = float(np.quantile(np.abs(t_ns - c.t_ns), 0.95)) / NANOSECONDS
             channels[name] = c._replace(t_ns=t_ns)
-            messages.append(_burst(name, moved))
+            messages.append(_burst(name, shift_s))
     return replace(run, sensors=channels) if messages else run, messages
 
 
-def _burst(what: str, moved_s: float) -> Diagnostic:
-    return note("time.bursts", Severity.WARNING, subject=what, moved_ms=1e3 * moved_s)
+def _burst(subject: str, moved_s: float) -> Diagnostic:
+    return note("time.bursts", Severity.WARNING, subject=subject, moved_ms=1e3 * moved_s)
 
 
-def _moved(timestamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+def _shift(timestamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Stamps that belong to ticks `before`, on ticks `after`."""
     origin = int(before[0])
     shift = np.interp(
@@ -152,8 +152,8 @@ def _stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
     return (Channel(*(column[keep] for column in c)), messages) if messages else (c, [])
 
 
-def _grave(lost: np.ndarray) -> Severity:
-    return Severity.WARNING if lost.mean() > MANY else Severity.INFO
+def _grave(loss: np.ndarray) -> Severity:
+    return Severity.WARNING if loss.mean() > MANY else Severity.INFO
 
 
 def _pieces(run: Run) -> tuple[list[Run], list[Diagnostic]]:
@@ -177,12 +177,12 @@ def _piece(run: Run, a: int, b: int) -> Run:
     """Ticks a to b − 1 of it, and the samples that were measured during them."""
     low, high = int(run.t_ns[a]), int(run.t_ns[b - 1])
 
-    settled = low + round(SETTLE_S * NANOSECONDS) * (a > 0)
+    begin_ns = low + round(SETTLE_S * NANOSECONDS) * (a > 0)
 
     def part(log: Any) -> Any:
         if log is None:
             return None
-        inside = (log.t_ns >= settled) & (log.t_ns <= high)
+        inside = (log.t_ns >= begin_ns) & (log.t_ns <= high)
         return type(log)(*(None if column is None else column[inside] for column in log))
 
     return replace(

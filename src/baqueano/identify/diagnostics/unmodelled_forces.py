@@ -82,9 +82,9 @@ def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
     out = np.zeros_like(x)
     for c, sign in enumerate(np.sign(x).T):
         moving = np.flatnonzero(sign != 0.0)
-        turned = moving[1:][sign[moving[1:]] != sign[moving[:-1]]] if len(moving) else moving
-        if len(turned):
-            edges = np.append(turned, len(t))
-            since = t[turned[0] :] - np.repeat(t[turned], np.diff(edges))
-            out[turned[0] :, c] = np.exp(-since / AFTER_S) * sign[turned[0] :]
+        reversals = moving[1:][sign[moving[1:]] != sign[moving[:-1]]] if len(moving) else moving
+        if len(reversals):
+            edges = np.append(reversals, len(t))
+            since = t[reversals[0] :] - np.repeat(t[reversals], np.diff(edges))
+            out[reversals[0] :, c] = np.exp(-since / AFTER_S) * sign[reversals[0] :]
     return out

@@ -101,7 +101,7 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
     """None for a model that cannot be pushed."""
     if not has_field(blocks.model, "process_noise_std"):
         return None
-    kernels = cached_kernel(blocks, problem.shape, problem.scan.backend, _traced)
+    kernels = cached_kernel(blocks, problem.shape, problem.scan.backend, _trace)
     begin = initial_state(blocks, problem.shape)
     starts, motions = [], []
     for record, index in zip(problem.records, problem.layout.indices, strict=True):
@@ -125,7 +125,7 @@ def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) ->
     columns = []
     for record, motion, weight in zip(problem.records, now.motions, problem.weights, strict=True):
         readings = _readings(blocks, problem, record, motion)
-        labels = [(code, what) for code, what, _ in readings]
+        labels = [(code, term_note) for code, term_note, _ in readings]
         columns.append(np.stack([(D * weight).ravel() for _, _, D in readings]))
     return labels, np.concatenate(columns, axis=1)
 
@@ -173,8 +173,8 @@ def _rows(record: FitRecord, *more: np.ndarray) -> np.ndarray:
     return np.concatenate([record.dt_s[:, None], record.u, *more, *volts], axis=1)
 
 
-def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Kernels:
-    return Kernels(_going(blocks, shape, backend), _pushed(blocks, shape, backend))
+def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Kernels:
+    return Kernels(_going(blocks, shape, backend), _push_scan(blocks, shape, backend))
 
 
 def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
@@ -185,15 +185,15 @@ def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return MotionState(*begin(theta))
 
     def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
-        there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
-        vehicle, motion = there.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
-        readings, signals = shown_by(there.sensors, state.signals, motion, row[0])
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
+        vehicle, motion = blocks_at.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
+        readings, signals = shown_by(blocks_at.sensors, state.signals, motion, row[0])
         return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)
 
     return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
 
 
-def _pushed(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _push_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """ε (K,) of all forces, axis by axis, the last of each sideways → what the sensors show, times 1/σ.  (1)"""
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
     channels = driven(blocks.model, np.zeros((1, n))).shape[1]
@@ -208,14 +208,16 @@ def _pushed(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
             yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS
 
     def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
-        there = at_voltage(substitute(blocks, paths, state.theta), row, shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, state.theta), row, shape.volts)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
         push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + every]))
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
-        vehicle, motion = there.model.step(vehicle, u, dt_s, np.zeros(3))
-        tick = motion.tick and tuple(there._replace(nu_dot=there.nu_dot + push) for there in motion.tick)
+        vehicle, motion = blocks_at.model.step(vehicle, u, dt_s, np.zeros(3))
+        tick = motion.tick and tuple(
+            motion_k._replace(nu_dot=motion_k.nu_dot + push) for motion_k in motion.tick
+        )
         motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
-        readings, signals = shown_by(there.sensors, state.signals, motion, dt_s)
+        readings, signals = shown_by(blocks_at.sensors, state.signals, motion, dt_s)
         return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(readings)
 
     rows = np.zeros(1 + n + m + every + shape.volts)
@@ -223,10 +225,10 @@ def _pushed(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def _readings(
-    blocks: FittedBlocks, problem: Residuals, record: FitRecord, still: Motions
+    blocks: FittedBlocks, problem: Residuals, record: FitRecord, motions: Motions
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
     """(2)"""
-    h = still.h
+    h = motions.h
     h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
     terms, at = [("delay", note("term.delay"), h_dot)], 0
     for name, block, size in zip(problem.names, blocks.sensors, problem.sizes, strict=True):
@@ -237,7 +239,7 @@ def _readings(
             own[:, span] = h_dot[:, span]
             terms.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), own))
         if has_field(block, "lever_arm_m"):
-            terms += _mount(name, h, still, span)
+            terms += _mount(name, h, motions, span)
         if not getattr(block, "has_low_pass", True) and DELAY in problem.shape.shared:
             smooth = np.zeros_like(h)
             smooth[:, span] = LOW_PASS_S * h_dot[:, span]
@@ -247,16 +249,18 @@ def _readings(
     return terms
 
 
-def _mount(name: str, h: np.ndarray, still: Motions, span: slice) -> list[tuple[str, Diagnostic, np.ndarray]]:
+def _mount(
+    name: str, h: np.ndarray, motions: Motions, span: slice
+) -> list[tuple[str, Diagnostic, np.ndarray]]:
     """An IMU elsewhere, turned, or with the other measurement model."""
     x, y = span.start, span.start + 1
-    w, w_dot = still.nu[:, 2], still.nu_dot[:, 2]
+    w, w_dot = motions.nu[:, 2], motions.nu_dot[:, 2]
     out = []
     for code, along, across in (
         ("term.imu-ahead", -w * w, w_dot),
         ("term.imu-beside", -w_dot, -w * w),
         ("term.imu-turned", h[:, y], -h[:, x]),
-        ("term.measurement-model", -w * still.nu[:, 1], w * still.nu[:, 0]),
+        ("term.measurement-model", -w * motions.nu[:, 1], w * motions.nu[:, 0]),
     ):
         D = np.zeros_like(h)
         D[:, x], D[:, y] = along, across

@@ -41,18 +41,18 @@ CLEAR = 25.0
 def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
     """The best search from `begin` (p,), and the task in whose bounds it is smooth: `task` itself where no delay
     is free."""
-    shared = task.problem.shape.shared
-    if DELAY not in shared:
+    shared_names = task.problem.shape.shared
+    if DELAY not in shared_names:
         return task, best_search(task, begin)
-    i = shared.index(DELAY)
+    i = shared_names.index(DELAY)
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
     signal, count = task.problem.signal(), 0
     # where the first leaves doubts, the second begins again from other ends
     for first in (_roughly, best_search):
-        end, scanned = _scanned(task, begin, i, max(SCAN_S, tick_s), first)
-        end, looked = _closer(task, end, i, max(SCAN_S, tick_s), tick_s)
-        within, end, walked = _walked(task, end, i, tick_s)
-        count += scanned + looked + walked
+        end, scan_count = _scan(task, begin, i, max(SCAN_S, tick_s), first)
+        end, approach_count = _closer(task, end, i, max(SCAN_S, tick_s), tick_s)
+        within, end, walk_count = _walk(task, end, i, tick_s)
+        count += scan_count + approach_count + walk_count
         if end.stopped or end.sound(signal):
             break
     return within, end._replace(evaluations=count)
@@ -66,21 +66,21 @@ def bounds_of(task: Task, end: Search) -> Search:
     return end._replace(solution=end.solution._replace(bound=bound))
 
 
-def _scanned(
+def _scan(
     task: Task, begin: np.ndarray, i: int, step_s: float, search_first: Callable[..., Search]
 ) -> tuple[Search, int]:
     """The best of the grid, each point begun where the one before ended.  (1)"""
     low, high = float(task.low[i]), float(task.high[i])
     grid = np.linspace(low, high, max(2, 1 + int(np.ceil((high - low) / step_s - 1e-9))))
     first = int(np.argmin(np.abs(grid - begin[i])))
-    middle = search_first(_bounded(task, i, grid[first], grid[first]), _put(begin, i, grid[first]))
+    middle = search_first(_with_bounds(task, i, grid[first], grid[first]), _with_value(begin, i, grid[first]))
     if middle.stopped:
         return middle, middle.evaluations
-    total, best, weighed = middle.evaluations, middle.solution, task._replace(problem=middle.problem)
+    total, best, lighter_task = middle.evaluations, middle.solution, task._replace(problem=middle.problem)
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle.solution
         for delay_s in side:
-            last = _fitted_at(weighed, last.theta, i, delay_s, PART * best.at.cost)
+            last = _fitted_at(lighter_task, last.theta, i, delay_s, PART * best.at.cost)
             total += last.evaluations
             best = last if _least(last) < _least(best) else best
     if best is middle.solution:
@@ -96,9 +96,9 @@ def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tu
         step_s, middle = 0.5 * step_s, best
         for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
             if task.low[i] <= delay_s <= task.high[i]:
-                other = _fixed_at(task, middle, i, delay_s)
-                total += other.evaluations
-                best = _better(task, best, other)
+                trial = _fixed_at(task, middle, i, delay_s)
+                total += trial.evaluations
+                best = _better(task, best, trial)
     at, fine_s = best.solution.theta[i], FINE * tick_s
     task = task._replace(problem=best.problem)
     middle = solution = _fitted_at(task, best.solution.theta, i, at)
@@ -124,9 +124,9 @@ def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: fl
         begin = float(near.theta[i]) + 0.5 * side
         k = int(np.floor(begin / tick_s))
         low, high = sorted((float(near.theta[i]), float(near.theta[i]) + side))
-        inside = _bounded(task, i, max(low, (k + INSIDE) * tick_s), min(high, (k + 1 - INSIDE) * tick_s))
+        inside = _with_bounds(task, i, max(low, (k + INSIDE) * tick_s), min(high, (k + 1 - INSIDE) * tick_s))
         if inside.low[i] < inside.high[i]:
-            end = _fitted(inside, _put(near.theta, i, begin), None)
+            end = _fit(inside, _with_value(near.theta, i, begin), None)
             total += end.evaluations
             best = end if end.at.cost < best.at.cost else best
     return best, total
@@ -134,7 +134,7 @@ def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: fl
 
 def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float, least: float = ROUGH) -> Solution:
     """The least cost with this delay by the σ of now, until no more than `least` is to be gained."""
-    return _fitted(task, _put(theta, i, delay_s), np.arange(len(theta)) == i, least)
+    return _fit(task, _with_value(theta, i, delay_s), np.arange(len(theta)) == i, least)
 
 
 def _least(end: Solution) -> float:
@@ -142,38 +142,38 @@ def _least(end: Solution) -> float:
     return end.at.cost - 0.5 * end.decrement
 
 
-def _fitted(task: Task, theta: np.ndarray, fixed: np.ndarray | None, least: float = ROUGH) -> Solution:
+def _fit(task: Task, theta: np.ndarray, is_fixed: np.ndarray | None, least: float = ROUGH) -> Solution:
     return task.minimise(
         task.problem.evaluate, theta, task.low, task.high,
-        fixed=fixed, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
+        fixed=is_fixed, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
     )  # fmt: skip
 
 
 def _fixed_at(task: Task, near: Search, i: int, delay_s: float) -> Search:
     """The search from where `near` ended, with this delay."""
-    fixed = np.arange(len(task.first)) == i
-    return search(task, _put(near.solution.theta, i, delay_s), fixed, near, rough=True)
+    is_fixed = np.arange(len(task.first)) == i
+    return search(task, _with_value(near.solution.theta, i, delay_s), is_fixed, near, rough=True)
 
 
-def _better(task: Task, one: Search, other: Search) -> Search:
+def _better(task: Task, first: Search, second: Search) -> Search:
     counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
-    return other if other.badness(counts) < one.badness(counts) else one
+    return second if second.badness(counts) < first.badness(counts) else first
 
 
-def _walked(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
+def _walk(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
     """Tick by tick to the one that holds the least cost; at a kink, of the side with the larger error.  (4)"""
-    k, total, been = int(nearest.solution.theta[i] / tick_s), 0, {}
+    k, total, visits = int(nearest.solution.theta[i] / tick_s), 0, {}
     while True:
         inside = _inside(task, i, k, tick_s)
         nearest = search(inside, np.clip(nearest.solution.theta, inside.low, inside.high), None, nearest)
         total += nearest.evaluations
-        been[k] = inside, nearest
+        visits[k] = inside, nearest
         side = int(nearest.solution.bound[i])
         ahead = (k + side + 0.5) * tick_s
-        if nearest.stopped or side == 0 or not task.low[i] < ahead < task.high[i] or len(been) > STEPS:
+        if nearest.stopped or side == 0 or not task.low[i] < ahead < task.high[i] or len(visits) > STEPS:
             return inside, nearest, total
-        if k + side in been:
-            ends = been[k], been[k + side]
+        if k + side in visits:
+            ends = visits[k], visits[k + side]
             return *max(ends, key=lambda end: _width(end[1], i)), total
         k += side
 
@@ -187,10 +187,10 @@ def _width(end: Search, i: int) -> float:
 
 def _inside(task: Task, i: int, k: int, tick_s: float) -> Task:
     """The task with the delay in tick k."""
-    return _bounded(task, i, (k + INSIDE) * tick_s, (k + 1 - INSIDE) * tick_s)
+    return _with_bounds(task, i, (k + INSIDE) * tick_s, (k + 1 - INSIDE) * tick_s)
 
 
-def _bounded(task: Task, i: int, low: float, high: float) -> Task:
+def _with_bounds(task: Task, i: int, low: float, high: float) -> Task:
     bounds = np.array([task.low, task.high])
     bounds[:, i] = np.clip([low, high], *bounds[:, i])
     return task._replace(low=bounds[0], high=bounds[1])
@@ -200,7 +200,7 @@ def _roughly(task: Task, theta: np.ndarray) -> Search:
     return search(task, theta, rough=True)
 
 
-def _put(theta: np.ndarray, i: int, value: float) -> np.ndarray:
+def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
     out = theta.copy()
     out[i] = value
     return out
@@ -215,12 +215,12 @@ def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> in
     if max(float(np.max(np.abs(u[:, 0]) + np.abs(u[:, 2]))) for u in (r.u for r in problem.records)) > 2.0:
         return None  # no duties
 
-    def rounded(steps: int, rows: np.ndarray) -> np.ndarray:
+    def on_timer(steps: int, rows: np.ndarray) -> np.ndarray:
         duty_left, right = quantised(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)
         u = np.stack([0.5 * (duty_left + right), rows[:, 2], 0.5 * (right - duty_left)], axis=1)
         return np.concatenate([rows[:, :1], u, rows[:, 1 + n :]], axis=1)
 
     before = problem.cost(theta, lambda rows: rows)
-    gains = {steps: before - problem.cost(theta, lambda rows, k=steps: rounded(k, rows)) for steps in TIMERS}
+    gains = {steps: before - problem.cost(theta, lambda rows, k=steps: on_timer(k, rows)) for steps in TIMERS}
     best = max(gains, key=lambda steps: gains[steps])
     return best if gains[best] > CLEAR else None

@@ -109,48 +109,48 @@ def minimise(
 ) -> Solution:
     """The θ (p,) of least cost between `low` and `high` (p,); `fixed` (p,) marks entries that do not move;
     `at` is the evaluation at the start, where it is known already."""
-    theta = _clipped(theta, low, high)
+    theta = _clip(theta, low, high)
     may_move = np.ones(len(theta), bool) if fixed is None else ~fixed
-    here = evaluate(theta) if at is None else at
-    done, grow, idle = 1 if at is None else 0, 2.0, 0
-    if not _finite(here):
-        return Solution(theta, here, False, np.inf, done, _bound(theta, low, high))
+    current = evaluate(theta) if at is None else at
+    count, grow, idle = 1 if at is None else 0, 2.0, 0
+    if not _finite(current):
+        return Solution(theta, current, False, np.inf, count, _bound(theta, low, high))
     scale, kinks_tested = np.zeros(len(theta)), False
     while True:
-        scale = np.maximum(scale, here.hessian.diagonal())
-        movable = may_move & (scale > 0.0) & ~_leaving(theta, here.gradient, low, high)
-        decrement = _decrement(here, scale, movable)
-        if (idle >= 3 or damping > STUCK) and decrement >= STALLED and done < most and not kinks_tested:
-            at_kinks, tried = _at_kinks(evaluate, here, theta, scale, movable)
-            may_move, done, kinks_tested = may_move & ~at_kinks, done + tried, True
+        scale = np.maximum(scale, current.hessian.diagonal())
+        movable = may_move & (scale > 0.0) & ~_leaving(theta, current.gradient, low, high)
+        decrement = _decrement(current, scale, movable)
+        if (idle >= 3 or damping > STUCK) and decrement >= STALLED and count < most and not kinks_tested:
+            at_kinks, trial_count = _at_kinks(evaluate, current, theta, scale, movable)
+            may_move, count, kinks_tested = may_move & ~at_kinks, count + trial_count, True
             if at_kinks.any():
                 damping, grow, idle = DAMPING, 2.0, 0
                 continue
-        if decrement < tolerance or idle >= 3 or done >= most:
+        if decrement < tolerance or idle >= 3 or count >= most:
             converged = decrement < tolerance or (idle >= 3 and decrement < STALLED)
-            return Solution(theta, here, converged, decrement, done, _bound(theta, low, high))
+            return Solution(theta, current, converged, decrement, count, _bound(theta, low, high))
         over = 1.0 + OVER / (1.0 + 1e3 * damping)
-        s = _bounded_step(here, scale, damping, over, movable, theta, low, high)
-        trial = _clipped(theta + s, low, high)
-        there = evaluate(trial)
-        done += 1
-        expected = -float(s @ (here.gradient + 0.5 * (here.hessian @ s)))
-        gained = here.cost - there.cost
-        if _finite(there) and gained > 0.0 and expected > 0.0:
-            damping *= max(SHRINK, 1.0 - (2.0 * gained / expected - 1.0) ** 3)
+        s = _bounded_step(current, scale, damping, over, movable, theta, low, high)
+        trial = _clip(theta + s, low, high)
+        trial_at = evaluate(trial)
+        count += 1
+        expected = -float(s @ (current.gradient + 0.5 * (current.hessian @ s)))
+        gain = current.cost - trial_at.cost
+        if _finite(trial_at) and gain > 0.0 and expected > 0.0:
+            damping *= max(SHRINK, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
             grow = 2.0
-            idle = idle + 1 if gained < 1e-12 * here.cost else 0
-            theta, here, kinks_tested = trial, there, False
+            idle = idle + 1 if gain < 1e-12 * current.cost else 0
+            theta, current, kinks_tested = trial, trial_at, False
         else:
             damping, grow = damping * grow, 2.0 * grow
-            idle += gained == 0.0
+            idle += gain == 0.0
             if damping > 1e14:
                 idle = 3
 
 
 def _at_kinks(
     evaluate: Callable[[np.ndarray], Evaluation],
-    here: Evaluation,
+    current: Evaluation,
     theta: np.ndarray,
     scale: np.ndarray,
     movable: np.ndarray,
@@ -159,12 +159,12 @@ def _at_kinks(
 
     At a kink the cost rises in both directions although the gradient is not zero.
     """
-    at_kink, slope = np.zeros(len(theta), bool), here.gradient / np.sqrt(np.maximum(scale, 1e-300))
+    at_kink, slope = np.zeros(len(theta), bool), current.gradient / np.sqrt(np.maximum(scale, 1e-300))
     steep = np.flatnonzero(movable & (np.abs(slope) > STEEP))
     for i in steep:
-        there = theta.copy()
-        there[i] -= NEAR * np.sign(slope[i]) / np.sqrt(scale[i])
-        at_kink[i] = evaluate(there).cost > here.cost
+        shifted_theta = theta.copy()
+        shifted_theta[i] -= NEAR * np.sign(slope[i]) / np.sqrt(scale[i])
+        at_kink[i] = evaluate(shifted_theta).cost > current.cost
     return at_kink, len(steep)
 
 
@@ -174,7 +174,7 @@ def _finite(at: Evaluation) -> bool:
     return bool(np.isfinite(at.cost) and (H.finite if isinstance(H, BlockArrow) else np.isfinite(H).all()))
 
 
-def _clipped(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _clip(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(theta, low), high)
 
 
@@ -183,16 +183,16 @@ def _leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.
     return ((theta <= low) & (gradient >= 0.0)) | ((theta >= high) & (gradient <= 0.0))
 
 
-def _decrement(here: Evaluation, scale: np.ndarray, movable: np.ndarray) -> float:
+def _decrement(current: Evaluation, scale: np.ndarray, movable: np.ndarray) -> float:
     """gᵀH⁻¹g over the entries that may move.  (4)"""
     index = np.flatnonzero(movable)
     if not len(index):
         return 0.0
-    g = here.gradient[index]
-    return float(abs(g @ _solved(here.hessian, RIDGE, scale, index, g)))
+    g = current.gradient[index]
+    return float(abs(g @ _step(current.hessian, RIDGE, scale, index, g)))
 
 
-def _solved(
+def _step(
     hessian: np.ndarray | BlockArrow, damping: float, scale: np.ndarray, index: np.ndarray, g: np.ndarray
 ) -> np.ndarray:
     """(H + λ D)⁻¹ g over the entries `index` (k,), solved in units in which D is 1; λ is at least RIDGE."""
@@ -209,7 +209,7 @@ def _solved(
 
 
 def _bounded_step(
-    here: Evaluation,
+    current: Evaluation,
     scale: np.ndarray,
     damping: float,
     over: float,
@@ -225,14 +225,14 @@ def _bounded_step(
         index = np.flatnonzero(free)
         if not len(index):
             break
-        g = over * here.gradient[index]
+        g = over * current.gradient[index]
         if len(index) < len(theta):
-            g += rows_times(here.hessian, index, np.where(free, 0.0, s))
-        s[index] = -_solved(here.hessian, damping, scale, index, g)
+            g += rows_times(current.hessian, index, np.where(free, 0.0, s))
+        s[index] = -_step(current.hessian, damping, scale, index, g)
         crossing = free & ((theta + s < low) | (theta + s > high))
         if not crossing.any():
             break
-        s[crossing] = (_clipped(theta + s, low, high) - theta)[crossing]
+        s[crossing] = (_clip(theta + s, low, high) - theta)[crossing]
         free &= ~crossing
     return s
 

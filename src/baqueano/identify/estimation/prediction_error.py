@@ -117,17 +117,17 @@ class Prediction:
 
     def innovations(self, x: np.ndarray) -> list[np.ndarray]:
         """Per piece e (N, m), 0 without a measurement."""
-        return self._each(x, lambda one: one.e)
+        return self._each(x, lambda slopes: slopes.e)
 
     def slopes(self, x: np.ndarray) -> list[Slopes]:
         """Return what each piece says of x."""
-        return self._each(x, lambda one: one)
+        return self._each(x, lambda slopes: slopes)
 
-    def _each(self, x: np.ndarray, what: Callable[[Slopes], R]) -> list[R]:
-        """`what` of the slopes of each piece."""
+    def _each(self, x: np.ndarray, part: Callable[[Slopes], R]) -> list[R]:
+        """`part` of the slopes of each piece."""
 
         def of_piece(rows: np.ndarray, places: np.ndarray) -> R:
-            return what(self._slopes(rows, x, places))
+            return part(self._slopes(rows, x, places))
 
         rows = self.simulation.rows
         worth = sum(map(len, rows)) if self.kernel.backend == "c" else 0
@@ -149,20 +149,20 @@ class Prediction:
         channels = np.zeros((self.channels, len(x)))
         has, records = self.simulation.has, self.simulation.records
         colour = autocorrelation(self.innovations(x), has)
-        autocorrelated = bool(np.any(np.abs(colour) > COLOUR))
+        has_colour = bool(np.any(np.abs(colour) > COLOUR))
         pieces = zip(self.simulation.rows, self._places(), has, records, strict=True)
-        for rows, places, there, record in pieces:
-            one = self._slopes(rows, x, places)
-            at, psi = np.ix_(one.places, one.places), weight(one.e) * one.e
-            A[at] += _square(slope(one.e), one.e_slopes) + _square(0.25 * BETA, one.s_slopes)
-            channels[:, one.places] += np.einsum("tmp,tmp->mp", one.e_slopes, one.e_slopes)
-            if autocorrelated:
-                B[at] += coloured_scores(psi, there, one.e_slopes, record.dt_s)
-                B[at] += _square(0.25 * (BETA - psi * one.e) ** 2, one.s_slopes)
+        for rows, places, presence, record in pieces:
+            slopes = self._slopes(rows, x, places)
+            at, psi = np.ix_(slopes.places, slopes.places), weight(slopes.e) * slopes.e
+            A[at] += _square(slope(slopes.e), slopes.e_slopes) + _square(0.25 * BETA, slopes.s_slopes)
+            channels[:, slopes.places] += np.einsum("tmp,tmp->mp", slopes.e_slopes, slopes.e_slopes)
+            if has_colour:
+                B[at] += coloured_scores(psi, presence, slopes.e_slopes, record.dt_s)
+                B[at] += _square(0.25 * (BETA - psi * slopes.e) ** 2, slopes.s_slopes)
             else:
-                U = np.einsum("tm,tmp->tp", psi, one.e_slopes) + 0.5 * BETA * one.s_slopes.sum(axis=1)
+                U = np.einsum("tm,tmp->tp", psi, slopes.e_slopes) + 0.5 * BETA * slopes.s_slopes.sum(axis=1)
                 B[at] += U.T @ U
-        return Information(A, B, channels, autocorrelated, colour, int(sum(there.sum() for there in has)))
+        return Information(A, B, channels, has_colour, colour, int(sum(presence.sum() for presence in has)))
 
 
 def most_likely(
@@ -186,15 +186,15 @@ def most_likely(
     floor = np.zeros(len(x), bool)
     floor[len(theta) : len(theta) + k] = True
     fixed = np.concatenate([fixed, np.zeros(k + m, bool)])
-    before = _searched(prediction, x, low, high, fixed | floor, DAMPING, say)
-    solution = _searched(prediction, before.theta, low, high, fixed, 1e-6, say)
+    before = _search(prediction, x, low, high, fixed | floor, DAMPING, say)
+    solution = _search(prediction, before.theta, low, high, fixed, 1e-6, say)
     ratio = 2.0 * (before.at.cost - solution.at.cost) / TAU
     theta, noise = prediction.parts(solution.theta)
     info = prediction.information(solution.theta)
     inside = floor & (solution.theta > 0.0)
     sd = np.full(len(x), np.nan)
-    kept = np.flatnonzero((inside | (~fixed & ~floor)) & (np.diagonal(info.bread) > 0.0))
-    sd[kept] = np.sqrt(np.diagonal(covariance_of(info, kept)))
+    entries = np.flatnonzero((inside | (~fixed & ~floor)) & (np.diagonal(info.bread) > 0.0))
+    sd[entries] = np.sqrt(np.diagonal(covariance_of(info, entries)))
     return MaximumLikelihood(
         solution, theta, noise, sd[floor], info, ratio, before.evaluations + solution.evaluations
     )
@@ -209,12 +209,12 @@ def tail(ratio: float, degrees: int) -> float:
     return probability if degrees == 1 else probability + 2.0 * sqrt(half / pi) * exp(-half)
 
 
-def _searched(
+def _search(
     prediction: Prediction,
     x: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
-    fixed: np.ndarray,
+    is_fixed: np.ndarray,
     damping: float,
     say: Callable[[str], object] | None,
 ) -> Solution:
@@ -223,27 +223,27 @@ def _searched(
     while True:
         solution = minimise(
             prediction.evaluate, x, low, high,
-            fixed=fixed, tolerance=TOLERANCE, most=PATIENCE, damping=damping, at=at,
+            fixed=is_fixed, tolerance=TOLERANCE, most=PATIENCE, damping=damping, at=at,
         )  # fmt: skip
         count += solution.evaluations
-        stopped = (
+        reason = (
             say is not None
             and say(
                 _("innovations: {count} evaluations, cost {cost:.6g}", count=count, cost=solution.at.cost)
             )
             is True
         )
-        if solution.converged or stopped or count >= MOST or not np.isfinite(solution.at.cost):
+        if solution.converged or reason or count >= MOST or not np.isfinite(solution.at.cost):
             return solution._replace(evaluations=count)
         x, at, damping = solution.theta, solution.at, 1e-6
 
 
-def _normal(one: Slopes) -> Evaluation:
+def _normal(slopes: Slopes) -> Evaluation:
     """J of a piece.  (1), (2)"""
     with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away
-        cost, w = float(np.sum(rho(one.e)) + 0.5 * BETA * np.sum(one.log_s)), weight(one.e)
-    g = _along(w * one.e, one.e_slopes) + _along(0.5 * BETA, one.s_slopes)
-    return Evaluation(cost, g, _square(w, one.e_slopes) + _square(0.25 * BETA, one.s_slopes))
+        cost, w = float(np.sum(rho(slopes.e)) + 0.5 * BETA * np.sum(slopes.log_s)), weight(slopes.e)
+    g = _along(w * slopes.e, slopes.e_slopes) + _along(0.5 * BETA, slopes.s_slopes)
+    return Evaluation(cost, g, _square(w, slopes.e_slopes) + _square(0.25 * BETA, slopes.s_slopes))
 
 
 def rho(e: np.ndarray) -> np.ndarray:

@@ -81,13 +81,13 @@ def best_search(task: Task, begin: np.ndarray) -> Search:
             break
         theta = task.first.copy()
         theta[: len(gains)] = np.where(gains, 0.0, factor * theta[: len(gains)])
-        other = search(task, np.clip(theta, task.low, task.high), rough=True)
-        if not other.stopped and other.badness(counts) - best.badness(counts) < TWICE * counts.sum():
-            whole = search(task, other.solution.theta, None, other)
-            other = whole._replace(evaluations=whole.evaluations + other.evaluations)
-        gain = (best.badness(counts) - other.badness(counts)) / counts.sum()
-        evaluations = best.evaluations + other.evaluations
-        best = (other if gain > SAME else best)._replace(evaluations=evaluations, stopped=other.stopped)
+        second = search(task, np.clip(theta, task.low, task.high), rough=True)
+        if not second.stopped and second.badness(counts) - best.badness(counts) < TWICE * counts.sum():
+            whole = search(task, second.solution.theta, None, second)
+            second = whole._replace(evaluations=whole.evaluations + second.evaluations)
+        gain = (best.badness(counts) - second.badness(counts)) / counts.sum()
+        evaluations = best.evaluations + second.evaluations
+        best = (second if gain > SAME else best)._replace(evaluations=evaluations, stopped=second.stopped)
         if abs(gain) <= SAME:
             break  # two searches came to the same end
     return best
@@ -112,7 +112,7 @@ def search(
         sigma, profile = (
             sigma_at(task, problem, theta) if task.fixed_sigma is None else (task.fixed_sigma, None)
         )
-    count, turn, near, stopped = 0, 1, sigma_fixed, False
+    count, turn, near, reason = 0, 1, sigma_fixed, False
     while True:
         problem = problem.weighed(sigma, profile)
         near = near or turn == ROUNDS
@@ -122,7 +122,7 @@ def search(
         )  # fmt: skip
         theta, count, damping = solution.theta, count + solution.evaluations, 1e-6
         if task.say is not None:
-            stopped = (
+            reason = (
                 task.say(
                     _(
                         "round {turn}: {count} evaluations, cost {cost:.6g}",
@@ -136,15 +136,15 @@ def search(
         if sigma_fixed or turn == ROUNDS or not np.isfinite(solution.at.cost):
             break
         now, profile = sigma_at(task, problem, theta)
-        moved = float(np.max(np.abs(np.log(now / sigma))))
-        if (near and moved < SETTLED) or (rough and moved < NEAR):
+        change = float(np.max(np.abs(np.log(now / sigma))))
+        if (near and change < SETTLED) or (rough and change < NEAR):
             break
-        if stopped:
+        if reason:
             solution = solution._replace(converged=False)
             break
-        sigma, near, turn = now, moved < NEAR, turn + 1
+        sigma, near, turn = now, change < NEAR, turn + 1
     colour = autocorrelation(problem.residuals(solution.theta), problem.has)
-    return Search(problem, solution, problem.sigma, colour, count, profile, stopped)
+    return Search(problem, solution, problem.sigma, colour, count, profile, reason)
 
 
 def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:

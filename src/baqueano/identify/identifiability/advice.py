@@ -17,16 +17,18 @@ WARNING = Severity.WARNING
 def weakly(one: Free, near: Sequence[Free]) -> Diagnostic:
     """Return why a parameter has a large error, and what would help."""
     if near:
-        others = _listed(near)
+        names = _names(near)
         return note(
             "identifiability.weakly-beside",
             WARNING,
             subject=one.path,
-            others=others,
-            why=_moved((one, *near)),
+            others=names,
+            why=_motion_note((one, *near)),
             needs=_needs(one),
         )
-    return note("identifiability.weakly", WARNING, subject=one.path, why=_moved((one,)), needs=_needs(one))
+    return note(
+        "identifiability.weakly", WARNING, subject=one.path, why=_motion_note((one,)), needs=_needs(one)
+    )
 
 
 def unobservable(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free] = ()) -> Diagnostic:
@@ -35,66 +37,75 @@ def unobservable(one: Free, ties: Sequence[Free], at: float, near: Sequence[Free
         return note(
             "identifiability.tied",
             subject=one.path,
-            others=_listed(ties),
+            others=_names(ties),
             at=at,
             how=_by_hand(one),
-            apart=_apart((one, *ties)),
+            apart=_separation((one, *ties)),
         )
     if one.of.role == "scale":
         return note("identifiability.scale", subject=one.path, at=at, needs=_needs(one))
-    why, needs = _moved((one, *near)), _needs(one)
+    reason, needs = _motion_note((one, *near)), _needs(one)
     if near:
         return note(
-            "identifiability.not-beside", subject=one.path, others=_listed(near), at=at, why=why, needs=needs
+            "identifiability.not-beside",
+            subject=one.path,
+            others=_names(near),
+            at=at,
+            why=reason,
+            needs=needs,
         )
-    return note("identifiability.not", subject=one.path, at=at, why=why, needs=needs)
+    return note("identifiability.not", subject=one.path, at=at, why=reason, needs=needs)
 
 
 def missing_command(some: Sequence[Free], command: str, never: bool) -> Diagnostic:
     """Return why a column of T or V is not known."""
-    names = _listed(some)
+    names = _names(some)
     if never and command == "u_y":
         return note("identifiability.never-sideways", subject=some[0].path, names=names)
     code = "identifiability.never" if never else "identifiability.command-still"
     return note(code, subject=some[0].path, names=names, command=command)
 
 
-def _listed(some: Sequence[Free]) -> str:
+def _names(some: Sequence[Free]) -> str:
     """Return the names, MOST at most."""
-    return ", ".join([one.short for one in some[:MOST]] + ["…"] * (len(some) > MOST))
+    return ", ".join([parameter.short for parameter in some[:MOST]] + ["…"] * (len(some) > MOST))
 
 
-def _moved(some: Sequence[Free]) -> Diagnostic | str:
+def _motion_note(some: Sequence[Free]) -> Diagnostic | str:
     """Return what the vehicle did, that it does not tell these from each other."""
-    axes = {one.axis for one in some if one.axis is not None}
+    axes = {parameter.axis for parameter in some if parameter.axis is not None}
     if axes == {1}:
         return note("identifiability.hardly-sideways")
-    frictions = {one.path.partition("[")[0] for one in some if one.axis is not None and one.of.role != "gain"}
+    frictions = {
+        parameter.path.partition("[")[0]
+        for parameter in some
+        if parameter.axis is not None and parameter.of.role != "gain"
+    }
     if len(axes) == 1 and len(frictions) > 1:
         return note("identifiability.few-speeds") if axes == {0} else note("identifiability.few-turn-rates")
     return ""
 
 
-def _by_hand(one: Free) -> Diagnostic:
+def _by_hand(parameter: Free) -> Diagnostic:
     return (
-        note("identifiability.by-hand", by=one.of.measured_by)
-        if one.of.measured_by
+        note("identifiability.by-hand", by=parameter.of.measured_by)
+        if parameter.of.measured_by
         else note("identifiability.fix-one")
     )
 
 
-def _apart(some: Sequence[Free]) -> Diagnostic | str:
+def _separation(some: Sequence[Free]) -> Diagnostic | str:
     """Return the motions that tell them from each other, two at most."""
-    motions = [*dict.fromkeys(one.shown_by for one in some if one.shown_by)][:2]
+    motions = [*dict.fromkeys(parameter.shown_by for parameter in some if parameter.shown_by)][:2]
     if len(motions) == 2:
         return note("identifiability.apart-by-two", first=motions[0], second=motions[1])
     return note("identifiability.apart", motion=motions[0]) if motions else ""
 
 
-def _needs(one: Free) -> Diagnostic:
-    if one.shown_by:
-        return note("identifiability.needs", motion=one.shown_by)
-    if one.of.role == "gain" and one.of.shape == (3, 3):
-        row, column = (AXES[i] for i in one.entry)
+def _needs(parameter: Free) -> Diagnostic:
+    if parameter.shown_by:
+        return note("identifiability.needs", motion=parameter.shown_by)
+    if parameter.of.role == "gain" and parameter.of.shape == (3, 3):
+        row, column = (AXES[i] for i in parameter.entry)
         return note("identifiability.needs-command", command=column, motion=row)
     return note("identifiability.needs-run")

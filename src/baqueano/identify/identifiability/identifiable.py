@@ -68,9 +68,9 @@ def identifiability_of(
             break
         part = np.abs(direction) / np.max(np.abs(direction))
         inside = np.flatnonzero(part >= LOADING).tolist()
-        touched, diagonal = np.flatnonzero(part >= TOUCHED), np.diagonal(info.bread)
-        rank = [(by_hand[i], round(part[i], 1), -diagonal[i] if i >= len(shared) else 0.0) for i in touched]
-        out = int(touched[max(range(len(touched)), key=rank.__getitem__)])
+        members, diagonal = np.flatnonzero(part >= TOUCHED), np.diagonal(info.bread)
+        rank = [(by_hand[i], round(part[i], 1), -diagonal[i] if i >= len(shared) else 0.0) for i in members]
+        out = int(members[max(range(len(members)), key=rank.__getitem__)])
         collinear[out] = tuple(i for i in inside if i != out)
         identifiable[out] = False
     of_vehicle = np.arange(len(theta)) < len(shared)
@@ -132,7 +132,7 @@ def fix_unidentifiable(
     problem = end.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
     count = problem.size if whole else problem.layout.starts  # starts of pieces are of no interest
-    fixed, ties = np.zeros(count, bool), {}
+    is_fixed, ties = np.zeros(count, bool), {}
     while True:
         problem, theta = end.problem, end.solution.theta
         info = information(problem, theta)
@@ -142,15 +142,17 @@ def fix_unidentifiable(
         if task.prior_sigma is not None:  # a tape has no signal to compare with
             info = info._replace(channels=info.channels * (task.prior_sigma == 0.0)[:, None])
         span = (task.high - task.low)[:count]
-        span[[k for k, one in enumerate(free) if one.path == DELAY]] = np.inf
-        identifiability = identifiability_of(info, energy(problem, theta), theta[:count], free, fixed, span)
+        span[[k for k, parameter in enumerate(free) if parameter.path == DELAY]] = np.inf
+        identifiability = identifiability_of(
+            info, energy(problem, theta), theta[:count], free, is_fixed, span
+        )
         ties |= identifiability.collinear
-        if np.array_equal(~identifiability.mask, fixed):
+        if np.array_equal(~identifiability.mask, is_fixed):
             return end, identifiability._replace(collinear=ties), info
-        fixed = ~identifiability.mask
-        still = np.concatenate([fixed, np.zeros(problem.size - count, bool)])
-        again = search(task, np.where(still, task.first, theta), still, end)
-        end = again._replace(evaluations=end.evaluations + again.evaluations)
+        is_fixed = ~identifiability.mask
+        is_held_fixed = np.concatenate([is_fixed, np.zeros(problem.size - count, bool)])
+        second_search = search(task, np.where(is_held_fixed, task.first, theta), is_held_fixed, end)
+        end = second_search._replace(evaluations=end.evaluations + second_search.evaluations)
 
 
 def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
@@ -173,10 +175,10 @@ def one_mean(problem: Residuals) -> np.ndarray:
     """(m,) True for channels whose mean no piece explains for itself: by a start, a bias, or where it is."""
     by_run = {name.split(".")[1] for name in problem.shape.by_run}
     sensors = problem._blocks.sensors._asdict()
-    alone = [
+    mean_of_run = [
         not (problem.shape.start or name in by_run or tells_pose(sensors[name])) for name in problem.names
     ]
-    return np.repeat(alone, problem.sizes)
+    return np.repeat(mean_of_run, problem.sizes)
 
 
 class FinishedFit(NamedTuple):

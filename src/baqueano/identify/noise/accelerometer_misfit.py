@@ -57,7 +57,7 @@ def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int
         for name in sorted(inertial)
         for i, slope in enumerate(slopes(getattr(ekf.sensors, name)))
     ]
-    best = max(readings, key=lambda one: abs(one[2]), default=None)
+    best = max(readings, key=lambda reading: abs(reading[2]), default=None)
     return best if best and best[2] != 0.0 else None
 
 
@@ -77,13 +77,14 @@ def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
     begin, end = (cut(each.t_s[k] for each in (speed, ahead, rate)) for cut, k in ((max, 0), (min, -1)))
     way, psi = ahead.integral(), rate.integral()
     floor = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
-    floor += [one.integral() for one in floor]
+    floor += [series.integral() for series in floor]
     white = (MAD * float(np.median(np.abs(np.diff(speed.x, 2))))) ** 2 / 6.0
     least, sums = SAMPLES * float(np.median(np.diff(speed.t_s))), np.zeros((int((end - begin) / BLOCK_S), 2))
-    for tau in (one for one in WINDOWS_S if len(sums) and one >= least):
+    for tau in (window_s for window_s in WINDOWS_S if len(sums) and window_s >= least):
         t_s = np.arange(begin, end, 0.5 * tau)
         A, B, *of_floor = (
-            (x[4:] - 2.0 * x[2:-2] + x[:-4]) / tau for x in (one.at(t_s) for one in (way, speed, *floor))
+            (x[4:] - 2.0 * x[2:-2] + x[:-4]) / tau
+            for x in (signal.at(t_s) for signal in (way, speed, *floor))
         )
         X = np.stack(of_floor, axis=1)
         B = B - X @ np.linalg.lstsq(X, B, rcond=None)[0]
@@ -96,13 +97,18 @@ def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
 def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple[Series, Series, Series]]:
     """Residuals of the wheels' speed and of the accelerometer ahead, and the yaw rate by the gyro, of each run."""
     ahead, readings = accelerometer_ahead(ekf, inertial), readings_of(ekf.sensors, layout(ekf).names)
-    wheels = next((one for one in readings if AHEAD in one.of and one.name not in inertial), None)
-    gyro = next((one for one in readings if one.is_gyro), None)
+    wheels = next(
+        (reading for reading in readings if AHEAD in reading.of and reading.name not in inertial), None
+    )
+    gyro = next((reading for reading in readings if reading.is_gyro), None)
     if ahead is None or wheels is None or gyro is None:
         return
     for run in fit.runs:
         by = {(c.sensor, c.entry): c for c in fit.channels if c.run == run}
-        if not {ahead[:2], *((one.name, k) for one in (wheels, gyro) for k in one.rows)} <= by.keys():
+        if (
+            not {ahead[:2], *((reading.name, k) for reading in (wheels, gyro) for k in reading.rows)}
+            <= by.keys()
+        ):
             continue
         of, its = by[ahead[:2]], [by[gyro.name, k] for k in gyro.rows]
         z = np.stack([c.measured for c in its], axis=1) - gyro.at_rest
@@ -115,5 +121,5 @@ def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple
             (its[0].t_s, z @ gyro.inverse[TURNING]),
         )
         series = [Series(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in each]
-        if min(len(one.t_s) for one in series) >= 2 * SAMPLES:
+        if min(len(signal.t_s) for signal in series) >= 2 * SAMPLES:
             yield series[0], series[1], series[2]

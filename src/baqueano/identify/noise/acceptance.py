@@ -85,23 +85,31 @@ def accepted(
 ) -> tuple[AugmentedEkf, Acceptance]:
     """Return the filter whose noise is to be written: `ekf` if the `validation_runs` runs agree with it, else that of
     `found_again()`, the noise over all runs; and one sentence."""
-    runs, kernel = ", ".join(run.name for run in validation_runs), _filtered(ekf, backend)
-    judged = [one for one in nis_of(ekf, validation_runs, kernel) if one.verdict != FilterBelief.CANNOT_TELL]
-    if not judged:
+    runs, kernel = ", ".join(run.name for run in validation_runs), _filter_scan(ekf, backend)
+    decisive = [
+        square
+        for square in nis_of(ekf, validation_runs, kernel)
+        if square.verdict != FilterBelief.CANNOT_TELL
+    ]
+    if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
-    off, code = [one for one in judged if one.disagrees], "noise.holds"
-    figures: JsonObject = {"runs": runs, "nis": _figures(judged)}
+    off, code = [square for square in decisive if square.disagrees], "noise.holds"
+    figures: JsonObject = {"runs": runs, "nis": _figures(decisive)}
     if off:
         ekf, code = refit(), "noise.found-again"
-        kernel, names = _filtered(ekf, backend), {one.name for one in off}
-        then = [one for one in nis_of(ekf, validation_runs, kernel) if one.name in names or one.disagrees]
+        kernel, names = _filter_scan(ekf, backend), {square.name for square in off}
+        then = [
+            square
+            for square in nis_of(ekf, validation_runs, kernel)
+            if square.name in names or square.disagrees
+        ]
         figures |= {"nis": _figures(off), "again": _figures(then)}
-        if still := [one for one in then if one.disagrees]:
+        if rest := [square for square in then if square.disagrees]:
             return ekf, Acceptance(
-                note("noise.still-off", Severity.WARNING, **figures, **_by_belief(still)), True
+                note("noise.still-off", Severity.WARNING, **figures, **_by_belief(rest)), True
             )
     nees = nees_of(ekf, validation_runs[0], kernel)
-    if wrong := [one for one in nees if one.disagrees]:
+    if wrong := [square for square in nees if square.disagrees]:
         figures = {"nees": _figures(nees), **_by_belief(wrong)}
         return ekf, Acceptance(note("noise.nees-off", Severity.WARNING, **figures), True)
     if nees and not off:
@@ -140,7 +148,7 @@ def nees_of(ekf: AugmentedEkf, run: Run, kernel: Scan) -> list[NormalisedSquare]
     ]
 
 
-def _filtered(ekf: AugmentedEkf, backend: str) -> Scan:
+def _filter_scan(ekf: AugmentedEkf, backend: str) -> Scan:
     """A scan of the filter whose outputs are y²/S (m,), η, ν and the covariance."""
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, Any]:
@@ -154,19 +162,23 @@ def _filtered(ekf: AugmentedEkf, backend: str) -> Scan:
 
 
 def _mean(name: str, square: np.ndarray, count: np.ndarray, close: float) -> NormalisedSquare:
-    there = count > 0.0
-    mean, low, high = ratio_of_blocks(square[there], count[there]) if there.any() else (float("nan"),) * 3
+    has_samples = count > 0.0
+    mean, low, high = (
+        ratio_of_blocks(square[has_samples], count[has_samples]) if has_samples.any() else (float("nan"),) * 3
+    )
     return NormalisedSquare(name, mean**2, low**2, high**2, close)
 
 
 def _by_belief(off: Sequence[NormalisedSquare]) -> JsonObject:
     """Names by what their figures say."""
     sure, careful = (
-        [one.name for one in off if one.verdict == belief]
+        [square.name for square in off if square.verdict == belief]
         for belief in (FilterBelief.TOO_SURE, FilterBelief.TOO_CAREFUL)
     )
     return {"too_sure": sure, "too_careful": careful}
 
 
 def _figures(noise: Sequence[NormalisedSquare]) -> str:
-    return ", ".join(f"{one.name}: {one.mean:.2f} ({one.low:.2f} … {one.high:.2f})" for one in noise)
+    return ", ".join(
+        f"{square.name}: {square.mean:.2f} ({square.low:.2f} … {square.high:.2f})" for square in noise
+    )

@@ -84,9 +84,9 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
         raise UsageError(fault("allan.averages", samples=len(y), most=len(y) // 2, found=n.tolist()))
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())]) / rate_hz
     variance = np.empty(len(n))
-    for k, one in enumerate(n.tolist()):
-        second = x[2 * one :] - 2.0 * x[one:-one] + x[: -2 * one]
-        variance[k] = np.mean(second**2) / (2.0 * (one / rate_hz) ** 2)
+    for k, count in enumerate(n.tolist()):
+        second = x[2 * count :] - 2.0 * x[count:-count] + x[: -2 * count]
+        variance[k] = np.mean(second**2) / (2.0 * (count / rate_hz) ** 2)
     nu = np.maximum(freedom(len(y), n), LEAST_FREEDOM)
     high = variance * nu / chi_square(nu, -QUANTILE_95)
     low = variance * nu / chi_square(nu, QUANTILE_95)
@@ -99,19 +99,19 @@ def coefficients(curve: Allan) -> Coefficients:
     parts = np.stack([1.0 / tau, np.full_like(tau, FLICKER), tau / 3.0], axis=1)
     best, least = (np.zeros(3), np.full(3, np.nan)), np.inf
     for size in (1, 2, 3):
-        for chosen in combinations(range(3), size):
+        for members in combinations(range(3), size):
             nu = np.minimum(curve.freedom, MOST_FREEDOM)
-            squares, sd, cost = _fitted(parts[:, chosen], variance, nu)
+            squares, sd, cost = _fit(parts[:, members], variance, nu)
             if np.all(squares > 0.0) and cost < least - 2.0 * (size > 1):  # one more has to earn it
                 least, full, full_sd = cost, np.zeros(3), np.full(3, np.nan)
-                full[list(chosen)], full_sd[list(chosen)] = squares, sd
+                full[list(members)], full_sd[list(members)] = squares, sd
                 best = (full, full_sd)
     squares, sd = best
     value = np.sqrt(squares)
     return Coefficients(value, np.where(value > 0.0, sd / (2.0 * np.maximum(value, 1e-300)), np.nan))
 
 
-def _fitted(parts: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def _fit(parts: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Squares (c,) of the coefficients, their standard errors (c,), and −2 log of the likelihood of (1)."""
     model, squares, cov = variance, np.zeros(parts.shape[1]), np.eye(parts.shape[1])
     for _ in range(ROUNDS):

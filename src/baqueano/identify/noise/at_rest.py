@@ -112,7 +112,7 @@ class AtRest:
                 + f"{number(c.mean):>12.5g} {number(c.mean_sd):>9.1g} {number(c.sd):>10.3g} {parts} {warm:>20}"
             )
         lines.append(_("white: per √Hz; walk: per s √s; SI; '-': not seen in a run of this length"))
-        return "\n".join([*lines, *(f"- {one}" for one in texts(self.doubts)), _(self.verdict)])
+        return "\n".join([*lines, *(f"- {doubt}" for doubt in texts(self.doubts)), _(self.verdict)])
 
     def updated(self, file: "VehicleFile") -> "VehicleFile":
         """The file with noise, bias and walk of its IMUs as they are at rest."""
@@ -154,7 +154,7 @@ def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRe
         doubts += _doubts(name, t_ns, z, rate)
         for entry in range(z.shape[1]):
             if np.ptp(z[:, entry]) > 0.0:
-                out.append(_still(name, entry, t_ns, z[:, entry], rate, warmth))
+                out.append(_rest_channel(name, entry, t_ns, z[:, entry], rate, warmth))
             else:
                 doubts.append(
                     note("at-rest.dead", Severity.WARNING, subject=f"{name}[{entry}]", value=z[0, entry])
@@ -168,8 +168,8 @@ def _standing(run: "Run") -> tuple[int, int]:
     """The longest stretch without a command, from REST_S after the last one [ns]."""
     if not len(run.t_ns):
         raise UsageError(fault("at-rest.no-tick", run=run.name))
-    driven = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], driven, [True]]).astype(int)))
+    driven_ticks = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], driven_ticks, [True]]).astype(int)))
     begins, ends = edges[::2], edges[1::2] - 1
     if not len(begins):
         raise UsageError(fault("at-rest.driven", run=run.name))
@@ -179,7 +179,7 @@ def _standing(run: "Run") -> tuple[int, int]:
     return int(run.t_ns[begins[k]] + wait[k]), int(run.t_ns[ends[k]])
 
 
-def _still(
+def _rest_channel(
     name: str, entry: int, t_ns: np.ndarray, y: np.ndarray, rate: float, warmth: "Channel | None"
 ) -> ChannelAtRest:
     curve = allan(y, rate)

@@ -109,9 +109,9 @@ class Noise(Result):
         for name, q in self.in_motion.items():
             rest = self.at_rest[name]
             for i in range(len(q)):
-                still = None if rest is None else float(np.sqrt(rest[i, i]))
+                sd_at_rest = None if rest is None else float(np.sqrt(rest[i, i]))
                 sd, unit = float(np.sqrt(q[i, i])), self.units.get(f"{name}[{i}]", "")
-                out.append({"name": f"{name}[{i}]", "sd": sd, "sd_at_rest": still, "unit": unit})
+                out.append({"name": f"{name}[{i}]", "sd": sd, "sd_at_rest": sd_at_rest, "unit": unit})
         fields_of_filter = dict(parameters(AugmentedEkf))
         for name, values in self.fields.items():
             units = fields_of_filter[name].unit.partition(" (")[0].split(", ")
@@ -142,8 +142,8 @@ class Noise(Result):
                     source=_(self.source),
                 )
             )
-        lines += texts(one.message for one in (self.speed, self.accepted) if one)
-        return "\n".join([*lines, *(f"- {one}" for one in texts(self.notes))])
+        lines += texts(message.message for message in (self.speed, self.accepted) if message)
+        return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
     def updated(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
         """The file with Q of each sensor (in motion) and R of the estimator."""
@@ -214,24 +214,24 @@ def measure_noise(
     if source not in ("auto", "truth", "innovations"):
         raise UsageError(fault("noise.unknown-source", found=source))
     notes: list[Diagnostic] = []
-    moving, still = _measurement(fit, runs, notes)
+    moving, at_rest = _measurement(fit, runs, notes)
     units = {
         f"{name}[{i}]": channel_unit(fit.file, name, i) for name, q in moving.items() for i in range(len(q))
     }
     if fit.file.kind("estimator") is AugmentedEkf:
         own, covariances = fit.file.estimator(), dict(moving)
-        filters = cache(lambda names: filter_noise(fit, runs, covariances, still, backend, names))
+        filters = cache(lambda names: filter_noise(fit, runs, covariances, at_rest, backend, names))
         speed = speed_channels(filters, own.speed_from, held_out, backend)
-        names, checked = speed.names if speed else own.speed_from, None
+        names, check = speed.names if speed else own.speed_from, None
         ekf = filters(names)
         if held_out:
-            again = partial(filter_noise, fit, [*runs, *held_out], covariances, still, backend, names)
-            ekf, checked = accepted(ekf, again, held_out, backend)
+            make_filter = partial(filter_noise, fit, [*runs, *held_out], covariances, at_rest, backend, names)
+            ekf, check = accepted(ekf, make_filter, held_out, backend)
         moving |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
         none = np.zeros((0, 0))
         return Noise(
-            moving, still, none, fit.file.rate_hz, "innovations", tuple(notes), units, fields, speed, checked
+            moving, at_rest, none, fit.file.rate_hz, "innovations", tuple(notes), units, fields, speed, check
         )
     with_truth = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
@@ -242,11 +242,11 @@ def measure_noise(
     if with_truth and source != "innovations":
         errors, size = process_errors(fit, with_truth, backend)
         R = valid(np.cov(errors.T), (FLOOR * size) ** 2, "R", notes)
-        return Noise(moving, still, R, rate, "truth", tuple(notes), units)
+        return Noise(moving, at_rest, R, rate, "truth", tuple(notes), units)
     of_file = {name: q for name, q in moving.items() if name in fit.file.sensors._fields}
     R, size = most_likely(fit, runs, of_file, backend)
     R = valid(R, (FLOOR * size) ** 2, "R", notes)
-    return Noise(moving, still, R, rate, "innovations", tuple(notes), units)
+    return Noise(moving, at_rest, R, rate, "innovations", tuple(notes), units)
 
 
 def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnostic]) -> np.ndarray:
@@ -276,7 +276,7 @@ def _measurement(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
     """Q of each sensor, in motion and at rest: (1), and unfitted_channels.py where a channel took no part."""
     moving: dict[str, np.ndarray] = {}
-    still: dict[str, np.ndarray | None] = {}
+    at_rest: dict[str, np.ndarray | None] = {}
     for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():
         if name in KINDS:
             continue  # a tape's error is what its reader says
@@ -285,14 +285,14 @@ def _measurement(
         both = r if len(r) >= FEWEST else np.concatenate([r, q])
         if len(both) >= FEWEST and len(columns) == block.size:
             moving[name] = valid(_cov(both), floor, f"Q of {name}", notes)
-            still[name] = valid(_cov(q), floor, f"Q of {name} at rest", notes) if len(q) >= FEWEST else None
+            at_rest[name] = valid(_cov(q), floor, f"Q of {name} at rest", notes) if len(q) >= FEWEST else None
         elif name in fit.sigma or not np.all(np.diagonal(block.cov) > 0.0):
             variances = np.zeros(block.size)
             variances[columns] = np.maximum(np.diagonal(_cov(both)), floor) if len(both) >= FEWEST else 0.0
             q_of_file = not_fitted(name, block, variances, runs, notes)
             if q_of_file is not None:
-                moving[name], still[name] = q_of_file, None
-    return moving, still
+                moving[name], at_rest[name] = q_of_file, None
+    return moving, at_rest
 
 
 def _took_part(fit: "Fit", name: str) -> list[int]:
@@ -314,10 +314,10 @@ def _residuals(
         r = np.stack([c.measured - c.predicted for c in channels], axis=1)
         h = np.stack([c.predicted for c in channels], axis=1)
         whole = np.isfinite(r).all(axis=1)
-        still = _standing(run, channels[0].t_s, h, sigma)
+        at_standstill = _standing(run, channels[0].t_s, h, sigma)
         r = np.clip(r, -CLIP * sigma, CLIP * sigma)
-        in_motion.append(_white(r, whole & ~still, drifting))
-        rest.append(_white(r, whole & still, drifting))
+        in_motion.append(_white(r, whole & ~at_standstill, drifting))
+        rest.append(_white(r, whole & at_standstill, drifting))
         size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
     return np.concatenate(in_motion), np.concatenate(rest), (FLOOR * size) ** 2
 

@@ -77,13 +77,13 @@ def filter_noise(
     their covariances by the residuals of the fit."""
     own = replace(fit.file.estimator(), speed_from=speed_from)
     its = layout(own)
-    inertial = {one.sensor for one in its.biases}
-    sensors, calibrated, rounding = own.sensors, fit.vehicle_file.sensors, {}
+    inertial = {bias.sensor for bias in its.biases}
+    sensors, sensors_of_fit, rounding = own.sensors, fit.vehicle_file.sensors, {}
     readings = {
         name: sum(len(run.sensors[name].z) for run in runs if name in run.sensors) for name in its.names
     }
     for name in its.names:
-        sensor = getattr(calibrated, name)
+        sensor = getattr(sensors_of_fit, name)
         Q = q.get(name, sensor.cov) if readings[name] >= FEWEST else sensor.cov
         variance = np.array(np.diagonal(Q), dtype=float)
         for i in _corrects(its, name) if name in inertial else ():
@@ -91,20 +91,20 @@ def filter_noise(
             variance[i] = rounding[name, i][1]
         sensors = sensors._replace(**{name: replace(sensor, measurement_noise_cov=np.diag(variance))})
     ekf = replace(own, vehicle=fit.blocks.model, sensors=sensors)
-    rounding |= _rounded(its, inertial, runs)
+    rounding |= _rounding(its, inertial, runs)
     free = _free(ekf, inertial, rounding, readings)
     kernel = scan(_likelihood(ekf, free), ekf.init(), example_of(ekf), np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
 
     def cost(x: np.ndarray) -> float:
-        total = sum(float(kernel.cost(one, x)) for one in ticks)
+        total = sum(float(kernel.cost(run_ticks, x)) for run_ticks in ticks)
         return total if np.isfinite(total) else np.inf
 
-    low, high = (np.log([getattr(one, side) for one in free]) for side in ("low", "high"))
-    start = np.clip([np.log(get(ekf, one.path)) / one.power for one in free], low, high)
+    low, high = (np.log([getattr(parameter, side) for parameter in free]) for side in ("low", "high"))
+    start = np.clip([np.log(get(ekf, parameter.path)) / parameter.power for parameter in free], low, high)
     x = valley(cost, start, low, high) if free else start
-    for value, one in zip(x, free, strict=True):
-        ekf = put(ekf, one.path, float(np.exp(one.power * value)))
+    for value, parameter in zip(x, free, strict=True):
+        ekf = put(ekf, parameter.path, float(np.exp(parameter.power * value)))
     if is_dynamic(ekf.vehicle):
         speed_is_measured = np.any(its.moving[:, FORWARD[0]])
         ekf = (_with_measured_misfit if speed_is_measured else _with_unmeasured_misfit)(ekf, fit, inertial)
@@ -160,7 +160,9 @@ def _with_unmeasured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -
 def _corrects(its: Layout, name: str) -> list[int]:
     """The numbers of a sensor that correct while the vehicle drives."""
     return [
-        i for (one, i), E in zip(_numbers(its), its.moving, strict=True) if one == name and np.any(E > 0.0)
+        i
+        for (name_i, i), E in zip(_numbers(its), its.moving, strict=True)
+        if name_i == name and np.any(E > 0.0)
     ]
 
 
@@ -178,7 +180,7 @@ def _free(
     for entries, paths in ((FORWARD[:1], OF_FORWARD), (TURNING[2:3], OF_TURNING)):
         most = np.max(of * np.any(its.moving[:, list(entries)] > 0.0, axis=1), initial=0)
         out += [
-            FreeNoise(*one, 1.0) for one in (paths if most >= FEWEST else paths[:1] if most >= SOME else ())
+            FreeNoise(*path, 1.0) for path in (paths if most >= FEWEST else paths[:1] if most >= SOME else ())
         ]
     for name, rows in zip(its.names, its.at, strict=True):
         for i in rows if readings[name] >= FEWEST else ():
@@ -192,7 +194,7 @@ def _free(
     return out
 
 
-def _rounded(
+def _rounding(
     its: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
     """The least variance of the numbers that show a velocity and stand on a grid, as those of a counter do."""
@@ -220,8 +222,8 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
 
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         trial = ekf
-        for k, one in enumerate(free):
-            trial = put(trial, one.path, np.exp(one.power * x[k]))
+        for k, parameter in enumerate(free):
+            trial = put(trial, parameter.path, np.exp(parameter.power * x[k]))
         belief, estimate = trial.row(belief, tick)
         y, S = estimate.innovation, estimate.innovation_cov
         assert y is not None
@@ -249,5 +251,5 @@ def _range(
     every = np.concatenate([np.zeros(0), *steps])
     most = (MAD * float(np.median(np.abs(every)))) ** 2 / 6.0 if len(every) >= FEWEST else 0.0
     most = most if most > 0.0 else otherwise
-    still = np.inf if rest is None else float(rest[entry, entry])
-    return still if still < most else most * np.exp(-2.0 * WIDE), most
+    sd_at_rest = np.inf if rest is None else float(rest[entry, entry])
+    return sd_at_rest if sd_at_rest < most else most * np.exp(-2.0 * WIDE), most

@@ -71,17 +71,17 @@ class NoiseComparison:
 
     def rows(self) -> list[TableRow]:
         """One flat row per R."""
-        return [one._asdict() | {"consistent": one.consistent} for one in self.tried]
+        return [trial._asdict() | {"consistent": trial.consistent} for trial in self.tried]
 
     def table(self) -> str:
         """Return the table as text."""
         on = _("on {runs}", runs=", ".join(self.runs))
         lines = [f"{_('R from'):16}{'NIS':>8} {'95 %':>15}  {_('log-likelihood'):>18}   {on}"]
-        for one in self.tried:
-            interval = _("{low:.2f} to {high:.2f}", low=one.low, high=one.high)
-            likelihood = f"{number(one.likelihood):>18.4f}"
+        for trial in self.tried:
+            interval = _("{low:.2f} to {high:.2f}", low=trial.low, high=trial.high)
+            likelihood = f"{number(trial.likelihood):>18.4f}"
             lines.append(
-                f"{one.name:16}{number(one.nis):>8.3f} {interval:>15}  {likelihood}   {_(one.consistent)}"
+                f"{trial.name:16}{number(trial.nis):>8.3f} {interval:>15}  {likelihood}   {_(trial.consistent)}"
             )
         return "\n".join([*lines, _("best: {name}", name=self.best)])
 
@@ -109,9 +109,9 @@ def compare_noise(
     runs = [held_out] if isinstance(held_out, Run) else list(held_out)
     if not noises or not runs:
         raise UsageError(fault("noise.nothing-to-compare"))
-    again = sorted({run.name for run in runs} & set(fit.runs))
-    if again:
-        raise UsageError(fault("noise.fitted-to", run=again[0]))
+    runs_of_fit = sorted({run.name for run in runs} & set(fit.runs))
+    if runs_of_fit:
+        raise UsageError(fault("noise.fitted-to", run=runs_of_fit[0]))
     if fit.file.kind("estimator") is not Ekf:
         raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
     ekf = filter_of(fit, _of_file(fit, next(iter(noises.values()))))
@@ -119,13 +119,15 @@ def compare_noise(
     most = TICKS.get(kernel.backend, 500) // len(runs)
     ticks = [ticks_of(run, ekf, most) for run in runs]
     per_block = max(1, round(BLOCK_S * fit.file.rate_hz))
-    tried = []
+    trials = []
     for name, noise in noises.items():
         q = _of_file(fit, noise)
         theta = np.concatenate([noise.process.ravel(), *(q[sensor].ravel() for sensor in ekf.use)])
-        tried.append(_tried(name, [np.asarray(kernel.run(one, theta)[1]) for one in ticks], per_block))
-    tried.sort(key=lambda one: -one.likelihood)
-    return NoiseComparison(tuple(tried), tuple(run.name for run in runs))
+        trials.append(
+            _trial(name, [np.asarray(kernel.run(run_ticks, theta)[1]) for run_ticks in ticks], per_block)
+        )
+    trials.sort(key=lambda trial: -trial.likelihood)
+    return NoiseComparison(tuple(trials), tuple(run.name for run in runs))
 
 
 def _of_file(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:
@@ -138,13 +140,13 @@ def _size(ekf: Ekf) -> int:
     return 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)
 
 
-def _tried(name: str, label: list[np.ndarray], per_block: int) -> NoiseTrial:
+def _trial(name: str, label: list[np.ndarray], per_block: int) -> NoiseTrial:
     """From (square, log |S|, count) per tick (N, 3) of each run."""
     square, log_det, count = np.concatenate(label).T
     blocks = []
-    for one in label:
-        rows = len(one) // per_block * per_block
-        blocks.append(one[:rows, [0, 2]].reshape(-1, per_block, 2).sum(axis=1))
+    for run_logs in label:
+        rows = len(run_logs) // per_block * per_block
+        blocks.append(run_logs[:rows, [0, 2]].reshape(-1, per_block, 2).sum(axis=1))
     measured = max(1.0, float(count.sum()))
     nis = float(square.sum() / measured)
     total, weight = np.concatenate(blocks).T
@@ -159,11 +161,11 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:
-        tuned, at = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
+        trial_filter, at = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
         for name, m in zip(ekf.use, sizes, strict=True):
             q = theta[at : at + m * m].reshape(m, m)
-            tuned, at = put(tuned, f"sensors.{name}.measurement_noise_cov", q), at + m * m
-        belief, estimate = tuned.row(belief, tick)
+            trial_filter, at = put(trial_filter, f"sensors.{name}.measurement_noise_cov", q), at + m * m
+        belief, estimate = trial_filter.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None
         assert cov is not None
@@ -171,8 +173,8 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
         for name, m in zip(ekf.use, sizes, strict=True):
             has = getattr(tick.sensors, name).has > 0.0
             span = slice(at, at + m)
-            one_log, one = log_det_and_square(cov[span, span], np.where(has, innovation[span], 0.0))
-            square = square + np.where(has, np.minimum(one, FAR**2 * m), 0.0)
+            one_log, squared = log_det_and_square(cov[span, span], np.where(has, innovation[span], 0.0))
+            square = square + np.where(has, np.minimum(squared, FAR**2 * m), 0.0)
             log_det = log_det + np.where(has, one_log, 0.0)
             count = count + np.where(has, float(m), 0.0)
             at += m

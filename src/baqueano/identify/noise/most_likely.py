@@ -54,7 +54,7 @@ def most_likely(
     low, high = np.log(FLOOR * size), np.log(size)
 
     def cost(q: np.ndarray) -> float:
-        total = sum(float(kernel.cost(one, q)) for one in ticks)
+        total = sum(float(kernel.cost(run_ticks, q)) for run_ticks in ticks)
         return total if np.isfinite(total) else np.inf
 
     q = valley(cost, np.clip(np.log(0.03 * size), low, high), low, high)
@@ -64,18 +64,18 @@ def most_likely(
 def valley(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the q (n,) between `low` and `high` from which no step of STEPS[-1] improves. Steps go along an axis or,
     from TRADED on, along one axis and back along another: two noises that explain the same trade places."""
-    here, axes = cost(q), np.eye(len(q))
+    least, axes = cost(q), np.eye(len(q))
     ways = [sign * axis for axis in axes for sign in (1.0, -1.0)]
-    traded = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
+    exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
     for step in STEPS:
-        improved = True
-        while improved:
-            improved = False
-            for way in ways if step > TRADED else ways + traded:
+        improves = True
+        while improves:
+            improves = False
+            for way in ways if step > TRADED else ways + exchanges:
                 trial = np.clip(q + step * way, low, high)
-                there = cost(trial) if np.any(trial != q) else np.inf
-                if there < here - 1e-3:
-                    q, here, improved = trial, there, True
+                cost_of_trial = cost(trial) if np.any(trial != q) else np.inf
+                if cost_of_trial < least - 1e-3:
+                    q, least, improves = trial, cost_of_trial, True
     return q
 
 
@@ -102,10 +102,10 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
         block = getattr(fit.blocks.sensors, name, getattr(sensors, name))
         sensors = sensors._replace(**{name: replace(block, measurement_noise_cov=q)})
     own = fit.file.estimator(process_noise_cov=np.eye(6))
-    ours = optional.of(own, "stacks_innovations")
-    use = tuple(n for n in (own.use if ours else measurement) if n in measurement)
+    has_stacks = optional.of(own, "stacks_innovations")
+    use = tuple(n for n in (own.use if has_stacks else measurement) if n in measurement)
     use = use or tuple(measurement)
-    if ours:
+    if has_stacks:
         return replace(own, vehicle=fit.blocks.model, sensors=sensors, use=use)
     return Ekf(fit.blocks.model, sensors, np.eye(6), fit.file.rate_hz, use=use)
 
@@ -114,8 +114,8 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(q: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
-        tuned = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
-        belief, estimate = tuned.row(belief, tick)
+        trial_filter = put(ekf, "process_noise_cov", np.diag(np.exp(2.0 * q)))
+        belief, estimate = trial_filter.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None
         assert cov is not None
@@ -229,11 +229,11 @@ def predicted(
         return np.concatenate([ahead, ahead_dot])
     if mode == "paper":
         return np.concatenate([nu + nu_dot * dt_s, vehicle.nu_dot(nu, effort.last, eta[2])])
-    unexplained = nu_dot - vehicle.nu_dot(nu, before, eta[2])
-    turned, ahead, _ = vehicle.advance(eta, nu, effort, dt_s)
-    ahead = ahead + unexplained * dt_s
-    faded = np.exp(-dt_s / fading_s) * unexplained
-    return np.concatenate([ahead, vehicle.nu_dot(ahead, effort.last, turned[2]) + faded])
+    residual = nu_dot - vehicle.nu_dot(nu, before, eta[2])
+    eta_ahead, ahead, _ = vehicle.advance(eta, nu, effort, dt_s)
+    ahead = ahead + residual * dt_s
+    memory = np.exp(-dt_s / fading_s) * residual
+    return np.concatenate([ahead, vehicle.nu_dot(ahead, effort.last, eta_ahead[2]) + memory])
 
 
 def prediction_of(fit: "Fit") -> tuple[str, float]:
@@ -246,9 +246,9 @@ def _rows(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """(N, q) rows (dt, u, η, ν, ν̇ of the tick before) and μ (N + 1, 6), over ticks that have a truth."""
     truth = run.truth
     assert truth is not None
-    _, ticks, there = np.intersect1d(run.t_ns, truth.t_ns, return_indices=True)
-    mu = np.concatenate([truth.nu[there], truth.nu_dot[there]], axis=1)
+    _, ticks, rows = np.intersect1d(run.t_ns, truth.t_ns, return_indices=True)
+    mu = np.concatenate([truth.nu[rows], truth.nu_dot[rows]], axis=1)
     t_ns, u = run.t_ns[ticks], run.applied[ticks]
     dt_s = seconds(t_ns[1:], t_ns[:-1])
-    columns = [dt_s[:, None], u[1:], truth.eta[there][:-1], mu[:-1]]
+    columns = [dt_s[:, None], u[1:], truth.eta[rows][:-1], mu[:-1]]
     return np.ascontiguousarray(np.concatenate(columns, axis=1)), mu

@@ -64,7 +64,7 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
     u = np.ascontiguousarray(u[: min(round(SECONDS / dt_s), TICKS.get(filtered.backend, 0) // DRIVES)])
     if len(u) < FEWEST or not is_dynamic(ekf.vehicle):
         return np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))
-    state, n, sizes = _start(ekf, np.zeros(its.size)), len(u), [one.size for one in ekf.sensors]
+    state, n, sizes = _start(ekf, np.zeros(its.size)), len(u), [sensor.size for sensor in ekf.sensors]
     example = DrawnTick(
         u[0],
         np.zeros((PARTS, 2, 3)),
@@ -73,14 +73,14 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
         0.0,
         tuple(map(np.zeros, sizes)),
     )
-    driven = scan(lambda x, drawn: _ticked(ekf, x, drawn, dt_s), state, example, backend=filtered.backend)
+    drive = scan(lambda x, draws: _tick(ekf, x, draws, dt_s), state, example, backend=filtered.backend)
     t_ns: Any = np.round(np.arange(1, n + 1) * dt_s * NANOSECONDS).astype(np.int64)
     errors, covs = [], []
     for _ in range(DRIVES):
         begin = _start(ekf, start_std(ekf) * rng.standard_normal(its.size))
         walk, d, bias, slip = map(rng.standard_normal, ((n, PARTS, 2, 3), (n, 2), (n, len(its.biases)), (n,)))
-        drawn = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
-        _, (true, slots) = driven.run(drawn, carry=begin)
+        draws = DrawnTick(u, walk, d, bias, slip, tuple(rng.standard_normal((n, m)) for m in sizes))
+        _, (true, slots) = drive.run(draws, carry=begin)
         *_, eta, nu, cov = filtered.run(Tick(t_ns, u, slots))[1]
         e = np.concatenate([eta, nu], axis=1) - true
         e[:, 2] = wrap(e[:, 2])
@@ -94,31 +94,31 @@ def _start(ekf: AugmentedEkf, x: np.ndarray) -> SimulatedState:
     x[BEND] = 0.0
     motion = Motion(x[:3], x[3:6], np.zeros(3), np.zeros(2))
     return SimulatedState(
-        x, 0.0, motion, ekf.vehicle.drivetrain.init(), tuple(one.init() for one in ekf.sensors)
+        x, 0.0, motion, ekf.vehicle.drivetrain.init(), tuple(sensor.init() for sensor in ekf.sensors)
     )
 
 
-def _ticked(
-    ekf: AugmentedEkf, state: SimulatedState, drawn: DrawnTick, dt_s: float
+def _tick(
+    ekf: AugmentedEkf, state: SimulatedState, draws: DrawnTick, dt_s: float
 ) -> tuple[SimulatedState, Any]:
     """The state one tick on, and (η, (1 + K) ν) (6,) with what the sensors say."""
     its, x = layout(ekf), state.x
-    drivetrain, effort = ekf.vehicle.drivetrain.step(state.drivetrain, drawn.u, dt_s)
+    drivetrain, effort = ekf.vehicle.drivetrain.step(state.drivetrain, draws.u, dt_s)
     eta, nu, motions = x[:3], x[3:6], []
     for k in range(PARTS):
-        eta, nu = _part(ekf, x, eta, nu, effort, k, drawn.walk[k], dt_s)
+        eta, nu = _part(ekf, x, eta, nu, effort, k, draws.walk[k], dt_s)
         motions.append(_motion(ekf, x, eta, nu, _line(effort, (k + 1) / PARTS)))
     now = _motion(ekf, x, eta, nu, effort.last)
     keep = np.exp(-dt_s / ekf.disturbance_fade_s)
-    d = keep * x[6:SCALES] + ekf.disturbance_std * np.sqrt(1.0 - keep**2) * drawn.d
-    walks = [one.of(ekf.sensors, one.walk) * np.sqrt(dt_s) for one in its.biases]
-    bias = x[BIASES:] + np.array(walks) * drawn.bias if walks else x[BIASES:]
+    d = keep * x[6:SCALES] + ekf.disturbance_std * np.sqrt(1.0 - keep**2) * draws.d
+    walks = [bias_number.of(ekf.sensors, bias_number.walk) * np.sqrt(dt_s) for bias_number in its.biases]
+    bias = x[BIASES:] + np.array(walks) * draws.bias if walks else x[BIASES:]
     variance, fade_s, _ = slips(ekf.sensors, dict(zip(its.names, its.at, strict=True)))
     lasts = np.exp(-dt_s / fade_s)
-    slip = lasts * state.slip + np.sqrt(variance * (1.0 - lasts**2)) * drawn.slip
+    slip = lasts * state.slip + np.sqrt(variance * (1.0 - lasts**2)) * draws.slip
     after = np.concatenate([eta, nu, d, x[SCALES:BIASES], bias])
     truth = now._replace(tick=(state.motion, motions[PARTS // 2 - 1], motions[-1]))
-    sensors, slots = _read(ekf, state, bias, slip, truth, drawn, dt_s)
+    sensors, slots = _read_sensors(ekf, state, bias, slip, truth, draws, dt_s)
     state_read = np.concatenate([eta, nu + scaled(x[SCALES:BIASES], nu)])
     return SimulatedState(after, slip, now, drivetrain, sensors), (state_read, slots)
 
@@ -148,22 +148,26 @@ def _motion(ekf: AugmentedEkf, x: np.ndarray, eta: np.ndarray, nu: np.ndarray, e
     return Motion(eta, nu, nu_dot, ekf.vehicle.gravity(eta[2]))
 
 
-def _read(
-    ekf: AugmentedEkf, state: SimulatedState, bias: np.ndarray, slip: Value, now: Motion, drawn: DrawnTick,
+def _read_sensors(
+    ekf: AugmentedEkf, state: SimulatedState, bias: np.ndarray, slip: Value, now: Motion, draws: DrawnTick,
     dt_s: float,
 ) -> tuple[tuple[Tree, ...], Tree]:  # fmt: skip
     """The states of the sensors, and what they say with their biases, on wheels that slip."""
     names, ahead = ekf.sensors._fields, np.array([1.0 + slip, 1.0, 1.0])
-    rolling = [one._replace(nu=ahead * one.nu) for one in (now, *(now.tick or ()))]
+    rolling = [motion._replace(nu=ahead * motion.nu) for motion in (now, *(now.tick or ()))]
     states, slots = [], []
     for k, (name, sensor) in enumerate(zip(names, ekf.sensors, strict=True)):
-        own = [(j, one.path) for j, one in enumerate(layout(ekf).biases) if one.sensor == name]
+        own = [
+            (j, bias_number.path)
+            for j, bias_number in enumerate(layout(ekf).biases)
+            if bias_number.sensor == name
+        ]
         Q = np.linalg.cholesky(sensor.cov + TINY * np.eye(sensor.size))
         for j, path in own:
             sensor = put(sensor, path, get(sensor, path) + bias[j])
         motions = now if own else rolling[0]._replace(tick=tuple(rolling[1:]))
         after, slot = sensor.step(state.sensors[k], motions, dt_s, np.zeros(sensor.noise_size))
-        z = np.where(slot.has > 0.0, slot.z + Q @ drawn.reading[k], 0.0)
+        z = np.where(slot.has > 0.0, slot.z + Q @ draws.reading[k], 0.0)
         states.append(after)
         slots.append(Slot(slot.has, z))
     return tuple(states), sensor_slots(names)(*slots)

@@ -50,22 +50,22 @@ def speed_channels(
 
     `filters` makes the filter with these numbers in `speed_from`, its noise found for them; `own` are the file's.
     """
-    alone = filters(())
-    numbers = tuple(_undecided(alone))
+    without_speed = filters(())
+    numbers = tuple(_undecided_numbers(without_speed))
     if not numbers:
         return None
-    witnesses = [(run, *_witness(run, alone)) for run in validation_runs]
+    witnesses = [(run, *_witness(run, without_speed)) for run in validation_runs]
     with_speed = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
     if not with_speed:
         code = "speed.by-the-file" if own else "speed.by-the-model"
         return SpeedChannels(own, note(code, fix="--held-out RUN", channels=own), decided=False)
-    without, tried = _errors(alone, with_speed, backend), {}
+    without, ratios = _errors(without_speed, with_speed, backend), {}
     if not np.isfinite(without).all():
         return None  # the model itself runs away
-    for names in dict.fromkeys([*((one,) for one in numbers), numbers]):
-        tried[names] = ratio_of_blocks(_errors(filters(names), with_speed, backend), without)
-    best = min(tried, key=lambda names: tried[names][0])
-    ratio, low, high = tried[best]
+    for names in dict.fromkeys([*((number,) for number in numbers), numbers]):
+        ratios[names] = ratio_of_blocks(_errors(filters(names), with_speed, backend), without)
+    best = min(ratios, key=lambda names: ratios[names][0])
+    ratio, low, high = ratios[best]
     by, runs = ", ".join(sorted({by for *_, by in with_speed})), ", ".join(run.name for run, *_ in with_speed)
     if not np.isfinite(high):
         pieces = {"pieces": len(without), "least": FEWEST, "block_s": BLOCK_S}
@@ -87,13 +87,13 @@ def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, flo
     return ratio, float(low), float(high)
 
 
-def _undecided(ekf: AugmentedEkf) -> Iterator[str]:
+def _undecided_numbers(ekf: AugmentedEkf) -> Iterator[str]:
     """The inertial numbers in use that turn nothing: they might correct the speed, or not."""
     its = layout(ekf)
-    biased = {one.sensor for one in its.biases}
+    bias_sensors = {bias.sensor for bias in its.biases}
     numbers = [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
     for (name, i), E in zip(numbers, its.moving, strict=True):
-        if name in biased and not np.any(E[:SCALES]):
+        if name in bias_sensors and not np.any(E[:SCALES]):
             yield f"{name}[{i}]"
 
 
@@ -101,11 +101,11 @@ def _witness(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, str]:
     """The speed (N,) at the ticks by somebody whom the estimator does not hear, and by whom; None: by nobody."""
     if run.truth is not None and np.isfinite(speed := true_speed(run.t_ns, run.truth)).any():
         return speed, "the truth"
-    used = set(layout(ekf).names)
+    names_used = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
-        readings = [one for one in readings_of(ekf.sensors, (name,)) if AHEAD in one.of]
+        readings = [reading for reading in readings_of(ekf.sensors, (name,)) if AHEAD in reading.of]
         channel = run.sensors.get(name)
-        if name in used or channel is None or not readings or len(channel.t_ns) < 2:
+        if name in names_used or channel is None or not readings or len(channel.t_ns) < 2:
             continue
         z = channel.z[:, list(readings[0].rows)]
         finite = np.isfinite(z).all(axis=1)

@@ -30,7 +30,7 @@ def not_fitted(
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))
         return block.cov
     channels = [run.sensors.get(name) for run in runs]
-    if any(one is None or one.z.shape[1] != block.size for one in channels):
+    if any(channel is None or channel.z.shape[1] != block.size for channel in channels):
         return None
     variance = np.where(of_file > 0.0, of_file, took_part)
     for i in np.flatnonzero(variance <= 0.0):
@@ -45,9 +45,9 @@ def _candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[float]:
     rest, steps = [np.zeros(0)], [np.zeros(0)]
     for run in runs:
         channel = run.sensors[name]
-        z, there = channel.z[:, i], np.isfinite(channel.z[:, i])
-        still = z[there & standing(run, channel.t_ns)]
-        rest.append(still - still.mean() if len(still) else still)
-        steps.append(np.diff(z[there]))
+        z, finite = channel.z[:, i], np.isfinite(channel.z[:, i])
+        at_rest = z[finite & standing(run, channel.t_ns)]
+        rest.append(at_rest - at_rest.mean() if len(at_rest) else at_rest)
+        steps.append(np.diff(z[finite]))
     for x, part in ((np.concatenate(rest), 1.0), (np.concatenate(steps), 0.5)):
         yield part * float(np.mean(x**2)) if len(x) >= FEWEST else 0.0

@@ -91,8 +91,10 @@ def default_free(blocks: FittedBlocks) -> list[str]:
     """Paths, with entries."""
     paths = [p for path in always_free(blocks) for p in entries(blocks, path)]
     terms = [(path, p) for path, p in all_parameters(blocks.model, "model") if p.role == "term"]
-    there = [one for path, p in terms for one in entries(blocks, path) if value(blocks, one) != p.neutral]
-    return paths + there
+    terms_present = [
+        entry for path, p in terms for entry in entries(blocks, path) if value(blocks, entry) != p.neutral
+    ]
+    return paths + terms_present
 
 
 def always_free(blocks: FittedBlocks) -> list[str]:
@@ -146,17 +148,17 @@ def free_parameters(
     out = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:
         entries(blocks, path)
-    kept = [p for p in dict.fromkeys(paths) if p not in out]
-    if not kept and paths:
+    paths_left = [p for p in dict.fromkeys(paths) if p not in out]
+    if not paths_left and paths:
         raise UsageError(fault("parameter.all-fixed"))
-    return [described(blocks, p, bounds) for p in kept]
+    return [described(blocks, p, bounds) for p in paths_left]
 
 
 def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
     """The paths that are asked for: what is `needed` if nothing is named, or only what stands beside it."""
-    named = ["+"] if free is None else list(free)
-    beside = [path.removeprefix("+") for path in named if path not in ("", "+")]
-    return [*needed(), *beside] if named and all(path.startswith("+") for path in named) else beside
+    names = ["+"] if free is None else list(free)
+    additions = [path.removeprefix("+") for path in names if path not in ("", "+")]
+    return [*needed(), *additions] if names and all(path.startswith("+") for path in names) else additions
 
 
 def enable_parameters(
@@ -170,7 +172,7 @@ def enable_parameters(
     largest command, or the data cannot determine it. A free effect of the battery uses the logged voltage. Bounds on
     friction keep the motion integrable within a tick.
     """
-    paths = [one.path for one in free]
+    paths = [parameter.path for parameter in free]
     if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:
         raise UsageError(fault("parameter.no-track"))
     if EFFECT in paths:
@@ -178,32 +180,40 @@ def enable_parameters(
     late_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
     if DELAY in paths:
         late_s = max(late_s, LONGEST_DELAY_S)
-        free = [one._replace(high=min(one.high, late_s)) if one.path == DELAY else one for one in free]
+        free = [
+            parameter._replace(high=min(parameter.high, late_s)) if parameter.path == DELAY else parameter
+            for parameter in free
+        ]
     blocks = _with_lines(blocks, late_s, slots)
     if LAG in paths:
         lag_s = blocks.model.drivetrain.lag_s or FIRST_LAG / rate_hz
         blocks = _with_drivetrain(blocks, lag_s=lag_s)
-        free = [_raised(one, LEAST_LAG / rate_hz) if one.path == LAG else one for one in free]
+        free = [
+            _with_lower_bound(parameter, LEAST_LAG / rate_hz) if parameter.path == LAG else parameter
+            for parameter in free
+        ]
     blocks, free = _room_for_low_pass(blocks, free, rate_hz)
     if any(path.startswith(LIMIT) for path in paths):
         blocks, free = _room_for_limit(blocks, free, u)
     most = _integrable(blocks, paths, rate_hz)
-    return blocks, [one._replace(high=min(one.high, most.get(one.path, np.inf))) for one in free]
+    return blocks, [
+        parameter._replace(high=min(parameter.high, most.get(parameter.path, np.inf))) for parameter in free
+    ]
 
 
 def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """The most that each friction may be, alone or with the others of its axis that are free."""
-    there, out = kept(blocks.model), {}
-    room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, there), 0.0)
+    kept_model, out = kept(blocks.model), {}
+    room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}
     requested_paths = {
         k for k, p in all_parameters(blocks.model, "model") if k in requested_paths and p.role != "known"
     }
-    free = {path: slope for path, slope in slopes(blocks.model, requested_paths, there) if path in paths}
+    free = {path: slope for path, slope in slopes(blocks.model, requested_paths, kept_model) if path in paths}
     for i in range(3):
-        here = [path for path, slope in free.items() if slope[i] > 0.0]
-        for path in here:
-            most = value(blocks, path) + float(room[i] / (free[path][i] * len(here)))
+        paths_of_axis = [path for path, slope in free.items() if slope[i] > 0.0]
+        for path in paths_of_axis:
+            most = value(blocks, path) + float(room[i] / (free[path][i] * len(paths_of_axis)))
             out[path] = min(most, out.get(path, np.inf))
     return out
 
@@ -224,16 +234,17 @@ def _room_for_low_pass(
     blocks: FittedBlocks, free: list[Free], rate_hz: float
 ) -> tuple[FittedBlocks, list[Free]]:
     """A low-pass that is off begins at the rate of the ticks; far above, it does nothing that they show."""
-    for one in free:
-        if one.path.endswith(LOW_PASS):
-            name = one.path.split(".")[1]
+    for parameter in free:
+        if parameter.path.endswith(LOW_PASS):
+            name = parameter.path.split(".")[1]
             sensor = getattr(blocks.sensors, name)
             hz = min(float(sensor.low_pass_hz), rate_hz)
             sensors = blocks.sensors._replace(**{name: replace(sensor, low_pass_hz=hz)})
             blocks = blocks._replace(sensors=sensors)
     high = HIGHEST * rate_hz
     return blocks, [
-        one._replace(high=min(one.high, high)) if one.path.endswith(LOW_PASS) else one for one in free
+        parameter._replace(high=min(parameter.high, high)) if parameter.path.endswith(LOW_PASS) else parameter
+        for parameter in free
     ]
 
 
@@ -249,9 +260,14 @@ def _room_for_limit(blocks: FittedBlocks, free: list[Free], u: np.ndarray) -> tu
     most = most * (1.0 - 1e-9)  # the largest command itself is cut off, so that it tells
     paths = entries(blocks, LIMIT)
     begin = np.where(drivetrain.limit < most, drivetrain.limit, FIRST_LIMIT * most)
-    limit = np.where([path in {one.path for one in free} for path in paths], begin, drivetrain.limit)
+    limit = np.where(
+        [path in {parameter.path for parameter in free} for path in paths], begin, drivetrain.limit
+    )
     highest = dict(zip(paths, most.tolist(), strict=True))
-    free = [one._replace(high=min(one.high, highest.get(one.path, np.inf))) for one in free]
+    free = [
+        parameter._replace(high=min(parameter.high, highest.get(parameter.path, np.inf)))
+        for parameter in free
+    ]
     return _with_drivetrain(blocks, limit=limit), free
 
 
@@ -259,8 +275,8 @@ def _with_drivetrain(blocks: FittedBlocks, **changes: Any) -> FittedBlocks:
     return put(blocks, "model.drivetrain", replace(blocks.model.drivetrain, **changes))
 
 
-def _raised(one: Free, low: float) -> Free:
-    return one._replace(low=max(one.low, low))
+def _with_lower_bound(parameter: Free, low: float) -> Free:
+    return parameter._replace(low=max(parameter.low, low))
 
 
 def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
@@ -272,8 +288,8 @@ def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> Fitt
 
 def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
     """Indices of free entries that belong to a command which is 0 in all rows of u (N, n)."""
-    still = ~np.any(u != 0.0, axis=0)
-    return [k for k, one in enumerate(free) if one.column in np.flatnonzero(still)]
+    is_unused = ~np.any(u != 0.0, axis=0)
+    return [k for k, parameter in enumerate(free) if parameter.column in np.flatnonzero(is_unused)]
 
 
 def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:

@@ -90,7 +90,7 @@ class Parameters:
     @property
     def free(self) -> list[Free]:
         """Return the parameters of `requested` that are in θ; they are its first entries, in order."""
-        return [one for k, one in enumerate(self.requested) if k not in self.frozen]
+        return [parameter for k, parameter in enumerate(self.requested) if k not in self.frozen]
 
 
 def unknowns(
@@ -103,22 +103,22 @@ def unknowns(
 ) -> Parameters:
     """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` as those of a Dataset.
     UsageError where no command moved, or bounds and start values belong to no free parameter."""
-    _are_free(options.bounds, [*(one.path for one in requested), *options.per_run])
+    _are_free(options.bounds, [*(parameter.path for parameter in requested), *options.per_run])
     options = for_sensors(options, blocks)
     for run in runs:
         if len(run.applied) and not np.any(np.isfinite(run.applied)):
             raise UsageError(fault("runs.no-command", run=run.name))
     u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
-    frozen = frozen_columns(list(requested), u)
-    if (requested and len(frozen) == len(requested)) or not np.any(u):
+    frozen_numbers = frozen_columns(list(requested), u)
+    if (requested and len(frozen_numbers) == len(requested)) or not np.any(u):
         raise UsageError(fault("runs.all-still", typed("runs", "calibrate", runs[0].name)))
     blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_of(runs))
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
-    free = [one for k, one in enumerate(requested) if k not in frozen]
+    free = [parameter for k, parameter in enumerate(requested) if k not in frozen_numbers]
     shape = shape_of(blocks, free, records, options)
     layout = layout_of(shape, records)
     begin = first_theta(blocks, free, shape, records, options)
-    return Parameters(blocks, tuple(requested), tuple(frozen), tuple(records), shape, layout, *begin)
+    return Parameters(blocks, tuple(requested), tuple(frozen_numbers), tuple(records), shape, layout, *begin)
 
 
 def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
@@ -167,9 +167,9 @@ def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
     ends = np.cumsum(record.dt_s)
     if not np.any(record.u[0]) or ends[-1] < 2.0 * late_s:
         return record
-    settled = (ends > late_s * (1.0 + 1e-9))[:, None]
+    after_past = (ends > late_s * (1.0 + 1e-9))[:, None]
     sensors = {
-        name: Measurements(z, has * settled, sample_fraction)
+        name: Measurements(z, has * after_past, sample_fraction)
         for name, (z, has, sample_fraction) in record.sensors.items()
     }
     return record._replace(sensors=sensors)
@@ -178,7 +178,7 @@ def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
 def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:
     """UsageError where a parameter has bounds and is not fitted."""
     for path in bounds:
-        if not any(one == path or one.startswith(f"{path}[") for one in free):
+        if not any(name == path or name.startswith(f"{path}[") for name in free):
             raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
 
 
@@ -186,7 +186,7 @@ def shape_of(
     blocks: FittedBlocks, shared: Sequence[Free], records: Sequence[FitRecord], options: FitOptions
 ) -> Shape:
     """Return the meaning of θ: the `shared` numbers, those of each run, and the start of each segment."""
-    paths, names = tuple(one.path for one in shared), blocks.sensors._fields
+    paths, names = tuple(parameter.path for parameter in shared), blocks.sensors._fields
     own = [p for path in options.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
         zero_names = BIASES[:1] if acts_alone(blocks.model) else BIASES
@@ -219,17 +219,25 @@ def first_theta(
         paths = entries(blocks, path)
         for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
             by_path[p] = float(x)
-    lost = [p for p in by_path if p not in shape.shared and p not in shape.own]
-    if lost:
-        raise UsageError(fault("start.not-free", path=lost[0]))
+    missing = [p for p in by_path if p not in shape.shared and p not in shape.own]
+    if missing:
+        raise UsageError(fault("start.not-free", path=missing[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
-    for k, one in enumerate(free):
-        theta[k], low[k], high[k] = by_path.get(one.path, value(blocks, one.path)), one.low, one.high
+    for k, parameter in enumerate(free):
+        theta[k], low[k], high[k] = (
+            by_path.get(parameter.path, value(blocks, parameter.path)),
+            parameter.low,
+            parameter.high,
+        )
     for run in range(max(layout.runs) + 1):
         for k, path in enumerate(shape.by_run, layout.shared + run * layout.by_run):
             if path in shape.own:
-                one = described(blocks, path, options.bounds)
-                theta[k], low[k], high[k] = by_path.get(path, value(blocks, path)), one.low, one.high
+                parameter = described(blocks, path, options.bounds)
+                theta[k], low[k], high[k] = (
+                    by_path.get(path, value(blocks, path)),
+                    parameter.low,
+                    parameter.high,
+                )
             else:
                 low[k], high[k] = -CLOCK_S, CLOCK_S
     for k, record in enumerate(records):
@@ -271,13 +279,13 @@ def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray
     paths = (*shape.shared, *shape.own)
 
     def start(theta: np.ndarray) -> Any:
-        there = substitute(blocks, paths, theta)
+        blocks_at = substitute(blocks, paths, theta)
         at_start = np.zeros(len(STARTS))
         for k, i in enumerate(shape.start):
             at_start = at_start + theta[shape.size - len(shape.start) + k] * np.eye(len(STARTS))[i]
         nu = at_start[:3] if any(i < 3 for i in shape.start) else None
         eta = at_start[3:] if any(i >= 3 for i in shape.start) else None
-        return there.model.init(eta, nu)
+        return blocks_at.model.init(eta, nu)
 
     return start
 
@@ -295,9 +303,9 @@ def initial_state(
     vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own)
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
-        there, vehicle = substitute(blocks, paths, theta), vehicle_at(theta)
-        motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, there.model.gravity(vehicle.eta[2]))
-        return vehicle, tuple(steady_signal(sensor, sensor.h(motion)) for sensor in there.sensors)
+        blocks_at, vehicle = substitute(blocks, paths, theta), vehicle_at(theta)
+        motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, blocks_at.model.gravity(vehicle.eta[2]))
+        return vehicle, tuple(steady_signal(sensor, sensor.h(motion)) for sensor in blocks_at.sensors)
 
     return start
 

@@ -67,15 +67,15 @@ class BlockArrow:
 
     def add(self, indices: np.ndarray, parts: np.ndarray) -> None:
         """The matrices `parts` (K, n, n) of the pieces, whose rows stand at `indices` (K, n)."""
-        mine, at = (
+        is_own, at = (
             self.places.is_own[indices[0]],
             self.places.place[indices],
         )  # in the same order in each piece
-        common, own, k = at[:, ~mine], at[:, mine], np.arange(len(parts))[:, None, None]
-        wide, tall = parts[:, ~mine], parts[:, mine]
-        np.add.at(self.corner, (common[:, :, None], common[:, None, :]), wide[:, :, ~mine])
-        self.border[k, common[:, :, None], own[:, None, :]] += wide[:, :, mine]
-        self.blocks[k, own[:, :, None], own[:, None, :]] += tall[:, :, mine]
+        common, own, k = at[:, ~is_own], at[:, is_own], np.arange(len(parts))[:, None, None]
+        wide, tall = parts[:, ~is_own], parts[:, is_own]
+        np.add.at(self.corner, (common[:, :, None], common[:, None, :]), wide[:, :, ~is_own])
+        self.border[k, common[:, :, None], own[:, None, :]] += wide[:, :, is_own]
+        self.blocks[k, own[:, :, None], own[:, None, :]] += tall[:, :, is_own]
 
     @property
     def finite(self) -> bool:
@@ -84,29 +84,29 @@ class BlockArrow:
 
     def diagonal(self) -> np.ndarray:
         """(p,)."""
-        return self._joined(self.corner.diagonal(), np.einsum("kii->ki", self.blocks))
+        return self._whole(self.corner.diagonal(), np.einsum("kii->ki", self.blocks))
 
     def __matmul__(self, v: np.ndarray) -> np.ndarray:
         """Times v (p,): (p,)."""
-        x, y = self._split(v)
+        x, y = self._parts(v)
         up = self.corner @ x + np.einsum("ksq,kq->s", self.border, y)
         down = np.einsum("ksq,s->kq", self.border, x) + np.einsum("kqr,kr->kq", self.blocks, y)
-        return self._joined(up, down)
+        return self._whole(up, down)
 
     def solved(self, damping: float, scale: np.ndarray, free: np.ndarray, g: np.ndarray) -> np.ndarray:
         """(H + λ D)⁻¹ g (p,) over the entries `free` (p,) bool, D = diag(scale); 0 for the others.  (2)"""
         root = np.where(free, 1.0 / np.sqrt(np.where(free, scale, 1.0)), 0.0)
-        (r, r_k), (h, h_k) = self._split(root), self._split(root * g)
-        extra, extra_k = self._split(np.where(free, damping, 1.0))
+        (r, r_k), (h, h_k) = self._parts(root), self._parts(root * g)
+        extra, extra_k = self._parts(np.where(free, damping, 1.0))
         S = self.corner * (r[:, None] * r) + np.diag(extra)
         B = self.border * (r[None, :, None] * r_k[:, None, :])
         W = self.blocks * (r_k[:, :, None] * r_k[:, None, :])
         np.einsum("kii->ki", W)[:] += extra_k
         inner = np.linalg.solve(W, np.concatenate([np.swapaxes(B, 1, 2), h_k[:, :, None]], axis=2))
-        taken = np.einsum("ksq,kqn->sn", B, inner, optimize=True)
-        x = np.linalg.solve(S - taken[:, :-1], h - taken[:, -1])
+        product = np.einsum("ksq,kqn->sn", B, inner, optimize=True)
+        x = np.linalg.solve(S - product[:, :-1], h - product[:, -1])
         y = inner[:, :, -1] - inner[:, :, :-1] @ x
-        return root * self._joined(x, y)
+        return root * self._whole(x, y)
 
     def dense(self) -> np.ndarray:
         """(p, p)."""
@@ -118,10 +118,10 @@ class BlockArrow:
             H[np.ix_(index, index)] = self.blocks[k]
         return H
 
-    def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _parts(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return v[self.places.common], v[self.places.own]
 
-    def _joined(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _whole(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         out = np.zeros(len(self.places.place))
         out[self.places.common], out[self.places.own] = x, y
         return out

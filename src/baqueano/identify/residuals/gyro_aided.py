@@ -59,10 +59,10 @@ class GyroAidedResiduals(Residuals):
     ) -> None:
         records = [_after_the_start(record, blocks, DELAY in shape.shared) for record in records]
         super().__init__(blocks, shape, records, backend)
-        self.scan = cached_kernel(blocks, shape, backend, _traced)
+        self.scan = cached_kernel(blocks, shape, backend, _trace)
         imu = self.names[0]
         self._rows = [
-            _led(rows, record, imu, blocks) for rows, record in zip(self._rows, records, strict=True)
+            _gyro_rows(rows, record, imu, blocks) for rows, record in zip(self._rows, records, strict=True)
         ]
         self._gyro = [rows[:, -EXTRA] for rows in self._rows]
 
@@ -100,8 +100,8 @@ class GyroAidedResiduals(Residuals):
         z = 1 + self._blocks.model.commands + c
         columns = [z, -2, -1] if c == 2 else [z]
         shifts = np.array([shift, shift, 0.0][: len(columns)])
-        changed = [rows[:, columns] / scale + shifts for rows in self._rows]
-        return self.with_columns(columns, changed).evaluate(theta).gradient
+        shifted_columns = [rows[:, columns] / scale + shifts for rows in self._rows]
+        return self.with_columns(columns, shifted_columns).evaluate(theta).gradient
 
 
 def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
@@ -117,11 +117,11 @@ def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: boo
     return record._replace(sensors=sensors)
 
 
-def _led(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
+def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
     """The rows (N, q) with ω_z and its slope, as they were at the end of each."""
     z, has, sample_fraction = record.sensors[imu]
-    there = has[:, 2] > 0.0
-    if np.sum(there) < 2:
+    has_rate = has[:, 2] > 0.0
+    if np.sum(has_rate) < 2:
         raise UsageError(fault("imu-only.silent-gyro", run=record.name))
     block = blocks.sensors[0]
     late_s = float(block.delay_s) + float(low_pass_s(block))
@@ -130,14 +130,14 @@ def _led(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) ->
         if sample_fraction is None
         else record.t_s - late_s - sample_fraction * record.dt_s
     )
-    omega = np.interp(record.t_s, t_s[there], z[there, 2])
+    omega = np.interp(record.t_s, t_s[has_rate], z[has_rate, 2])
     slope = np.gradient(omega, np.cumsum(record.dt_s))
     out = np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
     out.flags.writeable = False
     return out
 
 
-def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
     at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 
@@ -146,17 +146,19 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return GyroAidedState(vehicle, vehicle, (signal, signal), np.zeros(3 if sample_fraction else 0))
 
     def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
-        there = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
-        imu = there.sensors[0]
-        at = with_speed(there.model, state.free.nu, state.gyro_aided.nu[0])
-        free, motion = there.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
-        aided, readings = move(there, state.gyro_aided, row)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        imu = blocks_at.sensors[0]
+        at = with_speed(blocks_at.model, state.free.nu, state.gyro_aided.nu[0])
+        free, motion = blocks_at.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
+        aided_state, readings = move(blocks_at, state.gyro_aided, row)
         of_aided, accel = step_signal(imu, state.signals[0], readings, row[0])
         of_free, gyro = step_signal(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
-        delayed = h + row[7 + n] * (state.before - h) if sample_fraction else h
-        moving = GyroAidedState(aided, free, (of_aided, of_free), h if sample_fraction else state.before)
-        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - delayed)
+        late = h + row[7 + n] * (state.before - h) if sample_fraction else h
+        moving = GyroAidedState(
+            aided_state, free, (of_aided, of_free), h if sample_fraction else state.before
+        )
+        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - late)
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
@@ -171,14 +173,14 @@ def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return at_start(theta), at_start(theta)
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        there = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
-        imu, aided, free = there.sensors[0], *state
-        at = with_speed(there.model, free.nu, aided.nu[0])
-        free, motion = there.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
-        aided, readings = move(there, aided, row)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        imu, aided_state, free = blocks_at.sensors[0], *state
+        at = with_speed(blocks_at.model, free.nu, aided_state.nu[0])
+        free, motion = blocks_at.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
+        aided_state, readings = move(blocks_at, aided_state, row)
         reading = imu.h(motion)[2]
         slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - reading
-        return (aided, free), np.array([readings.nu[0], reading, slope])
+        return (aided_state, free), np.array([readings.nu[0], reading, slope])
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
@@ -186,19 +188,21 @@ def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 def _mover(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
     """One row of the simulation that is led.  (1)"""
     n = blocks.model.commands
-    still = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
-    turning = still._replace(nu=np.array([0.0, 0.0, 1.0]))
+    at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
+    turning = at_standstill._replace(nu=np.array([0.0, 0.0, 1.0]))
 
-    def move(there: FittedBlocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
-        model, imu, dt_s, u = there.model, there.sensors[0], row[0], row[1 : 1 + n]
-        at_rest = imu.h(still)[2]
+    def move(blocks_at: FittedBlocks, state: Tree, row: np.ndarray) -> tuple[Tree, Motion]:
+        model, imu, dt_s, u = blocks_at.model, blocks_at.sensors[0], row[0], row[1 : 1 + n]
+        at_rest = imu.h(at_standstill)[2]
         gain = imu.h(turning)[2] - at_rest
         r, r_dot = (row[-2] - at_rest) / gain, row[-1] / gain
         _, effort = model.drivetrain.step(state.drivetrain, u, dt_s)
         r_before = state.nu[2]
         state, motion = model.step(state, u, dt_s, np.zeros(3))
         efforts, rates = (effort.start, effort.mean, effort.end), (r_before, 0.5 * (r_before + r), r)
-        tick = tuple(turned(model, *there, r_dot) for there in zip(motion.tick, efforts, rates, strict=True))
+        tick = tuple(
+            turned(model, *motion_k, r_dot) for motion_k in zip(motion.tick, efforts, rates, strict=True)
+        )
         readings = turned(model, motion, effort.last, r, r_dot)
         return state._replace(nu=readings.nu, nu_dot=readings.nu_dot), readings._replace(tick=tick)
 
@@ -235,9 +239,9 @@ def slow_part(e: np.ndarray) -> np.ndarray:
     if n < FEWEST:
         return e
     far = FAR * MAD * float(np.median(np.abs(e - np.median(e))))
-    kept = np.clip(e, np.median(e) - far, np.median(e) + far)
-    both = np.fft.rfft(np.concatenate([kept, kept[::-1]]))  # mirrored, so that its ends meet
-    ratio = _ratio(np.abs(np.fft.rfft(kept - kept.mean()))[1:] ** 2 / n, n)
+    limited = np.clip(e, np.median(e) - far, np.median(e) + far)
+    both = np.fft.rfft(np.concatenate([limited, limited[::-1]]))  # mirrored, so that its ends meet
+    ratio = _ratio(np.abs(np.fft.rfft(limited - limited.mean()))[1:] ** 2 / n, n)
     if ratio is None:
         return np.zeros(n)
     power = ratio[0] * _shape(ratio[1], 2 * n)

@@ -94,20 +94,24 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return FilterState(vehicle, np.zeros((size, size)), signals, before)
 
     def step(theta: np.ndarray, state: FilterState, row: np.ndarray) -> tuple[FilterState, np.ndarray]:
-        there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
         noise = theta[shape.size :]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
-        drivetrain, effort = there.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
-        ahead, P = _predicted(there.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)})
-        gaps, slopes, lines = _innovated(there.sensors, ahead, state, z, row[1 + n + 2 * m :], row[0], shape)
+        drivetrain, effort = blocks_at.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
+        ahead, P = _prediction(
+            blocks_at.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)}
+        )
+        gaps, slopes, lines = _innovation(
+            blocks_at.sensors, ahead, state, z, row[1 + n + 2 * m :], row[0], shape
+        )
         y, H = weight * np.concatenate(gaps), weight[:, None] * np.concatenate(slopes)
         present = np.where(weight > 0.0, 1.0, 0.0)
-        corrected = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
-        signals, before = _remembered(lines, slopes, corrected.move, shape.sample_fraction)
-        eta, nu = _moved(ahead, corrected.move)
+        correction = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
+        signals, before = _signals_after(lines, slopes, correction.move, shape.sample_fraction)
+        eta, nu = _moved_state(ahead, correction.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
-        return FilterState(vehicle, corrected.cov, signals, before), np.concatenate(
-            [corrected.e, present * np.log(corrected.s)]
+        return FilterState(vehicle, correction.cov, signals, before), np.concatenate(
+            [correction.e, present * np.log(correction.s)]
         )
 
     example = [*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))]
@@ -115,7 +119,7 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     return scan(step, start, np.zeros(q), theta, backend=backend)
 
 
-def _predicted(
+def _prediction(
     model: Tree, state: FilterState, effort: Effort, dt_s: Value, v: dict[int, Any]
 ) -> tuple[PredictedState, np.ndarray]:
     """The vehicle one row on, and P̄ (n, n).  (1)"""
@@ -139,7 +143,7 @@ def _predicted(
     return PredictedState(model, before, dt_s, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
 
 
-def _innovated(
+def _innovation(
     sensors: ByName[Tree],
     ahead: PredictedState,
     state: FilterState,
@@ -158,13 +162,13 @@ def _innovated(
             turn += 1
         gaps.append(difference(sensor, z[at : at + sensor.size], shown_h))
         slope = jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean)
-        slopes.append(_passed(sensor, dt_s) * slope)
+        slopes.append(_gain_after_low_pass(sensor, dt_s) * slope)
         lines.append((signal, h))
         at += sensor.size
     return gaps, slopes, lines
 
 
-def _passed(sensor: Tree, dt_s: Value) -> Any:
+def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
     """The part of a change at the end of a row, grown in a straight line, that a low-pass lets through by then."""
     tau_s = low_pass_s(sensor)
     if isinstance(tau_s, float) and tau_s == 0.0:
@@ -185,7 +189,7 @@ def _kick(model: Tree, dt_s: Value) -> np.ndarray:
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
 
-def _moved(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _moved_state(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
         return ahead.eta, ahead.mean + move
@@ -193,14 +197,14 @@ def _moved(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndar
     return x[:3], x[3:]
 
 
-def _remembered(
+def _signals_after(
     lines: list[Any], slopes: list[Any], move: np.ndarray, sample_fraction: tuple[bool, ...]
 ) -> Any:
     """The signals and h of this row, corrected too."""
     signals, before = [], []
-    for (signal, h), slope, needed in zip(lines, slopes, sample_fraction, strict=True):
+    for (signal, h), slope, is_needed in zip(lines, slopes, sample_fraction, strict=True):
         now = h + slope @ move
         past = np.concatenate([now[None, :], signal.past[1:]]) if signal.past.shape[0] else signal.past
         signals.append(signal._replace(past=past, smooth=now if len(signal.smooth) else signal.smooth))
-        before.append(now if needed else np.zeros(0))
+        before.append(now if is_needed else np.zeros(0))
     return tuple(signals), tuple(before)

@@ -41,7 +41,7 @@ def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np
     m = residuals[0].shape[1]
     sigma = np.zeros(m)
     for c in range(m):
-        x = np.concatenate([r[there[:, c] > 0.0, c] for r, there in zip(residuals, has, strict=True)])
+        x = np.concatenate([r[presence[:, c] > 0.0, c] for r, presence in zip(residuals, has, strict=True)])
         x = np.abs(x[np.isfinite(x)])
         sigma[c] = MAD * np.median(x) if len(x) else 0.0
     return np.maximum(sigma, floor)
@@ -53,28 +53,30 @@ def telling(
     """`has` (N, m), 0 also where the measurement z is exactly 0 and the model says so to STILL of the largest; as it
     is for a channel that would be left with fewer than FEW rows."""
     largest = np.max(
-        [np.max(np.abs(v * there), axis=0, initial=0.0) for v, there in zip(z, has, strict=True)], axis=0
+        [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
+        axis=0,
     )
     out = [
-        there * ~((v == 0.0) & (np.abs(r) <= STILL * largest))
-        for r, there, v in zip(residuals, has, z, strict=True)
+        presence * ~((v == 0.0) & (np.abs(r) <= STILL * largest))
+        for r, presence, v in zip(residuals, has, z, strict=True)
     ]
-    enough = np.sum([there.sum(axis=0) for there in out], axis=0) >= FEW
-    return [np.where(enough, moved, there) for moved, there in zip(out, has, strict=True)]
+    enough = np.sum([presence.sum(axis=0) for presence in out], axis=0) >= FEW
+    return [np.where(enough, is_telling, presence) for is_telling, presence in zip(out, has, strict=True)]
 
 
 def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
     """(m,) below which no σ is believed: 1/√12 of a converter's step, and SMALLEST of the largest value."""
     steps = np.concatenate([_steps(block) for block in blocks])
     largest = np.max(
-        [np.max(np.abs(v * there), axis=0, initial=0.0) for v, there in zip(z, has, strict=True)], axis=0
+        [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
+        axis=0,
     )
     return np.maximum(steps / np.sqrt(12.0), np.maximum(SMALLEST * largest, 1e-12))
 
 
 def sigma_of_few(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
     """(m,) σ of the sensors' own covariance for channels with FEW measurements or less; 0 for the others."""
-    count = np.sum([there.sum(axis=0) for there in has], axis=0)
+    count = np.sum([presence.sum(axis=0) for presence in has], axis=0)
     own = [
         np.zeros(b.size) if (Q := optional.of(b, "cov")) is None else np.sqrt(np.maximum(np.diagonal(Q), 0.0))
         for b in blocks
@@ -101,15 +103,15 @@ def profile_by_speed(
     profile = [np.ones_like(r) for r in residuals]
     sigma = np.zeros(len(floor))
     for c in range(len(floor)):
-        there = [w[:, c] > 0.0 for w in has]
-        r = np.concatenate([x[t, c] for x, t in zip(residuals, there, strict=True)])
-        at = np.concatenate([x[t] for x, t in zip(speeds, there, strict=True)])
+        has_samples = [w[:, c] > 0.0 for w in has]
+        r = np.concatenate([x[t, c] for x, t in zip(residuals, has_samples, strict=True)])
+        at = np.concatenate([x[t] for x, t in zip(speeds, has_samples, strict=True)])
         kappa = _growth_by_speed(r, at, typical, floor[c]) / typical if len(r) >= ENOUGH else 0.0
         mean = np.sqrt(1.0 + kappa**2 * np.mean(at**2)) if len(at) else 1.0
         for k, x in enumerate(speeds):
             profile[k][:, c] = np.sqrt(1.0 + (kappa * x) ** 2) / mean
-        scaled = [(x[:, c] / p[:, c])[:, None] for x, p in zip(residuals, profile, strict=True)]
-        sigma[c] = spread(scaled, [w[:, c : c + 1] for w in has], floor[c : c + 1])[0]
+        scaled_residuals = [(x[:, c] / p[:, c])[:, None] for x, p in zip(residuals, profile, strict=True)]
+        sigma[c] = spread(scaled_residuals, [w[:, c : c + 1] for w in has], floor[c : c + 1])[0]
     return sigma, profile
 
 
@@ -137,7 +139,7 @@ def profile_of_slow(
     out, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     for c in range(len(sigma)):
         single = [(sigma[c] * p[:, c]) ** 2 for p in profile]
-        far = [FAR_OF_SLOW * np.sqrt(one) for one in single]
+        far = [FAR_OF_SLOW * np.sqrt(variance) for variance in single]
         left_c = [np.clip(r[:, c], -x, x) for r, x in zip(residuals, far, strict=True)]
         sums, squares = _blocks(left_c, [w[:, c] for w in has], speeds, dt_s)
         if len(sums) < FEWEST:
@@ -147,8 +149,8 @@ def profile_of_slow(
             np.sqrt(np.maximum(s, s_0 * (1.0 + (kappa * v) ** 2)))
             for s, v in zip(single, speeds, strict=True)
         ]
-        there = np.concatenate([b[w[:, c] > 0.0] for b, w in zip(both, has, strict=True)])
-        out[c] = np.sqrt(np.mean(there**2))
+        samples = np.concatenate([b[w[:, c] > 0.0] for b, w in zip(both, has, strict=True)])
+        out[c] = np.sqrt(np.mean(samples**2))
         for p, b in zip(profile, both, strict=True):
             p[:, c] = b / out[c]
     return out, profile

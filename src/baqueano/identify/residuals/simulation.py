@@ -88,7 +88,7 @@ class Residuals:
         self.shape, self.records = shape, tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
-        self.scan = cached_kernel(blocks, shape, backend, _traced, self.difference)
+        self.scan = cached_kernel(blocks, shape, backend, _trace, self.difference)
         self._blocks, self._speeds = blocks, None
         self._rows = each(
             lambda record: _rows(record, self.names, shape),
@@ -151,21 +151,21 @@ class Residuals:
     def with_columns(self, at: Any, values: Sequence[np.ndarray]) -> Self:
         """Return a copy whose rows hold `values` (N, k) per piece in the columns `at`."""
         out = copy(self)
-        out._rows = self._each(lambda rows, index, x: _filled(rows, at, x), values)
+        out._rows = self._each(lambda rows, index, x: _fill(rows, at, x), values)
         out._answers, out._slopes = OrderedDict(), (None, [])
         return out
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Huber cost, gradient (p,), Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
-        return self._summed(theta, HUBER)
+        return self._sum(theta, HUBER)
 
     def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
         """Huber cost at θ if the rows of each piece were `rows_of` them."""
 
         def of(rows: np.ndarray, index: np.ndarray) -> float:
             r = np.abs(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
-            clipped = np.minimum(r, HUBER)
-            return float(np.sum(clipped * (r - 0.5 * clipped)))
+            limited = np.minimum(r, HUBER)
+            return float(np.sum(limited * (r - 0.5 * limited)))
 
         return sum(self._each(of))
 
@@ -173,7 +173,7 @@ class Residuals:
         """Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per piece for each residual."""
 
         def of(rows: np.ndarray, index: np.ndarray, weight: np.ndarray, factor: np.ndarray) -> np.ndarray:
-            rows = _filled(rows, self._weights, weight * factor)
+            rows = _fill(rows, self._weights, weight * factor)
             return self.scan.normal_equations(rows, theta[index], None).hessian
 
         H = np.zeros((self.size, self.size))
@@ -181,7 +181,7 @@ class Residuals:
             H[np.ix_(index, index)] += part
         return H
 
-    def _summed(self, theta: np.ndarray, huber: float | None) -> Evaluation:
+    def _sum(self, theta: np.ndarray, huber: float | None) -> Evaluation:
         if len(self._rows) == 1 and not self._prior.any():
             return Evaluation(*self.scan.normal_equations(self._rows[0], theta, huber))
         prior = self._prior if huber is not None else np.zeros(self.size)
@@ -205,10 +205,10 @@ class Residuals:
                 prior[self.layout.of_starts(k)] = weight
         return prior
 
-    def _each(self, what: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
-        """`what` of each piece's rows, index and so on, on all cores where that pays."""
+    def _each(self, work: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
+        """`work` of each piece's rows, index and so on, on all cores where that pays."""
         rows = sum(map(len, self._rows)) if self.scan.backend == "c" else 0
-        return each(what, self._rows, self._index, *more, rows=rows)
+        return each(work, self._rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Per piece r (N, m) in standard deviations; 0 without a measurement. Not to be written to."""
@@ -244,8 +244,8 @@ class Residuals:
     ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Per piece r (N, m), ∂r (N, m, p_piece), and where the p_piece entries stand in θ. Kept for the next who
         asks, and not to be written to but by the `last`, who takes them away."""
-        key, (kept, slopes) = theta.tobytes(), self._slopes
-        if kept != key:
+        key, (last_key, slopes) = theta.tobytes(), self._slopes
+        if last_key != key:
             slopes = self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i))
         self._slopes = (None, []) if last else (key, slopes)
         return slopes
@@ -256,10 +256,10 @@ class Residuals:
         plain = self.difference is Residuals.difference
         kernel = self.scan
         if not plain:
-            kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced, Residuals.difference)
+            kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, Residuals.difference)
 
         def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
-            rows = _filled(rows, self._weights, 1.0)
+            rows = _fill(rows, self._weights, 1.0)
             return z - np.asarray(kernel.run(rows, theta[index])[1])
 
         def work() -> list[np.ndarray]:
@@ -269,9 +269,9 @@ class Residuals:
 
         return self._once("predictions", theta, work)
 
-    def _once(self, what: str, theta: np.ndarray, work: Callable[[], object]) -> Any:
+    def _once(self, label: str, theta: np.ndarray, work: Callable[[], object]) -> Any:
         """`work()`, kept for whoever asks for the same again."""
-        key = what, theta.tobytes()
+        key = label, theta.tobytes()
         if key not in self._answers:
             self._answers[key] = work()
             if len(self._answers) > AT_HAND:
@@ -279,7 +279,7 @@ class Residuals:
         return self._answers[key]
 
 
-def _filled(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
+def _fill(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
     """Return a copy of `rows` (N, q) with `values` in the columns `at`, that is not to be written to."""
     out = rows.copy()
     out[:, at] = values
@@ -291,8 +291,8 @@ def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
     """(N, q): dt, u, z of all sensors, W of all sensors, early of those that need it."""
     readings = [record.sensors[name] for name in names]
     columns = [record.dt_s[:, None], record.u, *(s.z for s in readings), *(s.has for s in readings)]
-    for s, needed in zip(readings, shape.sample_fraction, strict=True):
-        if needed:
+    for s, is_needed in zip(readings, shape.sample_fraction, strict=True):
+        if is_needed:
             columns.append(
                 np.zeros((len(record.dt_s), 1)) if s.sample_fraction is None else s.sample_fraction[:, None]
             )
@@ -305,10 +305,10 @@ def cached_kernel(
     blocks: FittedBlocks, shape: Shape, backend: str, traced: Callable[..., K], *more: Callable[..., object]
 ) -> K:
     """Return `traced(blocks, shape, backend, *more)`, kept for the next fit of that structure and those numbers."""
-    folded = blocks
+    shape_blocks = blocks
     for path in (*shape.shared, *shape.own):
-        folded = put(folded, path, 0.0)
-    key = (traced, more, _print(folded), shape, backend)
+        shape_blocks = put(shape_blocks, path, 0.0)
+    key = (traced, more, _print(shape_blocks), shape, backend)
     if key not in _kernels:
         _kernels[key] = traced(blocks, shape, backend, *more)
         if len(_kernels) > KEPT:
@@ -317,7 +317,7 @@ def cached_kernel(
     return _kernels[key]
 
 
-def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Scan:
+def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Scan:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
@@ -334,18 +334,18 @@ def _traced(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable
     def step(
         theta: np.ndarray, state: SimulationState, row: np.ndarray
     ) -> tuple[SimulationState, np.ndarray]:
-        there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight, sample_fraction = (
             row[1 + n : 1 + n + m],
             row[1 + n + m : 1 + n + 2 * m],
             row[1 + n + 2 * m :],
         )
-        vehicle, motion = there.model.step(state.vehicle, u, dt_s, np.zeros(3))
-        readings, signals = shown_by(there.sensors, state.signals, motion, dt_s)
+        vehicle, motion = blocks_at.model.step(state.vehicle, u, dt_s, np.zeros(3))
+        readings, signals = shown_by(blocks_at.sensors, state.signals, motion, dt_s)
         steps_s = with_newest(state.steps_s, dt_s)
         out, before, lines, at, turn = [], [], [], 0, 0
-        for k, sensor in enumerate(there.sensors):
+        for k, sensor in enumerate(blocks_at.sensors):
             h = readings[k]
             if free_clock[k]:
                 offset_s = theta[len(paths) + shape.clocks.index(names[k])]
@@ -370,8 +370,8 @@ def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
-        there = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
-        state, motion = there.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
+        state, motion = blocks_at.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
         return state, motion.nu[0]
 
     q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.sample_fraction) + shape.volts

@@ -44,22 +44,25 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     """Return all that a verdict on a finished search rests on."""
     cov = _covariance(end)
     sd = np.sqrt(np.diagonal(cov))
-    unobservable_terms, never = _unseen(end)
+    unobservable_terms, never = _unobservable(end)
     doubts, off = _doubts(end, sd)
     evidence = _evidence(end, doubts, unobservable_terms)
-    far = _placed(end, _held_back(end, sd), 0.0) > HELD_BACK
+    far = _in_order(end, _held_back(end, sd), 0.0) > HELD_BACK
     return VerdictBasis(cov, off, evidence, np.where(far, evidence.bound, 0), never)
 
 
 def only_autocorrelated(basis: VerdictBasis) -> bool:
     """Return whether colour and size of the residuals are all that speaks against a fit."""
-    doubted = basis.evidence._replace(bound=basis.held_back)
-    return verdict_of(doubted)[0] == Verdict.WARN and verdict_of(_explained(doubted))[0] == Verdict.USABLE
+    with_prior = basis.evidence._replace(bound=basis.held_back)
+    return (
+        verdict_of(with_prior)[0] == Verdict.WARN
+        and verdict_of(_without_colour(with_prior))[0] == Verdict.USABLE
+    )
 
 
-def _explained(evidence: Evidence) -> Evidence:
+def _without_colour(evidence: Evidence) -> Evidence:
     """The evidence without the colour and the size of residuals, which a floor explains."""
-    messages = tuple(one for one in evidence.messages if one.code != "residual.autocorrelated")
+    messages = tuple(message for message in evidence.messages if message.code != "residual.autocorrelated")
     return evidence._replace(messages=messages, prior_sigma=None, colour=np.zeros(len(evidence.colour)))
 
 
@@ -67,14 +70,14 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     """Return the Fit of a finished search, of which all may be `basis` already."""
     basis = verdict_basis(end) if basis is None else basis
     problem, solution = end.task.problem, end.search.solution
-    evidence = _explained(basis.evidence) if end.floor else basis.evidence
+    evidence = _without_colour(basis.evidence) if end.floor else basis.evidence
     verdict, reasons = verdict_of(evidence._replace(bound=basis.held_back))
     s = len(problem.shape.shared)
     shared_cov = widened(_spread_out(end, basis.cov[:s, :s]), evidence.names, basis.off)
     own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(basis.cov)))
     fit = Fit(
         names=evidence.names,
-        units=tuple(one.unit for one in end.requested),
+        units=tuple(parameter.unit for parameter in end.requested),
         start=_start(end),
         estimate=evidence.estimate,
         sd=np.sqrt(np.diagonal(shared_cov)),
@@ -98,15 +101,19 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         runs=_runs(problem),
         backend=problem.scan.backend,
         file=end.file,
-        blocks=_fitted(end),
+        blocks=_blocks_of_fit(end),
         envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, end.file.command.names),
     )
-    return replace(fit, notes=(*fit.notes, *(one.message for one in kept_priors(fit))))
+    return replace(fit, notes=(*fit.notes, *(prior.message for prior in kept_priors(fit))))
 
 
 def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
     """All diagnostics of the fit, and by how much they say that parameters are off."""
-    if not end.ask or end.search.stopped or _stopped(end, _("testing for effects that the model lacks")):
+    if (
+        not end.ask
+        or end.search.stopped
+        or _is_interrupted(end, _("testing for effects that the model lacks"))
+    ):
         return end.doubts, {}
     messages, off = diagnose(end, sd, sigma_of_file(end.blocks))
     return tuple(messages), off
@@ -133,10 +140,10 @@ def _evidence(
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     identifiable = end.identifiability.mask[:s]
     return Evidence(
-        tuple(one.path for one in end.requested),
-        _placed(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
-        _placed(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
-        _placed(end, end.identifiability.weak[:s], False).astype(bool),
+        tuple(parameter.path for parameter in end.requested),
+        _in_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
+        _in_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
+        _in_order(end, end.identifiability.weak[:s], False).astype(bool),
         len(end.frozen),
         unobservable_terms,
         _channels(end.task.problem, solution.theta, end.search.sigma, end.info.colour),
@@ -150,7 +157,7 @@ def _evidence(
     )
 
 
-def _stopped(end: FinishedFit, text: str) -> bool:
+def _is_interrupted(end: FinishedFit, text: str) -> bool:
     """Report the next stage; return True if the caller asked to stop."""
     return end.task.say is not None and end.task.say(text) is True
 
@@ -196,7 +203,7 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
     return tuple({record.run: record.name for record in problem.records}.values())
 
 
-def _placed(end: FinishedFit, values: np.ndarray, rest: float) -> np.ndarray:
+def _in_order(end: FinishedFit, values: np.ndarray, rest: float) -> np.ndarray:
     """Values of the shared entries of θ in the order of `requested`, `rest` for the frozen ones."""
     out = np.full(len(end.requested), rest, dtype=float)
     out[end.in_theta] = values
@@ -210,7 +217,7 @@ def _spread_out(end: FinishedFit, cov: np.ndarray) -> np.ndarray:
 
 
 def _start(end: FinishedFit) -> np.ndarray:
-    start = np.array([value(end.blocks, one.path) for one in end.requested])
+    start = np.array([value(end.blocks, parameter.path) for parameter in end.requested])
     start[end.in_theta] = end.task.first[: len(end.in_theta)]
     return start
 
@@ -229,9 +236,9 @@ def _channels(
         t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
         out = []
         for c, (name, i) in enumerate(labels):
-            there = has[:, c] > 0.0
-            measured = np.where(there, z[:, c], np.nan)
-            part = explained(z[there, c], h[there, c], sigma[c])
+            finite = has[:, c] > 0.0
+            measured = np.where(finite, z[:, c], np.nan)
+            part = explained(z[finite, c], h[finite, c], sigma[c])
             channel = ChannelFit(
                 record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(colour[c])
             )
@@ -240,7 +247,7 @@ def _channels(
 
     names = list(_runs(problem))
     every = each(of, range(len(names)), names, rows=sum(map(len, problem.z)))
-    return tuple(one for channel in every for one in channel)
+    return tuple(channel_fit for channel in every for channel_fit in channel)
 
 
 def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
@@ -252,22 +259,22 @@ def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
     return 1.0 - float(np.mean(residuals**2)) / total if total > 0.0 else 0.0
 
 
-def _unseen(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
+def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return findings on parameters that a better run would show, and on those that no run can."""
     unobservable_terms, never = [], []
     columns: dict[int, list[Free]] = {}
-    for one in (end.requested[k] for k in end.frozen):
-        assert one.column is not None
-        columns.setdefault(one.column, []).append(one)
+    for parameter in (end.requested[k] for k in end.frozen):
+        assert parameter.column is not None
+        columns.setdefault(parameter.column, []).append(parameter)
     n, drivetrain = len(end.file.command.names), end.blocks.model.drivetrain
     for j, some in columns.items():
         cannot = bool(end.file.command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
         message = missing_command(some, end.file.command.names[j], cannot)
         (never if cannot else unobservable_terms).append(message)
-    for i, one in enumerate(end.free):
+    for i, parameter in enumerate(end.free):
         if not end.identifiability.mask[i]:
             ties, near = end.like(end.identifiability.collinear, i), end.like(end.identifiability.near, i)
-            unobservable_terms.append(unobservable(one, ties, float(end.task.first[i]), near))
+            unobservable_terms.append(unobservable(parameter, ties, float(end.task.first[i]), near))
     return tuple(unobservable_terms), tuple(never)
 
 
@@ -295,7 +302,7 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     messages = [*([end.note] if end.note else []), *_horizon(problem, end.search.solution.theta), *_sums(end)]
     for r in records:
         of_run = {"of_run": r.name} if len(records) > 1 else {}
-        messages += [replace(one, figures={**one.figures, **of_run}) for one in r.notes]
+        messages += [replace(message, figures={**message.figures, **of_run}) for message in r.notes]
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     colours = list(zip(labels, end.info.colour, strict=True))
     messages += [note("residual.not-white", subject=label) for label, c in colours if c > COLOUR]
@@ -306,15 +313,15 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
 def _sums(end: FinishedFit) -> list[Diagnostic]:
     """Return a note on each pair of parameters of which a run shows the sum only."""
     shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
-    tilted = [
+    tilted_names = [
         name for name, block in blocks
         if has_field(block, "tilt_rad") and not _any_of(shape.shared, f"sensors.{name}.tilt_rad")
         and _any_of((*shape.shared, *shape.own), f"sensors.{name}.accel_bias")
     ]  # fmt: skip
-    unfiltered = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
-    delays = unfiltered[:1] if DELAY in shape.shared and len(unfiltered) == len(blocks) else []
+    without_filter = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
+    delays = without_filter[:1] if DELAY in shape.shared and len(without_filter) == len(blocks) else []
     return [note("delay.sum", subject=name) for name in delays] + [
-        note("bias.tilt-sum", subject=name) for name in tilted
+        note("bias.tilt-sum", subject=name) for name in tilted_names
     ]
 
 
@@ -359,7 +366,7 @@ def _by_sensor(problem: Residuals, sigma: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip(problem.names, np.split(sigma, ends), strict=True))
 
 
-def _fitted(end: FinishedFit) -> FittedBlocks:
+def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
     """The blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)

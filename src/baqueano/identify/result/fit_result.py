@@ -185,29 +185,31 @@ class Fit(Result):
         """One flat row per parameter; None where it is not known."""
         out = []
         for k, name in enumerate(self.names):
-            identified = bool(np.isfinite(self.estimate[k]))
+            is_identified = bool(np.isfinite(self.estimate[k]))
             out.append(
                 {
                     "name": name,
-                    "estimate": float(self.estimate[k]) if identified else None,
-                    "sd": float(self.sd[k]) if identified and np.isfinite(self.sd[k]) else None,
+                    "estimate": float(self.estimate[k]) if is_identified else None,
+                    "sd": float(self.sd[k]) if is_identified and np.isfinite(self.sd[k]) else None,
                     "unit": self.units[k],
                     "start": float(self.start[k]),
-                    "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if identified else None,
-                    "observable": "no" if not identified else "weak" if self.weak[k] else "yes",
+                    "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if is_identified else None,
+                    "observable": "no" if not is_identified else "weak" if self.weak[k] else "yes",
                 }
             )
         return out
 
     def __repr__(self) -> str:
-        identified, every = int(np.isfinite(self.estimate).sum()), self.rows()
+        identified_count, every = int(np.isfinite(self.estimate).sum()), self.rows()
         runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
         head = text(
-            note("front.fit", vehicle=self.file.name, runs=runs, known=identified, parameters=len(every))
+            note(
+                "front.fit", vehicle=self.file.name, runs=runs, known=identified_count, parameters=len(every)
+            )
         )
         wide = max(len(short(row["name"])) for row in every)
         rows = []
-        for row in (one for one in every if one["estimate"] is not None):
+        for row in (row for row in every if row["estimate"] is not None):
             value, sd = rounded(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
             rows.append(
                 f"{short(row['name']):{wide}}  {number(value):>10.5g} ± {number(sd):<8.2g} {shown_unit(row['unit'])}"
@@ -287,15 +289,15 @@ class Fit(Result):
         for c in self.channels:
             if not np.isfinite(c.explained):
                 continue  # it took no part
-            where = f"{c.sensor}[{c.entry}]"
-            where = _("{channel} of {run}", channel=where, run=c.run) if len(self.runs) > 1 else where
+            place = f"{c.sensor}[{c.entry}]"
+            place = _("{channel} of {run}", channel=place, run=c.run) if len(self.runs) > 1 else place
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
             part = percent(c.explained)
             out.append(
                 _(
                     "{channel}: noise {noise}, the model explains {part}",
-                    channel=where,
+                    channel=place,
                     noise=noise,
                     part=part,
                 )
@@ -304,10 +306,11 @@ class Fit(Result):
 
     def _channels_together(self) -> list[str]:
         """One line per channel, of all runs: the middle one, and the one that is explained least."""
-        out, explained = [], [c for c in self.channels if np.isfinite(c.explained)]
-        for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in explained):
+        out, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained)]
+        for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in finite_channels):
             same = sorted(
-                (c for c in explained if (c.sensor, c.entry) == (sensor, entry)), key=lambda c: c.explained
+                (c for c in finite_channels if (c.sensor, c.entry) == (sensor, entry)),
+                key=lambda c: c.explained,
             )
             middle, least = same[len(same) // 2], same[0]
             noise = f"{number(middle.sigma):.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
@@ -357,13 +360,13 @@ def marks(row: dict[str, Any]) -> str:
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     """Return the verdict, what it rests on, and what else is good to know; `reported`: the rest is in a report."""
     lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
-    reasons, unobservable, notes = (grouped(by_weight(one)) for one in lists)
+    reasons, unobservable, notes = (grouped(by_weight(messages)) for messages in lists)
     if len(reasons) == 1:
         lines = [f"{_(fit.verdict)}: {reasons[0]}"]
     else:
         lines = [f"{_(fit.verdict)}: {text(MEANS.get(fit.verdict))}"]
-        lines += [f"- {one}" for one in reasons[:REASONS]]
-    lines += [f"- {one}" for one in (*unobservable[:UNSEEN], *notes[:NOTES])]
+        lines += [f"- {line}" for line in reasons[:REASONS]]
+    lines += [f"- {line}" for line in (*unobservable[:UNSEEN], *notes[:NOTES])]
     more = sum(
         max(0, len(lines_of) - n)
         for lines_of, n in ((reasons, REASONS), (unobservable, UNSEEN), (notes, NOTES))

@@ -62,9 +62,9 @@ def choose_objective(
     odds["floor"] = _floor(likely, axes)
     if both is None:
         return ObjectiveChoice("simulation", note("cost.too-short", **odds), False)
-    apart, name = both.furthest
-    details = odds | {"apart": apart, "open_loop": _open_loop(both)}
-    if apart > both.limit or both.worse:
+    difference, name = both.furthest
+    details = odds | {"apart": difference, "open_loop": _open_loop(both)}
+    if difference > both.limit or both.worse:
         return ObjectiveChoice("simulation", note("cost.neither", subject=name, **details), False, True)
     explains = not likely.info.autocorrelated and not np.any(times > ABOVE_NOISE)
     if both.better:
@@ -158,21 +158,21 @@ def leave_one_out(
     free: np.ndarray,
 ) -> LeftOutBlocks | None:
     """Return θ = `theta` (p,) with the entries `kept`, against `x` with the entries `free`; None of too few blocks."""
-    one = list(_of_simulation(problem, theta))
-    other = list(_of_innovations(problem, prediction, x))
-    if len(one) < FEWEST:
+    simulation = list(_of_simulation(problem, theta))
+    innovation = list(_of_innovations(problem, prediction, x))
+    if len(simulation) < FEWEST:
         return None
-    without = _without(one, identifiable), _without(other, free)
-    cost = [_cost(block, moved) for block, moved in zip(one, without[0], strict=True)]
-    more = [_cost(block, moved) for block, moved in zip(other, without[1], strict=True)]
+    without = _without(simulation, identifiable), _without(innovation, free)
+    cost = [_cost(block, change) for block, change in zip(simulation, without[0], strict=True)]
+    more = [_cost(block, change) for block, change in zip(innovation, without[1], strict=True)]
     names = problem.shape.shared
     both = np.intersect1d(identifiable, free)
     both = both[both < len(names)]
     delta = without[0][:, both] - without[1][:, both]
     n = len(delta)
     sd = np.sqrt((n - 1) / n * np.sum((delta - delta.mean(axis=0)) ** 2, axis=0))
-    apart = np.abs(theta[both] - x[both]) / np.maximum(sd, 1e-300)
-    return LeftOutBlocks(np.subtract(more, cost), float(np.sum(cost)), apart, [names[k] for k in both])
+    difference = np.abs(theta[both] - x[both]) / np.maximum(sd, 1e-300)
+    return LeftOutBlocks(np.subtract(more, cost), float(np.sum(cost)), difference, [names[k] for k in both])
 
 
 def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_ObjectiveBlock]:
@@ -190,26 +190,26 @@ def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -
     pieces = zip(
         slopes_of(problem, x[:p]), prediction.slopes(x), problem.records, strict=True
     )  # fmt: skip
-    for (r, d, of), one, record in pieces:
-        one = _without_start(one, problem) if d.shape[2] < np.sum(one.places < p) else one
+    for (r, d, of), slopes, record in pieces:
+        slopes = _without_start(slopes, problem) if d.shape[2] < np.sum(slopes.places < p) else slopes
         for a, b in pairwise(edges_of(record, block_s, len(r))):
             e, by_e, by_s = (
-                one.e[a:b].ravel(),
-                *(s[a:b].reshape(-1, s.shape[2]) for s in (one.e_slopes, one.s_slopes)),
+                slopes.e[a:b].ravel(),
+                *(s[a:b].reshape(-1, s.shape[2]) for s in (slopes.e_slopes, slopes.s_slopes)),
             )
             g = (weight(e) * e) @ by_e + 0.5 * BETA * by_s.sum(axis=0)
             A = (slope(e)[:, None] * by_e).T @ by_e + 0.25 * BETA * by_s.T @ by_s
-            yield _ObjectiveBlock(g, A, one.places, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), of)
+            yield _ObjectiveBlock(g, A, slopes.places, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), of)
 
 
-def _without_start(one: Slopes, problem: Residuals) -> Slopes:
+def _without_start(slopes: Slopes, problem: Residuals) -> Slopes:
     """The slopes of a piece without its start."""
-    start = (one.places >= problem.layout.starts) & (one.places < problem.size)
-    w = np.maximum(slope(one.e), 0.0)
-    return one._replace(
-        e_slopes=slopes_without_start(one.e_slopes, w, start),
-        s_slopes=one.s_slopes[..., ~start],
-        places=one.places[~start],
+    start = (slopes.places >= problem.layout.starts) & (slopes.places < problem.size)
+    w = np.maximum(slope(slopes.e), 0.0)
+    return slopes._replace(
+        e_slopes=slopes_without_start(slopes.e_slopes, w, start),
+        s_slopes=slopes.s_slopes[..., ~start],
+        places=slopes.places[~start],
     )
 
 
@@ -232,9 +232,9 @@ def _without(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.
     return out
 
 
-def _cost(block: _ObjectiveBlock, moved: np.ndarray) -> float:
+def _cost(block: _ObjectiveBlock, change: np.ndarray) -> float:
     """C_b of the open-loop residuals once the answer has moved."""
     with np.errstate(invalid="ignore", over="ignore"):  # a model that ran away
-        r = np.abs(block.r + block.d @ moved[block.of])
-        clipped = np.minimum(r, HUBER)
-        return float(np.sum(clipped * (r - 0.5 * clipped)))
+        r = np.abs(block.r + block.d @ change[block.of])
+        limited = np.minimum(r, HUBER)
+        return float(np.sum(limited * (r - 0.5 * limited)))

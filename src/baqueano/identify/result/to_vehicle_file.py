@@ -64,17 +64,17 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
     values: JsonObject = {}
     provenance: JsonObject = {}
     blocks, priors = fit.blocks, kept_priors(fit)
-    for one in priors:
-        if not one.contradicted:
-            blocks = put(blocks, one.path, one.value)
-    for field, sd in _fields(fit, [one.path for one in priors if not one.contradicted]).items():
+    for prior in priors:
+        if not prior.contradicted:
+            blocks = put(blocks, prior.path, prior.value)
+    for field, sd in _fields(fit, [prior.path for prior in priors if not prior.contradicted]).items():
         number = get(blocks, field)
         values[field] = np.asarray(number, float).tolist() if np.ndim(number) else float(number)
         provenance[field] = {"run": run, "date": on, "sd": sd, "verdict": fit.verdict}
-    for field in dict.fromkeys(one.std_path.partition("[")[0] for one in priors if one.contradicted):
+    for field in dict.fromkeys(prior.std_path.partition("[")[0] for prior in priors if prior.contradicted):
         entries_ = np.array(get(fit.file, field), dtype=float)
-        for one in (one for one in priors if one.contradicted and one.std_path.startswith(field)):
-            entries_[_index(one.std_path)] = one.sd
+        for prior in (prior for prior in priors if prior.contradicted and prior.std_path.startswith(field)):
+            entries_[_index(prior.std_path)] = prior.sd
         values[field] = entries_.tolist()
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
@@ -112,16 +112,16 @@ def _index(path: str) -> tuple[int, ...]:
     return tuple(int(i) for i in path.partition("[")[2].rstrip("]").split(",") if i)
 
 
-def _fields(fit: "Fit", kept: Sequence[str]) -> "JsonObject":
-    """Path of a field → standard errors in its shape, NaN for entries that were not told, and for those `kept`."""
+def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
+    """Path of a field → standard errors in its shape, NaN for entries that were not told, and for `prior_paths`."""
     sd_of = dict(zip(fit.names, fit.sd, strict=True))
-    estimated = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
+    fitted_names = {n for n, x in zip(fit.names, fit.estimate, strict=True) if np.isfinite(x)}
     for name, sd in zip(fit.own_names, np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True):
-        if name.startswith("sensors.") and np.isfinite(sd) and name not in kept:
+        if name.startswith("sensors.") and np.isfinite(sd) and name not in prior_paths:
             sd_of[name] = sd
-            estimated.add(name)
+            fitted_names.add(name)
     out: dict[str, Tree] = {}
-    for path in (path for path in estimated if not path.startswith(MOUNT)):
+    for path in (path for path in fitted_names if not path.startswith(MOUNT)):
         field, bracket, _ = path.partition("[")
         if not bracket:
             out[field] = float(sd_of[path])

@@ -67,7 +67,7 @@ class Evidence(NamedTuple):
 
 def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
     """Return the verdict and its reasons."""
-    reasons = _refused(e) or _doubts(e) or [note("fit.converged")]
+    reasons = _refusals(e) or _doubts(e) or [note("fit.converged")]
     return Verdict.of(reasons), tuple(reasons)
 
 
@@ -86,25 +86,27 @@ def noted(e: Evidence) -> list[Diagnostic]:
 
 def _of(e: Evidence, severity: Severity) -> list[Diagnostic]:
     """Return what the detectors found of this severity."""
-    return [one for one in e.messages if one.severity == severity]
+    return [message for message in e.messages if message.severity == severity]
 
 
-def _at_bound(e: Evidence, k: int, how: str, severity: Severity) -> Diagnostic:
+def _at_bound(e: Evidence, k: int, kind: str, severity: Severity) -> Diagnostic:
     side = "low" if e.bound[k] < 0 else "high"
-    return note(f"bound.{side}-{how}", severity, subject=e.names[k], bound=float(e.estimate[k]))
+    return note(f"bound.{side}-{kind}", severity, subject=e.names[k], bound=float(e.estimate[k]))
 
 
-def _refused(e: Evidence) -> list[Diagnostic]:
+def _refusals(e: Evidence) -> list[Diagnostic]:
     out = _of(e, ERROR)
     if not e.converged and e.moving:
         out.append(note("fit.not-converged-moving", ERROR, f"--fix {e.moving}", e.moving, key=e.moving))
     elif not e.converged:
         out.append(note("fit.not-converged", ERROR, "--fix KEY"))
-    explained = [c.explained for c in e.channels if np.isfinite(c.explained)]
+    shares = [c.explained for c in e.channels if np.isfinite(c.explained)]
     over_all = {label: whole(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
-    best = max([0.0, *explained, *(one.explained for one in over_all.values())])
+    best = max([0.0, *shares, *(channel.explained for channel in over_all.values())])
     far = {
-        label: np.sqrt(one.squares / max(one.moved, 1e-300)) for label, one in over_all.items() if one.unlike
+        label: np.sqrt(channel.squares / max(channel.moved, 1e-300))
+        for label, channel in over_all.items()
+        if channel.unlike
     }
     if not best > EXPLAINS:
         out.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(best, 0.0)))
@@ -114,20 +116,20 @@ def _refused(e: Evidence) -> list[Diagnostic]:
             for label, times in far.items()
         ]
         out += _of(e, WARNING)  # one of them may be why
-    return out + _unseen(e)
+    return out + _unidentified(e)
 
 
-def _unseen(e: Evidence) -> list[Diagnostic]:
+def _unidentified(e: Evidence) -> list[Diagnostic]:
     """Return why too few of the parameters are identified."""
     free, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
-    unidentified = free - int(np.sum(np.isfinite(e.estimate)))
-    if free and unidentified == free:
+    missing = free - int(np.sum(np.isfinite(e.estimate)))
+    if free and missing == free:
         return [note("fit.nothing-seen", ERROR, asked=free)]
-    if unidentified > UNSEEN * free:
-        return [note("fit.most-unseen", ERROR, unseen=unidentified, asked=free)]
-    if unidentified + weak > UNSEEN * free:
-        code = "fit.most-unseen-or-weak" if unidentified else "fit.most-weak"
-        return [note(code, ERROR, asked=free, unseen=unidentified, weak=weak)]
+    if missing > UNSEEN * free:
+        return [note("fit.most-unseen", ERROR, unseen=missing, asked=free)]
+    if missing + weak > UNSEEN * free:
+        code = "fit.most-unseen-or-weak" if missing else "fit.most-weak"
+        return [note(code, ERROR, asked=free, unseen=missing, weak=weak)]
     return []
 
 
@@ -141,7 +143,7 @@ def _doubts(e: Evidence) -> list[Diagnostic]:
     out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
     if e.unobservable:
         out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
-    subjects = {one.subject for one in e.messages if one.code == "residual.autocorrelated"}
+    subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
     for label, c, channel in zip(_labels(e), e.colour, e.channels, strict=False):
         if abs(c) > COLOUR and channel.explained < 1.0 - LACKING**2 and label not in subjects:
             out.append(note("residual.lacking", WARNING, subject=label))
@@ -183,8 +185,8 @@ def _one_far(e: Evidence, label: str) -> Diagnostic:
     )
     units = CHANNEL_UNITS.get(same[0].sensor, ())
     unit = units[same[0].entry] if same[0].entry < len(units) else ""
-    apart = abs(z - h) / sigma
-    return note("residual.one-far", WARNING, subject=label, measured=z, model=h, unit=unit, apart=apart)
+    difference = abs(z - h) / sigma
+    return note("residual.one-far", WARNING, subject=label, measured=z, model=h, unit=unit, apart=difference)
 
 
 def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
@@ -236,29 +238,29 @@ def by_channel(
     out: dict[str, list[ChannelOfRun]] = {}
     labels = list(dict.fromkeys(f"{c.sensor}[{c.entry}]" for c in channels))
     means = np.zeros(len(labels)) if one_mean is None else one_mean
-    for label, shared in zip(labels, means, strict=True):
-        fewest = 1 if shared else 2
+    for label, mean_of_runs in zip(labels, means, strict=True):
+        fewest = 1 if mean_of_runs else 2
         same = [c for c in channels if f"{c.sensor}[{c.entry}]" == label]
         same = [c for c in same if np.isfinite(c.measured).sum() >= fewest]
         finite = [np.isfinite(c.measured) for c in same]
-        z = [c.measured[there] for c, there in zip(same, finite, strict=True)]
-        mean = float(np.mean(np.concatenate(z))) if shared and z else None
-        for c, there, measured in zip(same, finite, z, strict=True):
+        z = [c.measured[finite_rows] for c, finite_rows in zip(same, finite, strict=True)]
+        mean = float(np.mean(np.concatenate(z))) if mean_of_runs and z else None
+        for c, finite_rows, measured in zip(same, finite, z, strict=True):
             most = CLIPPED * max(c.sigma, float(np.std(measured)))
-            residuals = np.clip(measured - c.predicted[there], -most, most)
-            moved = c.predicted[there] + residuals
-            moved = moved - (np.mean(moved) if mean is None else mean)
-            left2, moved2 = (float(x @ x) / c.sigma**2 for x in (residuals, moved))
+            residuals = np.clip(measured - c.predicted[finite_rows], -most, most)
+            signal = c.predicted[finite_rows] + residuals
+            signal = signal - (np.mean(signal) if mean is None else mean)
+            left2, moved2 = (float(x @ x) / c.sigma**2 for x in (residuals, signal))
             out.setdefault(label, []).append(ChannelOfRun(c.run, left2, moved2, len(measured)))
     return out
 
 
 def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     """The sums over all runs of a channel."""
-    squares, moved, samples = (
-        sum(getattr(one, name) for one in runs) for name in ("squares", "moved", "samples")
+    squares, moved2, samples = (
+        sum(getattr(channel, name) for channel in runs) for name in ("squares", "moved", "samples")
     )
-    return ChannelOfRun("", squares, moved, samples)
+    return ChannelOfRun("", squares, moved2, samples)
 
 
 def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
@@ -266,29 +268,30 @@ def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagno
     the model errs in the others, or those that did and are further off than chance explains."""
     out = []
     for label, runs in channels.items():
-        rest = [one for one in runs if not one.unlike]
+        rest = [channel for channel in runs if not channel.unlike]
         if not rest:
             continue
         errs = whole(rest).squares / max(whole(rest).samples, 1)
-        small = [one.moved <= errs * one.samples for one in runs]
+        small = [channel.moved <= errs * channel.samples for channel in runs]
         outliers = [
-            one.run
-            for one, quiet in zip(runs, small, strict=True)
-            if one.unlike and (quiet if hardly else not quiet and _beyond_chance(one, rest, len(runs)))
+            channel.run
+            for channel, quiet in zip(runs, small, strict=True)
+            if channel.unlike
+            and (quiet if hardly else not quiet and _beyond_chance(channel, rest, len(runs)))
         ]
         if outliers:
             code, grave = (
                 ("runs.hardly-moved", Severity.INFO) if hardly else ("runs.unlike-others", Severity.WARNING)
             )
-            named = ", ".join(outliers[:NAMED]) + ", …" * (len(outliers) > NAMED)
-            out.append(note(code, grave, subject=label, count=len(outliers), of=len(runs), runs=named))
+            run_names = ", ".join(outliers[:NAMED]) + ", …" * (len(outliers) > NAMED)
+            out.append(note(code, grave, subject=label, count=len(outliers), of=len(runs), runs=run_names))
     return out
 
 
-def _beyond_chance(one: ChannelOfRun, rest: list[ChannelOfRun], count: int) -> bool:
+def _beyond_chance(channel: ChannelOfRun, rest: list[ChannelOfRun], count: int) -> bool:
     """Return True where the residual of a run is larger than the largest of `count` runs is by chance. Two runs do not
     show their scatter: then True.  (1)"""
-    g = np.log([max(r.squares / r.samples, 1e-300) for r in (one, *rest)])
+    g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *rest)])
     if len(rest) < 2:
         return True
     far = (

@@ -128,12 +128,12 @@ class Choice:
     @property
     def taken(self) -> tuple[str, ...]:
         """Names of the terms that the model has."""
-        return tuple(one.term.name for one in self.judged if one.verdict == Decision.TAKEN)
+        return tuple(result.term.name for result in self.judged if result.verdict == Decision.TAKEN)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """One per term."""
-        return tuple(text(one.message) for one in self.judged)
+        return tuple(text(result.message) for result in self.judged)
 
     @property
     def verdict(self) -> str:
@@ -147,16 +147,18 @@ class Choice:
 
     def rows(self) -> list["TableRow"]:
         """One flat row per term, then one per parameter of the fit."""
-        return [one.row() for one in self.judged] + self.fit.rows()
+        return [result.row() for result in self.judged] + self.fit.rows()
 
     def table(self, reported: bool = False) -> str:
         """For people; `reported` as for the table of the fit."""
-        wide = max((len(one.term.name) for one in self.judged), default=0)
+        wide = max((len(result.term.name) for result in self.judged), default=0)
         lines = [f"{_('term'):{wide}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
-        for one in self.judged:
-            errors = f"{number(one.without):.4g} → {number(one.with_):.4g}"
-            ahead = f"{number(one.one_step_without):.4g} → {number(one.one_step_with):.4g}"
-            label = f"{_(one.channel.name)} [{one.channel.unit}]"
-            lines.append(f"{one.term.name:{wide}}  {_(one.verdict):9}  {errors:>19}  {ahead:>19}  {label}")
+        for result in self.judged:
+            errors = f"{number(result.without):.4g} → {number(result.with_):.4g}"
+            ahead = f"{number(result.one_step_without):.4g} → {number(result.one_step_with):.4g}"
+            label = f"{_(result.channel.name)} [{result.channel.unit}]"
+            lines.append(
+                f"{result.term.name:{wide}}  {_(result.verdict):9}  {errors:>19}  {ahead:>19}  {label}"
+            )
         lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, _(NO_EVIDENCE), ""]
         return "\n".join(lines) + "\n" + self.fit.table(reported)

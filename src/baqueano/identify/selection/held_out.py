@@ -100,7 +100,7 @@ class HeldOut:
         self.block_s, numbers, self.count = _blocks(judging, (unseen or fitted_runs) >= RUNS)
         before = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
         self.blocks = [*before, *numbers]
-        fitted = [_masked(r, np.full(len(r.dt_s), not unseen or r.run < fitted_runs)) for r in records]
+        fitted = [_with_mask(r, np.full(len(r.dt_s), not unseen or r.run < fitted_runs)) for r in records]
         self.all = Residuals(blocks, shape, fitted, backend)
         self.shared = np.arange(self.all.size) < len(shape.shared)
         self.starts = np.arange(self.all.size) >= self.all.layout.starts
@@ -109,19 +109,20 @@ class HeldOut:
             self.still[self.all.layout.of_starts(k)] = rest[record.run]
         self.folds = []
         if unseen:
-            masked = [_masked(r, np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
-            self.folds.append(Fold(self.all, Residuals(blocks, shape, masked, backend)))
+            held_out_records = [_with_mask(r, np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
+            self.folds.append(Fold(self.all, Residuals(blocks, shape, held_out_records, backend)))
             return
         for k in range(min(FOLDS, self.count)):
             groups = [np.full(len(r.dt_s), r.run) for r in records] if self.whole_runs else self.blocks
             out = [number % FOLDS == k for number in groups]
-            near = (
-                out if self.whole_runs else [_widened(o, r.dt_s) for o, r in zip(out, records, strict=True)]
-            )
-            train = [_masked(r, ~n) for r, n in zip(records, near, strict=True)]
-            masked = [_masked(r, o) for r, o in zip(records, out, strict=True)]
+            near = out if self.whole_runs else [_widen(o, r.dt_s) for o, r in zip(out, records, strict=True)]
+            train = [_with_mask(r, ~n) for r, n in zip(records, near, strict=True)]
+            held_out_records = [_with_mask(r, o) for r, o in zip(records, out, strict=True)]
             self.folds.append(
-                Fold(Residuals(blocks, shape, train, backend), Residuals(blocks, shape, masked, backend))
+                Fold(
+                    Residuals(blocks, shape, train, backend),
+                    Residuals(blocks, shape, held_out_records, backend),
+                )
             )
 
     def fitted(
@@ -136,8 +137,8 @@ class HeldOut:
 
     def score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
         """A model with the entries `free` (p,) of θ on what is held out, each fold begun at `theta`.  (1)"""
-        alone = len(self.all.records) == 1 and self.all.scan.backend == "c"  # else each run has a core
-        rows = sum(map(len, self.blocks)) if alone else 0
+        is_single = len(self.all.records) == 1 and self.all.scan.backend == "c"  # else each run has a core
+        rows = sum(map(len, self.blocks)) if is_single else 0
         parts = each(lambda fold: self._of_fold(fold, theta, free, sigma), self.folds, rows=rows)
         loss, samples, ahead, pairs = (np.sum([part[i] for part in parts], axis=0) for i in range(4))
         return Score(loss, samples, ahead, pairs, np.array([part[4] for part in parts]), sigma)
@@ -150,7 +151,7 @@ class HeldOut:
         ahead, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
         movable = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
         theta_ = self.fitted(theta, movable, sigma, fold.train).theta
-        shared = theta_[self.shared]
+        shared_theta = theta_[self.shared]
         if self.whole_runs:
             theta_ = np.where(self.still, 0.0, theta_)
             theta_ = self.fitted(theta_, free & ~self.shared & ~self.still, sigma, fold.test).theta
@@ -159,24 +160,24 @@ class HeldOut:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
             np.add.at(samples, block, has)
-            for c, steps in enumerate(np.diff(x[there]) for x, there in zip(r.T, has.T > 0.0, strict=True)):
+            for c, steps in enumerate(np.diff(x[finite]) for x, finite in zip(r.T, has.T > 0.0, strict=True)):
                 ahead[c] += np.sum(np.clip(steps, -1e6, 1e6) ** 2)
                 pairs[c] += len(steps)
-        return np.where(np.isfinite(loss), loss, np.inf), samples, ahead, pairs, shared
+        return np.where(np.isfinite(loss), loss, np.inf), samples, ahead, pairs, shared_theta
 
 
 def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
     """UsageError where a run is held out and fitted to."""
-    again = [run.name for run in held_out if run.name in {one.name for one in runs}]
-    if again:
-        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=again[0]))
+    repeats = [run.name for run in held_out if run.name in {run.name for run in runs}]
+    if repeats:
+        raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=repeats[0]))
 
 
 def paired(without: Score, with_: Score) -> PairedComparison:
     """Compare two models block by block.  (2), (3)"""
-    used = without.samples.sum(axis=1) > 0.0
-    before, after = without.loss[used], with_.loss[used]
-    floor = FLOOR * without.samples[used].sum(axis=1)
+    has_samples = without.samples.sum(axis=1) > 0.0
+    before, after = without.loss[has_samples], with_.loss[has_samples]
+    floor = FLOOR * without.samples[has_samples].sum(axis=1)
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
         return PairedComparison(-np.inf, np.inf, -np.inf, 0, len(floor))
     g = 0.5 * np.log((before.sum(axis=1) + floor) / (after.sum(axis=1) + floor))
@@ -220,7 +221,7 @@ def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list
     return block_s, out, first
 
 
-def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+def _widen(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     """The rows `out` (N,) and those within GAP_S of them."""
     ends = np.cumsum(dt_s)
     edges = np.flatnonzero(np.diff(out.astype(int)) != 0)
@@ -230,10 +231,10 @@ def _widened(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     return near
 
 
-def _masked(record: FitRecord, kept: np.ndarray) -> FitRecord:
-    """The record with the measurements of the rows `kept` (N,) only."""
+def _with_mask(record: FitRecord, mask: np.ndarray) -> FitRecord:
+    """The record with the measurements of the rows of `mask` (N,) only."""
     sensors: dict[str, Tree] = {
-        name: Measurements(readings.z, readings.has * kept[:, None], readings.sample_fraction)
+        name: Measurements(readings.z, readings.has * mask[:, None], readings.sample_fraction)
         for name, readings in record.sensors.items()
     }
     return record._replace(sensors=sensors)

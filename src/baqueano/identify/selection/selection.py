@@ -109,30 +109,30 @@ def choose(
     `candidates` are names of terms (terms.py) or paths, else all that the kind has. `free`, `use`, and of `options`
     those in TAKEN, are those of `identify`. Runs `held_out` decide the terms. UsageError for an unknown name.
     """
-    others = [name for name in options.changed if name not in TAKEN]
-    if others:
-        raise UsageError(fault("choose.options", options=others))
+    option_names = [name for name in options.changed if name not in TAKEN]
+    if option_names:
+        raise UsageError(fault("choose.options", options=option_names))
     runs, report = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
     unseen_only(held_out, runs)
     commands = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, commands)):
         raise UsageError(fault("choose.no-command"))
-    u, how = np.concatenate(commands), How(runs, use, options, tuple(held_out))
+    u, setup = np.concatenate(commands), How(runs, use, options, tuple(held_out))
     battery = any(CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, any_way, battery))
     least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
     report(_("fitting the smallest model"))
-    base = how.fit(bare, least)
+    base = setup.fit(bare, least)
     terms = candidate_terms(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
     terms = [
         term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
     ]
-    growing = _Growing(how, bare, base, least, terms, report)
-    model, judged = growing.grown()
+    growing = _Growing(setup, bare, base, least, terms, report)
+    model, results = growing.grown()
     report(_("fitting the model that was chosen"))
-    return Choice(tuple(judged), growing.fit_of(model, bare), growing.rule)
+    return Choice(tuple(results), growing.fit_of(model, bare), growing.rule)
 
 
 class How(NamedTuple):
@@ -178,7 +178,7 @@ class _Growing:
         u = np.concatenate([r.u for r in records])
         blocks, candidates = enable_parameters(blocks, candidates, file.rate_hz, u, past_of(runs))
         records = with_voltage(records, runs, blocks)
-        self.paths = [one.path for one in candidates]
+        self.paths = [candidate.path for candidate in candidates]
         shape = shape_of(blocks, candidates, records, options)
         rest = [begins_at_rest(run, blocks.sensors) for run in runs]
         every = HeldOut(blocks, shape, records, rest, len(validation_runs), how.options.backend)
@@ -206,14 +206,14 @@ class _Growing:
             size = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)
         else:
             size = _("{count} runs, each one a block", count=h.count)
-        how = _("whole runs") if h.whole_runs else _("{gap_s:g} s beside it not used", gap_s=GAP_S)
-        judged = _(
+        gap = _("whole runs") if h.whole_runs else _("{gap_s:g} s beside it not used", gap_s=GAP_S)
+        sentence = _(
             "Each model was fitted without a fifth of the data, and tested by its simulation of "
             "that fifth ({how}; {size}).",
-            how=how, size=size,
+            how=gap, size=size,
         )  # fmt: skip
         if h.unseen:
-            judged = _(
+            sentence = _(
                 "Each model was fitted to the runs, and tested by its simulation of the {unseen} "
                 "held-out runs ({size}).",
                 unseen=h.unseen, size=size,
@@ -224,21 +224,21 @@ class _Growing:
             "such terms gets one at most that often.",
             percent=100 * ALPHA,
         )
-        return f"{judged} {needs}"
+        return f"{sentence} {needs}"
 
     def grown(self) -> tuple[Model, list[TermResult]]:
         """The model, and the last word on each term."""
-        model, last, barred = self.model((), self.first), {}, set()
+        model, last, excluded_names = self.model((), self.first), {}, set()
         while True:
-            model = self.forward(model, last, barred)
-            fallen = False
-            while (tried := self.superfluous(model, last)) is not None:
-                fallen = True
-                barred.add(tried.judged.term.name)
-                last[tried.judged.term.name] = tried.judged
-                rest = tuple(term for term in model.terms if term.name not in barred)
-                model = self.model(rest, tried.theta)
-            if not fallen:
+            model = self.forward(model, last, excluded_names)
+            has_dropped = False
+            while (trial := self.superfluous(model, last)) is not None:
+                has_dropped = True
+                excluded_names.add(trial.judged.term.name)
+                last[trial.judged.term.name] = trial.judged
+                rest = tuple(term for term in model.terms if term.name not in excluded_names)
+                model = self.model(rest, trial.theta)
+            if not has_dropped:
                 break
         have = {path for term in model.terms for path in term.paths}
         rest = [term for term in self.terms if not have.intersection(term.paths)]
@@ -247,12 +247,12 @@ class _Growing:
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
         """The fit of a model with its error bars, begun where it is; a delay, whose cost has valleys, stays near."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
-        taken = [path for term in model.terms for path in term.paths]
-        file = with_terms(bare, self.terms, {path: values[path] for path in taken})
+        paths = [path for term in model.terms for path in term.paths]
+        file = with_terms(bare, self.terms, {path: values[path] for path in paths})
         near, close_s = {}, NEAR / bare.rate_hz
-        if DELAY in taken:
+        if DELAY in paths:
             near = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
-        return self.how.fit(file, [*self.least_paths, *taken], {p: values[p] for p in self.least_paths}, near)
+        return self.how.fit(file, [*self.least_paths, *paths], {p: values[p] for p in self.least_paths}, near)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """The model with `terms`, its noise found anew."""
@@ -270,13 +270,13 @@ class _Growing:
                 self.say(_("{terms} terms: trying {term}", terms=len(model.terms), term=term.name))
                 tries.append(self.tried(model, term, ALPHA / len(open_)))
                 last[term.name] = tries[-1].judged
-            good = [one for one in tries if one.judged.verdict == Decision.TAKEN]
+            good = [trial for trial in tries if trial.judged.verdict == Decision.TAKEN]
             if not good:
                 return model
             best = _first_of_the_best(good)
-            for one in good:
-                if one is not best:
-                    last.pop(one.judged.term.name)
+            for trial in good:
+                if trial is not best:
+                    last.pop(trial.judged.term.name)
             self.say(text(best.judged.message))
             model = self.model((*model.terms, best.judged.term), best.theta)
 
@@ -285,21 +285,21 @@ class _Growing:
         at, free = self._at(term), self._free((*model.terms, term))
         before = self.held_out.all.weighed(model.sigma).evaluate(model.theta).cost
         end = self._from_the_best_start(model, term, free)
-        if why := self._excluded(term, end.theta, end.bound, dense(end.at.hessian), free):
-            return TermTrial(self._judged(term, why[0], why[1], model, None, end.theta, 0.0), end.theta, None)
+        if ban := self._exclusion(term, end.theta, end.bound, dense(end.at.hessian), free):
+            return TermTrial(self._result(term, ban[0], ban[1], model, None, end.theta, 0.0), end.theta, None)
         if not before - end.at.cost > WORTH * len(at):
-            gained = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
-            reason = note("term.brings-little", percent=100 * gained)
-            judged = self._judged(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0)
-            return TermTrial(judged, end.theta, None)
+            gain = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
+            reason = note("term.brings-little", percent=100 * gain)
+            result = self._result(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0)
+            return TermTrial(result, end.theta, None)
         score = self._score(end.theta, free, model.sigma)
         test = paired(model.score, score)
         verdict = Decision.TAKEN if test.errors > test.beyond(alpha) else Decision.LEFT_OUT
         sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
         reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
-        judged = self._judged(term, verdict, reason, model, (score, test), end.theta, test.beyond(alpha))
-        return TermTrial(judged, end.theta, score)
+        result = self._result(term, verdict, reason, model, (score, test), end.theta, test.beyond(alpha))
+        return TermTrial(result, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
         """The best fit with a term: a few steps from each of its starts, then on from the best; later on from
@@ -309,7 +309,7 @@ class _Growing:
             theta = model.theta.copy()
             theta[self._at(term)] = start
             ends.append(self.held_out.fitted(theta, free, model.sigma, most=FEW))
-        best = min(ends, key=lambda one: one.at.cost if np.isfinite(one.at.cost) else np.inf)
+        best = min(ends, key=lambda end: end.at.cost if np.isfinite(end.at.cost) else np.inf)
         end = self.held_out.fitted(best.theta, free, model.sigma)
         at = self._at(term)
         if np.any(end.theta[at] != self.first[at]):
@@ -321,23 +321,23 @@ class _Growing:
         weakest: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
             self.say(_("testing if {term} is still needed", term=term.name))
-            rest = tuple(one for one in model.terms if one is not term)
+            rest = tuple(model_term for model_term in model.terms if model_term is not term)
             free, theta = self._free(rest), model.theta.copy()
             theta[self._at(term)] = self.first[self._at(term)]
             end = self.held_out.fitted(theta, free, model.sigma)
             score = self._score(end.theta, free, model.sigma)
             test = paired(score, model.score)
-            needed = test.beyond(ALPHA)
-            verdict = Decision.TAKEN if test.errors > needed else Decision.DROPPED
+            limit = test.beyond(ALPHA)
+            verdict = Decision.TAKEN if test.errors > limit else Decision.DROPPED
             without = model._replace(score=score)
-            judged = self._judged(term, verdict, None, without, (model.score, test), model.theta, needed)
+            result = self._result(term, verdict, None, without, (model.score, test), model.theta, limit)
             if verdict == Decision.DROPPED and (weakest is None or test.errors < weakest.judged.errors):
-                weakest = TermTrial(judged, end.theta, score)
+                weakest = TermTrial(result, end.theta, score)
             elif verdict == Decision.TAKEN:
-                last[term.name] = judged
+                last[term.name] = result
         return weakest
 
-    def _excluded(
+    def _exclusion(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
     ) -> tuple[Decision, Diagnostic] | None:
         """Why a term is out of the question, if it is: left out or refused, and the reason."""
@@ -348,30 +348,30 @@ class _Growing:
         for k in at[(bound[at] != 0) & ~neutral]:
             code = "bound.low-held" if bound[k] < 0 else "bound.high-held"
             return Decision.REFUSED, note(code, subject=self.paths[k], bound=theta[k])
-        others = np.flatnonzero(
+        free_entries = np.flatnonzero(
             free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(free)), at) & (bound == 0)
         )
-        own = own_information(A, at[~neutral], others)
+        own = own_information(A, at[~neutral], free_entries)
         if own < SINGULAR:
             return Decision.REFUSED, note("term.same-as-others")
         return None
 
-    def _judged(
-        self, term: Term, verdict: Decision, why: Diagnostic | None, model: Model, other: tuple[Score, PairedComparison] | None,  # noqa: E501
-        theta: np.ndarray, needed: float,
+    def _result(
+        self, term: Term, verdict: Decision, reason: Diagnostic | None, model: Model, pair: tuple[Score, PairedComparison] | None,  # noqa: E501
+        theta: np.ndarray, limit: float,
     ) -> TermResult:  # fmt: skip
-        """The figures of a term against `model`; `other` is the score with it."""
+        """The figures of a term against `model`; `pair` is the score with it."""
         at = self._at(term)
-        score, test = other or (model.score, PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
+        score, test = pair or (model.score, PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
         c = test.channel
-        sd = jackknife(score, at.tolist()) if other else np.full(len(at), np.nan)
+        sd = jackknife(score, at.tolist()) if pair else np.full(len(at), np.nan)
         large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
-        if verdict == Decision.LEFT_OUT and other and float(np.max(sd)) > AS_LARGE * large:
+        if verdict == Decision.LEFT_OUT and pair and float(np.max(sd)) > AS_LARGE * large:
             fall: JsonObject = {"percent": 100 * test.gain, "percent_sd": 100 * test.sd}
-            why = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
+            reason = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
         return TermResult(
-            term, verdict, why, self.channels[c], float(model.score.error[c]), float(score.error[c]),
-            test.gain, test.sd, test.errors, needed, tuple(map(float, theta[at])), tuple(map(float, sd)),
+            term, verdict, reason, self.channels[c], float(model.score.error[c]), float(score.error[c]),
+            test.gain, test.sd, test.errors, limit, tuple(map(float, theta[at])), tuple(map(float, sd)),
             float(model.score.one_step[c]), float(score.one_step[c]),
         )  # fmt: skip
 
@@ -390,11 +390,11 @@ class _Growing:
 
 def _first_of_the_best(good: list[TermTrial]) -> TermTrial:
     """Of the terms not worse than the best beyond the noise between them, the first."""
-    best = max(good, key=lambda one: one.judged.gain)
+    best = max(good, key=lambda trial: trial.judged.gain)
     assert best.score is not None
-    for one in good:
-        assert one.score is not None
-        behind = paired(one.score, best.score)
-        if one is best or not behind.errors > behind.beyond(ALPHA):
-            return one
+    for trial in good:
+        assert trial.score is not None
+        behind = paired(trial.score, best.score)
+        if trial is best or not behind.errors > behind.beyond(ALPHA):
+            return trial
     return best

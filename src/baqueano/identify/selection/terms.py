@@ -68,8 +68,8 @@ def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
     paths = [p for path in requested_paths(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
     candidates = [described(blocks, p, {}) for p in paths if p not in optional]
-    frozen = frozen_columns(candidates, u)
-    return [one.path for k, one in enumerate(candidates) if k not in frozen]
+    frozen_numbers = frozen_columns(candidates, u)
+    return [candidate.path for k, candidate in enumerate(candidates) if k not in frozen_numbers]
 
 
 def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
@@ -87,8 +87,8 @@ def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, flo
     values = {field: np.asarray(get(blocks, field), float).tolist() for field in sorted(fields)}
     if LAG in values and LAG not in fitted:
         values[LAG] = 0.0
-    changed = {k: v for k, v in values.items() if not _same(v, file.value(k))}
-    return file.with_values(changed) if changed else file
+    changes = {k: v for k, v in values.items() if not _same(v, file.value(k))}
+    return file.with_values(changes) if changes else file
 
 
 def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
@@ -123,23 +123,23 @@ def candidate_terms(
     if candidates is None:
         return terms
     by_name, out = {term.name: term for term in terms}, []
-    for one in candidates:
-        if isinstance(one, Term):
-            out.append(one)
-        elif one in by_name:
-            out.append(by_name[one])
-        elif one.startswith(("model.", "sensors.")):
-            paths = tuple(entries(blocks, one))
+    for candidate in candidates:
+        if isinstance(candidate, Term):
+            out.append(candidate)
+        elif candidate in by_name:
+            out.append(by_name[candidate])
+        elif candidate.startswith(("model.", "sensors.")):
+            paths = tuple(entries(blocks, candidate))
             out.append(
-                Term(one, paths, (0.0,) * len(paths), (tuple(value(blocks, p) or 0.1 for p in paths),))
+                Term(candidate, paths, (0.0,) * len(paths), (tuple(value(blocks, p) or 0.1 for p in paths),))
             )
         else:
             raise UsageError(
                 fault(
                     "choose.no-term",
-                    found=one,
+                    found=candidate,
                     kind=type(blocks.model).__name__,
-                    near=nearest(one, by_name),
+                    near=nearest(candidate, by_name),
                 )
             )
     return out
@@ -159,14 +159,14 @@ def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
     drivetrain = model.drivetrain
     channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
     low, high = np.min(channels, axis=0, initial=0.0), np.max(channels, axis=0, initial=0.0)
-    alone = np.eye(len(high))
-    ways = [w for w in (*(alone * high), *(alone * low)) if np.any(w)]
+    axes = np.eye(len(high))
+    ways = [w for w in (*(axes * high), *(axes * low)) if np.any(w)]
     ways += [w for w in (high, low) if np.count_nonzero(w) > 1]
     quick = compiled(model)
-    return [_driven(quick, w, drivetrain.unmix(w)) for w in ways]
+    return [_drive(quick, w, drivetrain.unmix(w)) for w in ways]
 
 
-def _driven(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
+def _drive(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
     state, most = model.init(), np.zeros(3)
     with np.errstate(all="ignore"):
         for _ in range(round(REACH_S / TICK_S)):
@@ -213,11 +213,11 @@ def _track(blocks: FittedBlocks) -> float:
 
 def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
     """Return the terms by which a command acts on other axes."""
-    moved, out = np.flatnonzero(np.any(u != 0.0, axis=0)), []
+    axes_moved, out = np.flatnonzero(np.any(u != 0.0, axis=0)), []
     for field, p in all_parameters(blocks.model, "model"):
         if p.term and p.role == "gain":
             matrix = get(blocks, field)
-            both = [(i, j) for j in moved for i in range(len(matrix)) if i != j]
+            both = [(i, j) for j in axes_moved for i in range(len(matrix)) if i != j]
             paths = tuple(f"{field}[{i},{j}]" for i, j in both)
             start = tuple(0.02 * float(matrix[j, j]) for _, j in both)
             name = words_of(p.term, ())
@@ -226,28 +226,28 @@ def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
 
 
 def _of_drivetrain(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
-    moved = [m for m in motions if np.any(m.most > 0.0)]  # a servo alone moves nothing
-    alone, out = [m for m in moved if np.count_nonzero(m.w) == 1], []
+    moving = [m for m in motions if np.any(m.most > 0.0)]  # a servo alone moves nothing
+    single, out = [m for m in moving if np.count_nonzero(m.w) == 1], []
     for way, field, sign in zip(("forward", "backward"), DEAD_ZONES, (1.0, -1.0), strict=True):
-        used = [(k, abs(float(m.w[k]))) for m in alone for k in np.flatnonzero(sign * m.w > 0.0)]
-        paths = tuple(f"{field}[{k}]" for k, _ in used)
-        starts = tuple(tuple(part * size for _, size in used) for part in (0.05, 0.25))
+        commands = [(k, abs(float(m.w[k]))) for m in single for k in np.flatnonzero(sign * m.w > 0.0)]
+        paths = tuple(f"{field}[{k}]" for k, _ in commands)
+        starts = tuple(tuple(part * size for _, size in commands) for part in (0.05, 0.25))
         if paths:
             out.append(Term(f"dead zone {way}", paths, (0.0,) * len(paths), starts))
     if len(out) == 2:
         paths, starts = out[0].paths + out[1].paths, zip(out[0].starts, out[1].starts, strict=True)
         out.insert(0, Term("dead zone", paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
-    out.append(_one("motor lag", LAG, 0.05)._replace(neutral=(SHORTEST_LAG_S,)))
-    out.append(_one("delay", DELAY, *((k + 0.5) * SCAN_S for k in range(round(LONGEST_DELAY_S / SCAN_S)))))
+    out.append(_term("motor lag", LAG, 0.05)._replace(neutral=(SHORTEST_LAG_S,)))
+    out.append(_term("delay", DELAY, *((k + 0.5) * SCAN_S for k in range(round(LONGEST_DELAY_S / SCAN_S)))))
     if model.drivetrain.mixing == "two_wheels":
         gain = Term("unequal motors", ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
-        out += [gain, _one("battery sag", "model.drivetrain.sag", 0.05)]
+        out += [gain, _term("battery sag", "model.drivetrain.sag", 0.05)]
     if battery:
-        out.append(_one("battery voltage", BATTERY, 0.5, 1.0))
+        out.append(_term("battery voltage", BATTERY, 0.5, 1.0))
     return out
 
 
-def _one(name: str, path: str, *starts: float) -> Term:
+def _term(name: str, path: str, *starts: float) -> Term:
     return Term(name, (path,), (0.0,), tuple((float(start),) for start in starts))
 
 

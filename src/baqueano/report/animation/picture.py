@@ -47,12 +47,12 @@ def animation(of: Scene, stages: Sequence[Stage] = (), labels: Sequence[str] = (
         *_legend(of, 374 if stages else 220),
     ]
     if stages:
-        parts += _fit(stages, labels, clock)
-    moved = "".join(f"@keyframes {name}{{{steps}}}" for name, steps in clock.frames.items())
+        parts += _fit_parts(stages, labels, clock)
+    keyframes = "".join(f"@keyframes {name}{{{steps}}}" for name, steps in clock.frames.items())
     title = _("A taught path, driven again; shaded: where the vehicle may be, 95 %")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {HIGH}" role="img">'
-        f"<title>{escape(title)}</title><style>{STYLE}{moved}</style>"
+        f"<title>{escape(title)}</title><style>{STYLE}{keyframes}</style>"
         f'<rect width="{WIDE}" height="{HIGH}" rx="12" fill="var(--paper)"/>{"".join(parts)}</svg>\n'
     )
 
@@ -119,18 +119,19 @@ def _path(of: Scene, clock: _Clock) -> list[str]:
     out = []
     if of.route is not None:
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in to(of.route))
-        drawn = ""
+        drawing_style = ""
         if clock.begin_s >= FIT_S:  # it is taught while the fit narrows
             steps = [(0.0, "stroke-dashoffset:1"), (clock.begin_s - 0.3, "stroke-dashoffset:0")]
-            drawn = f' pathLength="1" stroke-dasharray="1" style="{clock.moves("r", steps)}"'
-        out.append(f'<polyline class="route" points="{points}"{drawn}/>')
+            drawing_style = f' pathLength="1" stroke-dasharray="1" style="{clock.moves("r", steps)}"'
+        out.append(f'<polyline class="route" points="{points}"{drawing_style}/>')
     out += _trail(of, to, clock)
-    turned = np.degrees(np.unwrap(of.vehicle_poses[:, 2]))
+    headings = np.degrees(np.unwrap(of.vehicle_poses[:, 2]))
     size = max(of.radius_m * to.scale, 5.0)
-    taught = _taught(of, clock) if of.route is not None and clock.begin_s >= FIT_S else []
-    steps = [(s, to.pose(eta, deg)) for s, eta, deg in taught]
+    lesson_steps = _lesson_steps(of, clock) if of.route is not None and clock.begin_s >= FIT_S else []
+    steps = [(s, to.pose(eta, deg)) for s, eta, deg in lesson_steps]
     steps += [
-        (clock.at(t), to.pose(eta, deg)) for t, eta, deg in zip(of.t_s, of.vehicle_poses, turned, strict=True)
+        (clock.at(t), to.pose(eta, deg))
+        for t, eta, deg in zip(of.t_s, of.vehicle_poses, headings, strict=True)
     ]
     wheel = f'<rect class="wheel" x="{-size / 2.6:.1f}" width="{size / 1.3:.1f}" height="{size / 3.2:.1f}"'
     if of.true is not None and of.estimated is not None:
@@ -147,7 +148,7 @@ def _path(of: Scene, clock: _Clock) -> list[str]:
     return out
 
 
-def _taught(of: Scene, clock: _Clock) -> list[tuple[float, np.ndarray, float]]:
+def _lesson_steps(of: Scene, clock: _Clock) -> list[tuple[float, np.ndarray, float]]:
     """Return (seconds, pose, heading [°]) along the route, while it is taught."""
     assert of.route is not None
     xy = of.route[:: max(1, len(of.route) // 40)]
@@ -187,8 +188,8 @@ def _quad(of: Scene, to: _Map, k: int) -> str:
     assert of.estimated is not None
     assert of.half_m is not None
     eta, half = of.estimated[k : k + 2], of.half_m[k : k + 2, None]
-    left = half * np.stack([-np.sin(eta[:, 2]), np.cos(eta[:, 2])], axis=1)
-    corners = to(np.concatenate([eta[:, :2] + left, (eta[:, :2] - left)[::-1]]))
+    to_left = half * np.stack([-np.sin(eta[:, 2]), np.cos(eta[:, 2])], axis=1)
+    corners = to(np.concatenate([eta[:, :2] + to_left, (eta[:, :2] - to_left)[::-1]]))
     return '<path class="band" d="M' + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + 'z"/>'
 
 
@@ -233,7 +234,7 @@ def _legend(of: Scene, y: float) -> list[str]:
              ("sure", _("estimated path"), of.estimated is not None),
              ("true", _("true path"), of.true is not None)]  # fmt: skip
     out, x = [], LEFT + 50
-    for k, (kind, label, _there) in enumerate([one for one in entries if one[2]]):
+    for k, (kind, label, _visible) in enumerate([entry for entry in entries if entry[2]]):
         at_x, at_y = x + 160 * (k % 2), y + 24 * (k // 2) + 14
         mark = (
             f'<rect class="band" x="{at_x}" y="{at_y - 12}" width="22" height="14"/>'
@@ -244,7 +245,7 @@ def _legend(of: Scene, y: float) -> list[str]:
     return out
 
 
-def _fit(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) -> list[str]:
+def _fit_parts(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) -> list[str]:
     """Return the intervals, which narrow from stage to stage, and the seconds and verdict of each stage."""
     x, zero, top = LEFT + 50, WIDE - MARGIN - AXIS - 24, 98.0
     each_s = (clock.begin_s - 0.4) / len(stages)
@@ -260,7 +261,9 @@ def _fit(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) -> list[
     for row, label in enumerate(labels):
         y = top + ROW * row + 6
         css = [_interval(stage, row) for stage in stages]
-        steps = [(k * each_s + late, one) for k, one in enumerate(css) for late in (0.35 * (k > 0), each_s)]
+        steps = [
+            (k * each_s + late, style) for k, style in enumerate(css) for late in (0.35 * (k > 0), each_s)
+        ]
         style = clock.moves(f"b{row}", [(0.0, css[0]), *steps[1:], (clock.whole_s, css[-1])])
         out.append(
             f'<text x="{x}" y="{y + 5:.0f}">{escape(label)}</text><g transform="translate({zero:.0f} {y:.0f})">'

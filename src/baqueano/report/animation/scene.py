@@ -48,8 +48,7 @@ def scene(run: Run) -> Scene:
     t_s = np.linspace(0.0, end_s, min(A_LAP * laps, MOST) + 1)
     t_ns = run.t_ns[0] + np.round(t_s * NANOSECONDS).astype(np.int64)
     logs = [
-        None if log is None else _filled(poses_at(t_ns, log.t_ns, log.eta))
-        for log in (run.estimate, run.truth)
+        None if log is None else _fill(poses_at(t_ns, log.t_ns, log.eta)) for log in (run.estimate, run.truth)
     ]
     half = None
     if corridor is not None and len(corridor.t_s) > 1:
@@ -61,7 +60,7 @@ def scene(run: Run) -> Scene:
     return Scene(t_s, logs[0], logs[1], half, route, laps, _radius_m(run))
 
 
-def _filled(poses: np.ndarray) -> np.ndarray:
+def _fill(poses: np.ndarray) -> np.ndarray:
     """Return the poses with what a gap of the log hides taken from the instant before; at the start, after."""
     finite = np.flatnonzero(np.isfinite(poses).all(axis=1))
     at = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)

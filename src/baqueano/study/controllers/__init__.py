@@ -37,12 +37,14 @@ def controllers(
         contestants.append(contestant(kind, starts, backend))
     work = partial(batch, contestants=tuple(contestants), backend=backend)
     drives_of_robots = spread_over(work, range(first, first + seeds), processes, each)
-    done = sorted(drives_of_robots, key=lambda one: one.seed)
-    drives = [one for one in done if one.drives]
+    robots = sorted(drives_of_robots, key=lambda robot: robot.seed)
+    drives = [robot for robot in robots if robot.drives]
     results = {
-        judged: SweepResult(tuple(d for one in drives for d in one.drives[judged]), 0, contestants[0].label)
-        for judged in JUDGED
+        figure: SweepResult(
+            tuple(d for robot in drives for d in robot.drives[figure]), 0, contestants[0].label
+        )
+        for figure in JUDGED
     }
     return Controllers(
-        results, tuple(contestants), len(done), tuple(one.seed for one in done if not one.drives)
+        results, tuple(contestants), len(robots), tuple(robot.seed for robot in robots if not robot.drives)
     )

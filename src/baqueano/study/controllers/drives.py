@@ -57,10 +57,12 @@ def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
     if kind != "pd" and of(file.controller(), "as_written"):
         return Contestant(label, kind, {}, ())
     route = SHAPES["sinuous"]()
-    tuned = tune(
+    tune_result = tune(
         file, route, starts=starts, polish=False, duration_s=float(route.t_s[-1]) / 2.0, backend=backend
     )
-    return Contestant(label, kind, tuned.values, tuple(gain.name for gain in tuned.gains if gain.limit))
+    return Contestant(
+        label, kind, tune_result.values, tuple(gain.name for gain in tune_result.gains if gain.limit)
+    )
 
 
 def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
@@ -70,17 +72,17 @@ def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> Drive
     if fit.verdict == Verdict.REFUSED:
         return DrivenRobot(seed, {})
     file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
-    for one in contestants:
-        block = file.controller(one.kind, **one.gains)
-        cell = SweepCell(one.label, "", one.label, "repeat")
+    for rival in contestants:
+        block = file.controller(rival.kind, **rival.gains)
+        cell = SweepCell(rival.label, "", rival.label, "repeat")
         for name, make in SHAPES.items():
-            route, where = from_origin(make()), f"robot {seed}, {name}"
+            route, place = from_origin(make()), f"robot {seed}, {name}"
             for pose_known in (True, False):
                 world = LoopWorld(robot, seed + 1, file.rate_hz)
-                run = _driven(file, route, block, world, pose_known, backend)
+                run = _drive(file, route, block, world, pose_known, backend)
                 views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
-                for judged, view in views.items():
-                    drives.drives[judged].append(_judged(view, cell, where))
+                for view_name, view in views.items():
+                    drives.drives[view_name].append(_figures_of(view, cell, place))
     return drives
 
 
@@ -91,14 +93,14 @@ def from_origin(route: "Route") -> "Route":
     return route._replace(eta=eta)
 
 
-def _driven(
+def _drive(
     file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
 ) -> "Run":  # fmt: skip
     estimator = StateOfWorld(lambda: world.motion) if pose_known else None
     return repeat(file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 
-def _judged(run: "Run", cell: SweepCell, where: str) -> SweepDrive:
+def _figures_of(run: "Run", cell: SweepCell, place: str) -> SweepDrive:
     figures, pieces = figures_of(run)
-    why = stop_of(run)
-    return SweepDrive(cell, where, figures, pieces, "" if why is None else why.code)
+    reason = stop_of(run)
+    return SweepDrive(cell, place, figures, pieces, "" if reason is None else reason.code)

@@ -43,22 +43,22 @@ class Controllers(Result):
     def rows(self) -> list[TableRow]:
         """Return a flat row per controller: median, 95 % quantile and ratio with its interval, by judgement."""
         out = []
-        for one in self.contestants:
+        for contestant in self.contestants:
             row: TableRow = {
-                "controller": one.label,
-                "tuned": ", ".join(one.gains),
-                "at_bound": ", ".join(one.at_bound),
+                "controller": contestant.label,
+                "tuned": ", ".join(contestant.gains),
+                "at_bound": ", ".join(contestant.at_bound),
             }
-            for judged, drives in self.drives.items():
-                mine = [d for d in drives.drives if d.cell.label == one.label]
-                x = np.array([d.figures.get(FIGURE, np.nan) for d in mine])
+            for view, drives in self.drives.items():
+                own_drives = [d for d in drives.drives if d.cell.label == contestant.label]
+                x = np.array([d.figures.get(FIGURE, np.nan) for d in own_drives])
                 x = x[np.isfinite(x)]
-                ratio = drives.difference(one.label, FIGURE)
+                ratio = drives.difference(contestant.label, FIGURE)
                 row |= {
-                    f"{judged}_median_m": float(np.median(x)) if x.size else float("nan"),
-                    f"{judged}_p95_m": float(np.quantile(x, 0.95)) if x.size else float("nan"),
-                    f"{judged}_ratio": ratio.ratio, f"{judged}_low": ratio.low, f"{judged}_high": ratio.high,
-                    f"{judged}_stopped": sum(bool(d.stopped) for d in mine),
+                    f"{view}_median_m": float(np.median(x)) if x.size else float("nan"),
+                    f"{view}_p95_m": float(np.quantile(x, 0.95)) if x.size else float("nan"),
+                    f"{view}_ratio": ratio.ratio, f"{view}_low": ratio.low, f"{view}_high": ratio.high,
+                    f"{view}_stopped": sum(bool(d.stopped) for d in own_drives),
                 }  # fmt: skip
             out.append(row)
         return out
@@ -92,18 +92,16 @@ class Controllers(Result):
                         gains=row["at_bound"],
                     )
                 )
-            if stopped := sum(row[f"{judged}_stopped"] for judged in ("pose", "truth")):
-                out.append(
-                    note("study.stopped", Severity.WARNING, subject=row["controller"], stopped=stopped)
-                )
+            if stops := sum(row[f"{view}_stopped"] for view in ("pose", "truth")):
+                out.append(note("study.stopped", Severity.WARNING, subject=row["controller"], stopped=stops))
         if self.refused:
             out.append(note("study.fits-refused", Severity.WARNING, robots=self.refused))
         return tuple(out)
 
     def table(self) -> str:
         """Return the rows for people."""
-        head = f"{_('controller'):16}" + "".join(f"{_(judged):>30}" for judged in self.drives)
-        under = " " * 16 + "".join(f"{_('median p95 mm'):>15}{_('ratio'):>15}" for _judged in self.drives)
+        head = f"{_('controller'):16}" + "".join(f"{_(view):>30}" for view in self.drives)
+        under = " " * 16 + "".join(f"{_('median p95 mm'):>15}{_('ratio'):>15}" for _view in self.drives)
         lines = [
             _("{robots} robots, {routes} drives each; ratio to {first}, with its interval of 95 %",
               robots=self.robots - len(self.refused), routes=2, first=self.contestants[0].label),
@@ -111,15 +109,15 @@ class Controllers(Result):
         ]  # fmt: skip
         for row in self.rows():
             line = f"{row['controller'][:15]:16}"
-            for judged in self.drives:
-                median, p95 = (number(1e3 * row[f"{judged}_{q}_m"]) for q in ("median", "p95"))
-                line += f"{median:>9.1f} {p95:>5.1f}{_ratio(row, judged):>15}"
+            for view in self.drives:
+                median, p95 = (number(1e3 * row[f"{view}_{q}_m"]) for q in ("median", "p95"))
+                line += f"{median:>9.1f} {p95:>5.1f}{_ratio(row, view):>15}"
             lines.append(line)
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
 
 
-def _ratio(row: TableRow, judged: str) -> str:
-    low, ratio, high = (row[f"{judged}_{end}"] for end in ("low", "ratio", "high"))
+def _ratio(row: TableRow, view: str) -> str:
+    low, ratio, high = (row[f"{view}_{end}"] for end in ("low", "ratio", "high"))
     if not np.isfinite(low):
         return f"{number(ratio):.2f}"
     return f"{number(ratio):.2f} {number(low):.2f}-{number(high):.2f}"

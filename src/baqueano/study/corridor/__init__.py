@@ -28,9 +28,9 @@ def corridor(
         (range(k, min(k + TOGETHER, first + vehicles)), backend)
         for k in range(first, first + vehicles, TOGETHER)
     ]
-    parts = spread_over(batch, jobs, processes, lambda done: each(done * TOGETHER))
+    parts = spread_over(batch, jobs, processes, lambda jobs_done: each(jobs_done * TOGETHER))
     drives = sorted((d for some, _ in parts for d in some), key=lambda d: d.seed)
-    return judged(drives, sorted(seed for _, refused in parts for seed in refused))
+    return judged(drives, sorted(seed for _, refusals in parts for seed in refusals))
 
 
 def with_recordings(
@@ -39,21 +39,21 @@ def with_recordings(
     """Return the corridors of the vehicles, and those of windows of recordings."""
     ends, notes = ends_of_recordings(backend, say)
     windows = gathered(ends, 0, ())
-    lost = corridors.lost | windows.lost
-    return replace(corridors, windows=windows.instants, lost=lost, notes=(*corridors.notes, *notes))
+    lost_cases = corridors.lost | windows.lost
+    return replace(corridors, windows=windows.instants, lost=lost_cases, notes=(*corridors.notes, *notes))
 
 
 def judged(drives: list[CorridorDrive], refused: list[int]) -> Corridors:
     """Return the corridors of drives, after some seconds and at the end of each lap."""
-    named = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
+    labelled_instants = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
     laps = max((int(d.t_s[-1] / d.lap_s) for d in drives), default=0)
-    named += [
+    labelled_instants += [
         (_("lap {k}", k=k), _instant(d, k * d.lap_s))
         for k in range(1, laps + 1)
         for d in drives
         if d.t_s[-1] >= k * d.lap_s
     ]
-    return gathered(named, len(drives), refused)
+    return gathered(labelled_instants, len(drives), refused)
 
 
 def _instant(drive: CorridorDrive, t_s: float) -> Instant:

@@ -34,11 +34,11 @@ def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
     seeds, backend = job
     robots = vehicles(seeds)
     files = identified(robots, seeds, backend)
-    kept = [k for k, file in enumerate(files) if file is not None]
-    names, vehicle_files = [seeds[k] for k in kept], [file for file in files if file is not None]
-    again = switched_on_anew(robots.some(kept), names, vehicle_files)
+    usable = [k for k, file in enumerate(files) if file is not None]
+    names, vehicle_files = [seeds[k] for k in usable], [file for file in files if file is not None]
+    restarted_robots = switched_on_anew(robots.some(usable), names, vehicle_files)
     loops = [Loop(file, False, backend) for file in vehicle_files]
-    return follow(loops, again, names), [s for s in seeds if s not in names]
+    return follow(loops, restarted_robots, names), [s for s in seeds if s not in names]
 
 
 def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[CorridorDrive]:
@@ -56,17 +56,17 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
         TruthWorld(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes])),
         np.zeros((n, 3)),
     )
-    kept = [instants(route, rest, len(t_ns), rate_hz) for route in routes]
+    sample_rows = [instants(route, rest, len(t_ns), rate_hz) for route in routes]
     errors: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]
     for k, t in enumerate(t_ns):
         z, before, u = world.tick(u, 1.0 / rate_hz), u, np.zeros((n, 3))
         true = world.truth.eta
-        for i, one in enumerate(loops):
-            tick = Tick(int(t), before[i], one.slots(Slot(1.0, z[i])))
+        for i, loop in enumerate(loops):
+            tick = Tick(int(t), before[i], loop.slots(Slot(1.0, z[i])))
             progress[i], reference = guides[i].step(progress[i], at(int(t_ns[max(k, rest)])))
-            states[i], (sent, estimate) = one.step(states[i], tick, reference._replace(t_ns=int(t)))
-            u[i] = sent if k >= rest else 0.0
-            if k in kept[i]:
+            states[i], (command, estimate) = loop.step(states[i], tick, reference._replace(t_ns=int(t)))
+            u[i] = command if k >= rest else 0.0
+            if k in sample_rows[i]:
                 e = estimate.eta - true[i]
                 e[2] = wrap(e[2])
                 errors[i].append(((k - rest) / rate_hz, e, estimate.cov[:3, :3]))

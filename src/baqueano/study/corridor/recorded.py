@@ -65,7 +65,7 @@ def ends_of_recordings(
                     continue
                 for window_s in WINDOWS_S:
                     ends = windows(file, subject.judged, window_s, backend)
-                    out += [(f"{window_s:g} s, {name}", one) for one in ends]
+                    out += [(f"{window_s:g} s, {name}", instant) for instant in ends]
     return out, notes
 
 
@@ -93,11 +93,11 @@ def windows(file: "VehicleFile", run: "Run", window_s: float, backend: str = "au
         if (a == 0 or np.isfinite(eta[a - 1]).all()) and np.isfinite(eta[b - 1]).all():
             out.append(Instant(error, cov[-1]))  # a covariance that is not finite counts as lost
         if np.isfinite(eta[b - 1]).all():
-            carry = _placed(carry, eta[b - 1])
+            carry = _belief_at(carry, eta[b - 1])
     return out
 
 
-def _placed(belief: "Tree", eta: np.ndarray) -> Any:
+def _belief_at(belief: "Tree", eta: np.ndarray) -> Any:
     """The belief with a pose (3,) that is known."""
     mean, cov = np.array(belief.mean), np.array(belief.cov)
     mean[:3], cov[:3, :], cov[:, :3] = eta, 0.0, 0.0
@@ -108,7 +108,7 @@ def _placed(belief: "Tree", eta: np.ndarray) -> Any:
 def _rows(ticks: Any, a: int, b: int) -> Any:
     """Ticks a … b − 1 of a tree whose leaves lead with N."""
     if isinstance(ticks, tuple):
-        rows = [_rows(one, a, b) for one in ticks]
+        rows = [_rows(leaf, a, b) for leaf in ticks]
         return tuple(rows) if type(ticks) is tuple else type(ticks)(*rows)
     return ticks[a:b]
 
@@ -117,6 +117,6 @@ def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
     """The file before the fit, with scales as they are known."""
     values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
     if name != "raw":
-        scales = {one.name: one.value for one in calibrate(subject.fitted, subject.file).numbers}
+        scales = {figure.name: figure.value for figure in calibrate(subject.fitted, subject.file).numbers}
         values |= {path: value for path, value in scales.items() if path.endswith("scale")}
     return subject.file.with_values(values)

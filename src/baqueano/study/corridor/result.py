@@ -51,13 +51,13 @@ class Corridors:
     def rows(self) -> list["TableRow"]:
         """Return a flat row per instant and quantity."""
         out = []
-        for source, named in (("simulated", self.instants), ("recorded", self.windows)):
+        for source, source_instants in (("simulated", self.instants), ("recorded", self.windows)):
             coverage, wider = (COVERAGE, WIDER) if source == "simulated" else (OF_RECORDINGS, np.inf)
-            for at, instants in named.items():
+            for at, instants in source_instants.items():
                 for quantity, bar in DEGREES.items():
                     row = {"source": source, "at": at, "quantity": quantity, "cases": len(instants)}
-                    d2 = np.array([squared(one, quantity) for one in instants])
-                    out.append(row | {"lost": self.lost.get(at, 0)} | _judged(d2, bar, coverage, wider))
+                    d2 = np.array([squared(instant, quantity) for instant in instants])
+                    out.append(row | {"lost": self.lost.get(at, 0)} | _coverage_row(d2, bar, coverage, wider))
         return out
 
     @property
@@ -130,12 +130,16 @@ def has_heading(one: Instant) -> bool:
 def gathered(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
     """Return the corridors of instants with their names, in the order in which these come first."""
     names = list(dict.fromkeys(name for name, _ in named))
-    instants = {n: tuple(one for name, one in named if name == n and has_heading(one)) for n in names}
-    lost = {n: sum(1 for name, one in named if name == n and not has_heading(one)) for n in names}
-    return Corridors({n: x for n, x in instants.items() if x}, lost, vehicles, tuple(refused))
+    instants = {
+        n: tuple(instant for name, instant in named if name == n and has_heading(instant)) for n in names
+    }
+    lost_cases = {
+        n: sum(1 for name, instant in named if name == n and not has_heading(instant)) for n in names
+    }
+    return Corridors({n: x for n, x in instants.items() if x}, lost_cases, vehicles, tuple(refused))
 
 
-def _judged(d2: np.ndarray, bar: float, coverage: tuple[float, float], most: float) -> "JsonObject":
+def _coverage_row(d2: np.ndarray, bar: float, coverage: tuple[float, float], most: float) -> "JsonObject":
     inside, n = float(np.mean(d2 <= bar)), len(d2)
     low, high = _wilson(inside, n)
     narrow = _wilson(float(np.mean(d2 <= bar / most)), n)[

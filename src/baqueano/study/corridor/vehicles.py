@@ -46,8 +46,8 @@ def identified(robots: Robots, seeds: Sequence[int], backend: str) -> list[Vehic
     out: list[VehicleFile | None] = []
     for run in experiments(robots, range(seeds[0], seeds[-1] + 1)):
         fit = identify(run, guess(), FREE, options=FitOptions(backend=backend))
-        refused = fit.verdict == Verdict.REFUSED
-        out.append(None if refused else measure_noise(fit, run, backend=backend).updated(fit.vehicle_file))
+        is_refused = fit.verdict == Verdict.REFUSED
+        out.append(None if is_refused else measure_noise(fit, run, backend=backend).updated(fit.vehicle_file))
     return out
 
 

@@ -52,17 +52,17 @@ def car_numbers(cars: Cars) -> dict[str, np.ndarray]:
 def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
     """Return the cars with these (n,) of the numbers of `car_numbers`: its inverse."""
     before = car_numbers(cars)
-    changed: dict[str, np.ndarray] = {}
-    moved: dict[str, np.ndarray] = {}
+    car_changes: dict[str, np.ndarray] = {}
+    imu_changes: dict[str, np.ndarray] = {}
     for path, new in values.items():
         more = new - before[path]
         if path in BIASES:
-            add(moved, cars.imu, BIASES[path], more)
+            add(imu_changes, cars.imu, BIASES[path], more)
         elif path in PER_KG:
-            add(changed, cars, PER_KG[path], more * cars.mass_kg)
+            add(car_changes, cars, PER_KG[path], more * cars.mass_kg)
         else:
-            add(changed, cars, (OF_CAR | BEYOND)[path], more)
-    return cars.changed(imu=cars.imu.changed(**moved), **changed)
+            add(car_changes, cars, (OF_CAR | BEYOND)[path], more)
+    return cars.changed(imu=cars.imu.changed(**imu_changes), **car_changes)
 
 
 def speed_at(x: np.ndarray) -> np.ndarray:

@@ -28,13 +28,13 @@ def driven(vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: n
     """Return what the vehicles show under the commands u (N, n, m), each in force until its tick."""
     world, n = world_of(vehicles, seeds, STEP_S), len(seeds)
     z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
-    wandered, rolled = np.zeros((n, 3)), np.zeros((len(u), n))
+    drift, wheel_travel = np.zeros((n, 3)), np.zeros((len(u), n))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         z[k] = world.tick(u[k], float(dt_s))
         truth[k] = np.concatenate(world.truth, axis=1)
-        quiet[k], rolled[k] = world.quiet, world.rolled
-        wandered += world.wandered / len(u)
-    return GroupDrive(t_ns, z, quiet, truth, rolled, wandered)
+        quiet[k], wheel_travel[k] = world.quiet, world.rolled
+        drift += world.wandered / len(u)
+    return GroupDrive(t_ns, z, quiet, truth, wheel_travel, drift)
 
 
 def readings_without_noise(

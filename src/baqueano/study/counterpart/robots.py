@@ -49,34 +49,34 @@ def robot_values(robots: Robots) -> dict[str, np.ndarray]:
     force = robots.gain * robots.stall_n[:, None]
     X, Y = force * np.cos(robots.toe_rad), force * np.sin(robots.toe_rad)
     N = X * robots.arm_m
-    for i, pushed in enumerate((X, Y, N)):  # (1); the left wheel turns it the other way
-        left = -pushed[:, 0] if i == 2 else pushed[:, 0]
-        out[f"{T}[{i},0]"] = left + pushed[:, 1]
-        out[f"{T}[{i},2]"] = pushed[:, 1] - left
+    for i, pushes in enumerate((X, Y, N)):  # (1); the left wheel turns it the other way
+        left_push = -pushes[:, 0] if i == 2 else pushes[:, 0]
+        out[f"{T}[{i},0]"] = left_push + pushes[:, 1]
+        out[f"{T}[{i},2]"] = pushes[:, 1] - left_push
     return out
 
 
 def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
     """Return the robots with these true values (n,) of some parameters: the inverse of `robot_values`."""
     new = robot_values(robots) | dict(values)
-    changed: dict[str, np.ndarray] = {}
-    moved: dict[str, np.ndarray] = {}
+    robot_changes: dict[str, np.ndarray] = {}
+    imu_changes: dict[str, np.ndarray] = {}
     before = robot_values(robots)
     for path in values:
         if path in OF_ROBOT:
-            add(changed, robots, OF_ROBOT[path], new[path] - before[path])
+            add(robot_changes, robots, OF_ROBOT[path], new[path] - before[path])
         elif path in OF_IMU:
-            add(moved, robots.imu, OF_IMU[path], new[path] - before[path])
+            add(imu_changes, robots.imu, OF_IMU[path], new[path] - before[path])
     if any(path.startswith(T) for path in values):
         t = {entry: new[f"{T}[{entry[0]},{entry[1]}]"] for entry in ENTRIES}
         X, Y = (0.5 * np.stack([t[f"{i}0"] - t[f"{i}2"], t[f"{i}0"] + t[f"{i}2"]], axis=1) for i in (0, 1))
         N = 0.5 * np.stack([t["22"] - t["20"], t["22"] + t["20"]], axis=1)
-        changed |= {
+        robot_changes |= {
             "gain": np.hypot(X, Y) / robots.stall_n[:, None],
             "toe_rad": np.arctan2(Y, X),
             "arm_m": N / X,
         }
-    return robots.changed(imu=robots.imu.changed(**moved), **changed)
+    return robots.changed(imu=robots.imu.changed(**imu_changes), **robot_changes)
 
 
 def robot_file(robot: Robots) -> VehicleFile:
@@ -95,11 +95,11 @@ def robot_file(robot: Robots) -> VehicleFile:
         if entry and name not in arrays:
             arrays[name] = [v for k, v in value.items() if k.startswith(f"{name}[")]
     single = {path: v for path, v in value.items() if "[" not in path}
-    beside = {
+    exact = {
         "model.mass_kg": float(robot.mass_kg[0]), "model.inertia_kg_m2": float(robot.inertia_kg_m2[0]), T: matrix,
         "model.drivetrain.gain": [1.0, 1.0], "sensors.imu.tilt_rad": robot.imu.tilt_rad[0].tolist(),
         "model.process_noise_std": robot.floor[0].tolist(), "sensors.imu.gyro_noise_std": float(robot.imu.noise[0, 2]),
         "sensors.imu.accel_noise_std": robot.imu.noise[0, :2].tolist(),
         "sensors.imu.accel_step": float(robot.imu.step[0, 0]), "sensors.imu.gyro_step": float(robot.imu.step[0, 2]),
     }  # fmt: skip
-    return load("small").with_values(single | arrays | beside)
+    return load("small").with_values(single | arrays | exact)

@@ -64,13 +64,13 @@ def beside(
     eta, speed, t_s = poses_at(t_ns, truth.t_ns, truth.eta), true_speed(t_ns, truth), seconds(t_ns, t_ns[0])
     pieces = (t_s // BLOCK_S).astype(int)
     out = {
-        SPEED: _summed((ours.speed - speed) ** 2, (reference.speed - speed) ** 2, pieces),
-        WHOLE: _summed(_off(ours.eta, eta), _off(reference.eta, eta), np.zeros(len(t_s), dtype=int)),
+        SPEED: _sums((ours.speed - speed) ** 2, (reference.speed - speed) ** 2, pieces),
+        WHOLE: _sums(_off(ours.eta, eta), _off(reference.eta, eta), np.zeros(len(t_s), dtype=int)),
     }
     for window_s, name in zip(WINDOWS_S, QUANTITIES[2:], strict=True):
         windows = _windows(t_s, window_s)
         a, b = (np.concatenate([_off(path.eta[k], eta[k]) for k in windows]) for path in (ours, reference))
-        out[name] = _summed(a, b, np.repeat(np.arange(len(windows)), [len(k) for k in windows]))
+        out[name] = _sums(a, b, np.repeat(np.arange(len(windows)), [len(k) for k in windows]))
     return out
 
 
@@ -87,8 +87,10 @@ def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:
     return [np.flatnonzero((t_s >= k * window_s) & (t_s < (k + 1) * window_s)) for k in range(count)]
 
 
-def _summed(ours: np.ndarray, reference: np.ndarray, block: np.ndarray) -> Beside:
-    finite, size = np.isfinite(ours) & np.isfinite(reference), int(block[-1]) + 1
-    sums = [np.bincount(block[finite], x[finite], size) for x in (ours, reference, np.ones(len(ours)))]
+def _sums(estimate: np.ndarray, reference: np.ndarray, block: np.ndarray) -> Beside:
+    finite, size = np.isfinite(estimate) & np.isfinite(reference), int(block[-1]) + 1
+    sums = [
+        np.bincount(block[finite], x[finite], size) for x in (estimate, reference, np.ones(len(estimate)))
+    ]
     some = sums[2] > 0
     return Beside(*(x[some] for x in sums))

@@ -46,14 +46,14 @@ def judged(
     reference = EstimatedPath(integrated(file, run, nu, start), nu[:, 0])
     out = []
     for kind in kinds or (file.data["estimator"].get("kind", DEFAULT_KIND["estimator"]),):
-        again = _replayed(run, file, kind, backend)
-        log = again.estimate
+        replay_run = _replay(run, file, kind, backend)
+        log = replay_run.estimate
         assert log is not None
         at = np.searchsorted(log.t_ns, run.t_ns)
-        ours = EstimatedPath(log.eta[at], log.nu[at, 0])
-        errors = beside(run.t_ns, ours, reference, run.truth)
-        speed = (ours.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[at, 3, 3])
-        consistency = filter_consistency(again), band(speed[:, None])
+        estimate = EstimatedPath(log.eta[at], log.nu[at, 0])
+        errors = beside(run.t_ns, estimate, reference, run.truth)
+        speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[at, 3, 3])
+        consistency = filter_consistency(replay_run), band(speed[:, None])
         out.append(
             JudgedEstimate(
                 f"{subject.name}, {sensors}",
@@ -62,7 +62,7 @@ def judged(
                 errors,
                 *consistency,
                 fit.verdict,
-                text(stop_of(again)),
+                text(stop_of(replay_run)),
             )
         )
     return out
@@ -80,5 +80,5 @@ def fitted(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, 
     return fit, noise.updated(fit.vehicle_file, subject.fitted.name)
 
 
-def _replayed(run: Run, file: VehicleFile, kind: str, backend: str) -> Run:
+def _replay(run: Run, file: VehicleFile, kind: str, backend: str) -> Run:
     return replay(run, file, estimator=kind, backend=backend)

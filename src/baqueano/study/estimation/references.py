@@ -43,20 +43,20 @@ def integrated(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarra
     """Return η (N, 3) at the ticks; `nu` (N, 3) is the model's.  (2), (3)"""
     sensors = file.sensors._asdict()
     imu, odometer = sensors["imu"], sensors.get("odometer")
-    r = (_read(run, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
-    v = nu[:, 0] if odometer is None else _read(run, "odometer", 0) / odometer.scale
+    r = (_readings(run, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
+    v = nu[:, 0] if odometer is None else _readings(run, "odometer", 0) / odometer.scale
     arm_m = float(file.data["model"].get("rear_axle_m", np.nan))
     aside = arm_m * r if np.isfinite(arm_m) else nu[:, 1]
     dt_s = np.diff(run.t_s)
     psi = start[2] + np.concatenate([[0.0], np.cumsum(_middle(r) * dt_s)])
     way = np.stack([_middle(v), _middle(aside)], axis=1) * dt_s[:, None]
     cos, sin = np.cos(_middle(psi)), np.sin(_middle(psi))
-    moved = np.stack([cos * way[:, 0] - sin * way[:, 1], sin * way[:, 0] + cos * way[:, 1]], axis=1)
-    xy = start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
+    steps = np.stack([cos * way[:, 0] - sin * way[:, 1], sin * way[:, 0] + cos * way[:, 1]], axis=1)
+    xy = start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     return np.column_stack([xy, psi])
 
 
-def _read(run: "Run", sensor: str, entry: int) -> np.ndarray:
+def _readings(run: "Run", sensor: str, entry: int) -> np.ndarray:
     """(N,) a channel at the ticks, between its readings."""
     channel = run.sensors[sensor]
     finite = np.isfinite(channel.z[:, entry])

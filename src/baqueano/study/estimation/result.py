@@ -50,21 +50,25 @@ class EstimationStudy:
     def rows_shown(self) -> list["TableRow"]:
         """The rows without those of each simulated vehicle."""
         own = [
-            row | ({"ok": None} if one.fit == REFUSED else {})
-            for one in self.judged
-            for row in (*_of_one(one), *_of_consistency(one))
+            row | ({"ok": None} if estimate.fit == REFUSED else {})
+            for estimate in self.judged
+            for row in (*_of_one(estimate), *_of_consistency(estimate))
         ]
         return [*own, *self.pooled(), *self.simulated]
 
     def pooled(self) -> list["TableRow"]:
         """Return a row per set of sensors, estimator and quantity: ratio, beside the bar."""
         out = []
-        fitted = [one for one in self.judged if one.fit != REFUSED]
-        groups = dict.fromkeys((one.sensors, one.estimator) for one in fitted)
+        fitted = [estimate for estimate in self.judged if estimate.fit != REFUSED]
+        groups = dict.fromkeys((estimate.sensors, estimate.estimator) for estimate in fitted)
         for sensors, estimator in groups:
-            some = [one for one in fitted if (one.sensors, one.estimator) == (sensors, estimator)]
+            some = [
+                estimate
+                for estimate in fitted
+                if (estimate.sensors, estimate.estimator) == (sensors, estimator)
+            ]
             for quantity in QUANTITIES:
-                parts = [one.errors[quantity] for one in some]
+                parts = [estimate.errors[quantity] for estimate in some]
                 ratio, low, high = joined(parts).ratio
                 bar = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else POOLED
                 typical = float(np.exp(np.mean([np.log(part.ratio[0]) for part in parts])))
@@ -85,10 +89,14 @@ class EstimationStudy:
     @property
     def reasons(self) -> tuple[str, ...]:
         """The bars that are missed."""
-        stopped = [f"{one.recording}, {one.estimator}: {one.stopped}" for one in self.judged if one.stopped]
-        missed = [r for r in self.rows_shown() if r["ok"] is False and "typical" not in r["quantity"]]
+        stops = [
+            f"{estimate.recording}, {estimate.estimator}: {estimate.stopped}"
+            for estimate in self.judged
+            if estimate.stopped
+        ]
+        misses = [r for r in self.rows_shown() if r["ok"] is False and "typical" not in r["quantity"]]
         return (
-            *stopped,
+            *stops,
             *(
                 _(
                     "{recording}, {estimator}: {quantity} is {times}",
@@ -97,7 +105,7 @@ class EstimationStudy:
                     quantity=_short(r["quantity"]),
                     times=_times(r),
                 )
-                for r in missed
+                for r in misses
             ),
         )
 
@@ -116,17 +124,17 @@ class EstimationStudy:
         head = "  ".join(_(key).ljust(width) for key, width in wide.items())
         lines = [f"{head}  {_('value'):>7} {_('ref.'):>7} {_('ratio'):>6}  95 %"]
         for r in rows:
-            bounded = np.isfinite(r.get("low", float("nan")))
+            finite = np.isfinite(r.get("low", float("nan")))
             interval = (
                 _(r["verdict"])
                 if "verdict" in r
-                else (f"[{number(r['low']):.2f}, {number(r['high']):.2f}]" if bounded else "")
+                else (f"[{number(r['low']):.2f}, {number(r['high']):.2f}]" if finite else "")
             )
             ratio = f"{number(r['ratio']):.2f}" if "ratio" in r else ""
             ok = _("NO") if r["ok"] is False else ""
-            named = "  ".join(_(r[key]).ljust(width) for key, width in wide.items())
+            labels = "  ".join(_(r[key]).ljust(width) for key, width in wide.items())
             figures = f"{number(r['value']):7.3f} {number(r['reference']):7.3f} {ratio:>6}"
-            lines.append(f"{named}  {figures}  {interval:14} {ok}".rstrip())
+            lines.append(f"{labels}  {figures}  {interval:14} {ok}".rstrip())
         lines += [
             _(
                 "Reference of a speed: {speed}. Of a position: {position}.",
@@ -145,27 +153,30 @@ class EstimationStudy:
                 nis=NIS,
                 white=WHITE,
             ),
-            *(f"{one.recording}, {one.estimator}: {one.consistency.sentence}" for one in self.judged),
+            *(
+                f"{estimate.recording}, {estimate.estimator}: {estimate.consistency.sentence}"
+                for estimate in self.judged
+            ),
             *self.notes,
             *dict.fromkeys(
                 _(
                     "{recording}: its fit is {verdict}, so it is shown and not counted.",
-                    recording=one.recording,
+                    recording=estimate.recording,
                     verdict=_(REFUSED),
                 )
-                for one in self.judged
-                if one.fit == REFUSED
+                for estimate in self.judged
+                if estimate.fit == REFUSED
             ),
         ]
-        met = [r["ok"] for r in rows if r["ok"] is not None]
+        checks = [r["ok"] for r in rows if r["ok"] is not None]
         return "\n".join(
             [
                 *lines,
                 _(
                     "{verdict}: {met} of {all} bars are met",
                     verdict=_(self.verdict),
-                    met=sum(met),
-                    all=len(met),
+                    met=sum(checks),
+                    all=len(checks),
                 ),
             ]
         )
@@ -179,31 +190,33 @@ def row(recording: str, estimator: str, quantity: str, value: float, bar: float)
     }  # fmt: skip
 
 
-def _of_one(one: "JudgedEstimate") -> list["TableRow"]:
+def _of_one(estimate: "JudgedEstimate") -> list["TableRow"]:
     out = []
-    for quantity, errors in one.errors.items():
+    for quantity, errors in estimate.errors.items():
         (value, reference), (ratio, low, high) = errors.rms, errors.ratio
-        cells = row(one.recording, one.estimator, quantity, value, reference)
+        cells = row(estimate.recording, estimate.estimator, quantity, value, reference)
         ok = None if not np.isfinite(low) else bool(low <= ALONE)
         out.append(cells | {"ok": ok, "ratio": ratio, "low": low, "high": high})
     return out
 
 
-def _of_consistency(one: "JudgedEstimate") -> list["TableRow"]:
+def _of_consistency(estimate: "JudgedEstimate") -> list["TableRow"]:
     """NEES and NIS beside 1, and the lag-1 correlation of each innovation beside 0."""
-    consistency, out = one.consistency, []
+    consistency, out = estimate.consistency, []
     figures = {
         _("NEES of the pose"): (consistency.nees_pose, None),
-        _("NEES of the speed"): (one.nees_speed, NEES),
+        _("NEES of the speed"): (estimate.nees_speed, NEES),
     }
     figures |= {_("NIS of innovation {k}", k=k): (band, NIS) for k, band in enumerate(consistency.channels)}
     for name, (band, bar) in figures.items():
         ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
-        cells = row(one.recording, one.estimator, name, band.mean, 1.0)
+        cells = row(estimate.recording, estimate.estimator, name, band.mean, 1.0)
         out.append(cells | {"ok": ok, "verdict": band.verdict})
     for k, value in enumerate(consistency.correlations):
         name = _("lag-1 correlation of innovation {k}", k=k)
-        out.append(row(one.recording, one.estimator, name, value, 0.0) | {"ok": bool(abs(value) <= WHITE)})
+        out.append(
+            row(estimate.recording, estimate.estimator, name, value, 0.0) | {"ok": bool(abs(value) <= WHITE)}
+        )
     return out
 
 

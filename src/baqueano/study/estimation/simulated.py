@@ -103,31 +103,35 @@ def simulated(
             EstimationJob(vehicle, tuple(some[k : k + TOGETHER]), tuple(kinds), backend)
             for k in range(0, len(some), TOGETHER)
         ]
-    return [one for done in spread_over(work, jobs, processes, each) for one in done]
+    return [outcome for batch in spread_over(work, jobs, processes, each) for outcome in batch]
 
 
 def work(job: EstimationJob) -> list[SimulatedOutcome]:
     """Return the outcomes of a job."""
     out = []
-    for seed, one in zip(job.seeds, _subjects(job), strict=True):
-        estimates, failed = [], ""
+    for seed, test_subject in zip(job.seeds, _subjects(job), strict=True):
+        estimates, failure = [], ""
         for sensors in SETUPS:
             try:
-                estimates += judged(one, sensors, job.kinds, job.backend)
+                estimates += judged(test_subject, sensors, job.kinds, job.backend)
             except BaqueanoError as error:
-                failed = f"{one.name}, {sensors}: {error}"
-        out.append(SimulatedOutcome(seed, lacking(seed)[0], tuple(estimates), failed))
+                failure = f"{test_subject.name}, {sensors}: {error}"
+        out.append(SimulatedOutcome(seed, lacking(seed)[0], tuple(estimates), failure))
     return out
 
 
 def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return the share that is not worse, by lack and over all: a row per set of sensors, estimator and quantity."""
     out = []
-    all_judged = [(one.lacking, j) for one in outcomes for j in one.judged if j.fit != Verdict.REFUSED]
+    all_judged = [
+        (outcome.lacking, j) for outcome in outcomes for j in outcome.judged if j.fit != Verdict.REFUSED
+    ]
     for sensors, estimator in dict.fromkeys((j.sensors, j.estimator) for _name, j in all_judged):
-        mine = [(name, j) for name, j in all_judged if (j.sensors, j.estimator) == (sensors, estimator)]
+        estimator_rows = [
+            (name, j) for name, j in all_judged if (j.sensors, j.estimator) == (sensors, estimator)
+        ]
         for name in (*LACKING, N_("all")):
-            some = [j for lack, j in mine if name in (lack, "all")]
+            some = [j for lack, j in estimator_rows if name in (lack, "all")]
             for quantity in QUANTITIES if some else ():
                 ratios = np.array([j.errors[quantity].ratio[0] for j in some])
                 share = float(np.mean(ratios <= ALONE))
@@ -144,7 +148,7 @@ def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
 def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
     """Return a row per vehicle, set of sensors, estimator and quantity: both errors and their ratio."""
     out = []
-    for j in (j for one in outcomes for j in one.judged):
+    for j in (j for outcome in outcomes for j in outcome.judged):
         for quantity, errors in j.errors.items():
             (value, reference), ratio = errors.rms, errors.ratio[0]
             out.append({
@@ -156,15 +160,15 @@ def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
 
 def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
     """Return how many there were, and what was not judged."""
-    refused = sum(j.fit == Verdict.REFUSED for one in outcomes for j in one.judged)
-    failed = [one.failed for one in outcomes if one.failed]
-    why = f": {'; '.join(failed[:2])}" if failed else ""
+    refusals = sum(j.fit == Verdict.REFUSED for outcome in outcomes for j in outcome.judged)
+    failures = [outcome.failed for outcome in outcomes if outcome.failed]
+    details = f": {'; '.join(failures[:2])}" if failures else ""
     return _(
         "{vehicles} simulated vehicles, {refused} fits refused, {failed} failed{why}.",
         vehicles=len(outcomes),
-        refused=refused,
-        failed=len(failed),
-        why=why,
+        refused=refusals,
+        failed=len(failures),
+        why=details,
     )
 
 
@@ -174,19 +178,19 @@ def _subjects(job: EstimationJob) -> list[Subject]:
     for seed in job.seeds:
         of = subject(job.vehicle, seed)
         of = of._replace(file=_file(of, seed))
-        signals += [of._replace(seed=one).signal(SECONDS) for one in (seed, seed + OTHER)]
+        signals += [of._replace(seed=run_seed).signal(SECONDS) for run_seed in (seed, seed + OTHER)]
         vehicles += 2 * [LACKING[lacking(seed)[0]](of.vehicle, np.random.default_rng([seed, 50]))]
         files.append(of.file)
-    seeds = [one for seed in job.seeds for one in (seed, seed + OTHER)]
+    seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + OTHER)]
     group = vehicles[0].joined(vehicles[1:])
-    shown = driven(group, np.stack(signals, axis=1), seeds, times(len(signals[0]), files[0].rate_hz))
+    drive = driven(group, np.stack(signals, axis=1), seeds, times(len(signals[0]), files[0].rate_hz))
     free, out = subject(job.vehicle, job.seeds[0]).free, []
     for k, (seed, file) in enumerate(zip(job.seeds, files, strict=True)):
-        first, other = (
-            recorded(shown, j, signals[j], file, f"seed {seeds[j]}", seeds[j]) for j in (2 * k, 2 * k + 1)
+        first, second = (
+            recorded(drive, j, signals[j], file, f"seed {seeds[j]}", seeds[j]) for j in (2 * k, 2 * k + 1)
         )
         first = replace(first, truth=None)  # who fits on a floor knows no truth
-        out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", file, first, other, free))
+        out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", file, first, second, free))
     return out
 
 

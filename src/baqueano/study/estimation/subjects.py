@@ -46,14 +46,16 @@ def cpm() -> list[Subject]:
 def dart() -> list[Subject]:
     """Return both ways round."""
     folder = next(f for f in data_folders() if (f / "dart_jetracer").is_dir())
-    runs = [one.run for one in import_runs("dart_jetracer_vicon", [str(folder / FREE_DRIVING)])]
+    runs = [
+        imported_run.run for imported_run in import_runs("dart_jetracer_vicon", [str(folder / FREE_DRIVING)])
+    ]
     return _both_ways("dart", load(RECORDED / "jetracer.toml"), dict(zip("12", runs, strict=True)))
 
 
 def dart_bag() -> list[Subject]:
     """Return the prediction of the bag by each run of free driving."""
     bag = import_run("dart_jetracer_bag").run
-    return [one._replace(name=f"{one.name[:6]} → bag", judged=bag) for one in dart()]
+    return [subject._replace(name=f"{subject.name[:6]} → bag", judged=bag) for subject in dart()]
 
 
 SUBJECTS: dict[str, tuple[Callable[[], list[Subject]], tuple[str, ...]]] = {

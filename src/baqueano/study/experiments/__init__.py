@@ -45,9 +45,9 @@ def of_file(
     """Return signal → what it did to `count` vehicles around the file."""
     file = load(name)
     room, vehicles = room_of(file, size), vehicles_around(file, count, seed)
-    planned = plans(file, room, count, seed, duration_s, backend)
+    signal_plans = plans(file, room, count, seed, duration_s, backend)
     work = partial(outcome, vehicles=vehicles, name=name, room=room, seed=seed)
-    draws = dict(spread_over(work, list(planned.items()), processes))
-    if len(draws) < len(planned):
+    draws = dict(spread_over(work, list(signal_plans.items()), processes))
+    if len(draws) < len(signal_plans):
         raise KeyboardInterrupt
-    return {signal: draws[signal] for signal in planned}
+    return {signal: draws[signal] for signal in signal_plans}

@@ -67,23 +67,21 @@ def outcome(
     job: tuple[str, PlannedDrive], vehicles: Robots | Cars, name: str, room: Room, seed: int
 ) -> tuple[str, SignalErrors]:
     """Return what a signal did to the vehicles."""
-    (signal, planned), file = job, load(name)
-    each = [vehicles.some([k]) for k in range(planned.u.shape[1])]
+    (signal, plan), file = job, load(name)
+    each = [vehicles.some([k]) for k in range(plan.u.shape[1])]
     around: list[Any] = [beside(q.changed(floor=0.0 * q.floor)) for q in each]
     group, many = around[0].joined(around[1:]), len(around[0].mass_kg)
-    quiet = np.split(
-        ideal_readings(group, np.repeat(planned.u, many, axis=1), file.rate_hz), len(each), axis=1
-    )
+    quiet = np.split(ideal_readings(group, np.repeat(plan.u, many, axis=1), file.rate_hz), len(each), axis=1)
     paths = [path for path in unknowns(file).names if path in numbers(vehicles)]
-    errors = [_error(one, q, paths) for one, q in zip(quiet, each, strict=True)]
-    driven = vehicles.some(np.repeat(np.arange(len(each)), DRIVES).tolist())
+    errors = [_error(readings, q, paths) for readings, q in zip(quiet, each, strict=True)]
+    repeats = vehicles.some(np.repeat(np.arange(len(each)), DRIVES).tolist())
     seeds = [seed + 1000 + k for k in range(len(each) * DRIVES)]
-    world, u = world_of(driven, seeds), np.repeat(planned.u, DRIVES, axis=1)
+    world, u = world_of(repeats, seeds), np.repeat(plan.u, DRIVES, axis=1)
     margins = np.full(len(seeds), np.inf)
     for now in u:
         world.tick(now, 1.0 / file.rate_hz)
         margins = np.minimum(margins, np.min(room.free - np.abs(world.truth.eta[:, :2]), axis=1))
-    return signal, SignalErrors(np.array(errors), margins, planned.seconds)
+    return signal, SignalErrors(np.array(errors), margins, plan.seconds)
 
 
 def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -91,8 +89,8 @@ def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np
     world, out = world_of(vehicles, [0] * u.shape[1]), []
     for now in u:
         world.tick(now, 1.0 / rate_hz)
-        rolled = [world.rolled[:, None]] if isinstance(vehicles, Cars) else []
-        out.append(np.concatenate([world.quiet, *rolled], axis=1))
+        wheel_travel = [world.rolled[:, None]] if isinstance(vehicles, Cars) else []
+        out.append(np.concatenate([world.quiet, *wheel_travel], axis=1))
     return np.stack(out)
 
 
@@ -108,4 +106,4 @@ def _size(path: str, value: dict[str, float]) -> float:
     if "bias" in path:
         return NUISANCE_SD
     field = path.partition("[")[0]
-    return value[path] or max(x for other, x in value.items() if other.partition("[")[0] == field) or 1.0
+    return value[path] or max(x for key, x in value.items() if key.partition("[")[0] == field) or 1.0

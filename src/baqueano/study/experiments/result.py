@@ -52,9 +52,9 @@ class Experiments:
             )
         if above := by_vehicle["all"].above_best:
             out.append(_("of {above} vehicles another signal tells more", above=above))
-        left = sum(row.left for row in self.each if row.vehicle != "all")
-        if left:
-            out.append(_("in {left} drives the body left the room", left=left))
+        exits = sum(row.left for row in self.each if row.vehicle != "all")
+        if exits:
+            out.append(_("in {left} drives the body left the room", left=exits))
         if by_vehicle["all"].seconds > self.duration_s / 6.0:
             out.append(
                 _(
@@ -102,13 +102,13 @@ def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[Exp
     """Return a row per signal."""
     base = _geometric(draws[BASELINE].errors)
     rows = []
-    for signal, drawn in draws.items():
-        others = np.min([d.errors for s, d in draws.items() if s != signal], axis=0)
-        error = _geometric(drawn.errors)
+    for signal, drive in draws.items():
+        rival_errors = np.min([d.errors for s, d in draws.items() if s != signal], axis=0)
+        error = _geometric(drive.errors)
         rows.append(
             ExperimentRow(
-                vehicle, size, signal, error, base / error, int(np.sum(drawn.errors > others)), len(drawn.errors),
-                int(np.sum(drawn.margins < 0.0)), len(drawn.margins), float(drawn.margins.min()), drawn.seconds,
+                vehicle, size, signal, error, base / error, int(np.sum(drive.errors > rival_errors)), len(drive.errors),
+                int(np.sum(drive.margins < 0.0)), len(drive.margins), float(drive.margins.min()), drive.seconds,
             )
         )  # fmt: skip
     return rows

@@ -97,15 +97,15 @@ def repeated_time(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 def time_jumps_a_day(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     """All clocks jump ahead by a day on the way."""
-    return _jumped(run, 86_400 * NANOSECONDS, rng)
+    return _time_jump(run, 86_400 * NANOSECONDS, rng)
 
 
 def time_jumps_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     """All clocks jump ahead by 2 to 60 s on the way."""
-    return _jumped(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
+    return _time_jump(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
 
 
-def _jumped(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
+def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
     at = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
 
     def delay_stamps(t_ns: np.ndarray) -> np.ndarray:

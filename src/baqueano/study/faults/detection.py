@@ -91,14 +91,14 @@ def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
     """Return the outcomes of faults of one vehicle and seed; of those that there is something to act on."""
     of = subject(jobs[0].vehicle, jobs[0].seed)
     outcomes, before = [], _Before(of, jobs[0].backend)
-    for job, made in _made(of, jobs):
-        outcomes.append(_outcome(job, made, before))
+    for job, inputs in _inputs(of, jobs):
+        outcomes.append(_outcome(job, inputs, before))
     return outcomes
 
 
-def _outcome(job: FaultJob, made: FaultInputs, before: "_Before") -> FaultOutcome:
+def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutcome:
     try:
-        fit = identify(made.run, made.file, made.free, options=FitOptions(backend=job.backend))
+        fit = identify(inputs.run, inputs.file, inputs.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
         return FaultOutcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
     except (
@@ -107,17 +107,21 @@ def _outcome(job: FaultJob, made: FaultInputs, before: "_Before") -> FaultOutcom
         LookupError,
     ) as error:  # a fault of the program, and of the study's verdict
         return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
-    off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, made.truth))))
-    outcome = FaultOutcome(job, fit.verdict, off, np.nan, np.nan, tuple(one.code for one in fit.reasons))
-    if made.clean is None:
+    off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, inputs.truth))))
+    outcome = FaultOutcome(
+        job, fit.verdict, off, np.nan, np.nan, tuple(reason.code for reason in fit.reasons)
+    )
+    if inputs.clean is None:
         return outcome
-    clean = before.fit(made.clean)
-    outcome = outcome._replace(off=_rms(fit, clean, made.truth), clean=_rms(clean, clean, made.truth))
-    same = undamaged(made.clean, made.run, made.file)
+    clean = before.fit(inputs.clean)
+    outcome = outcome._replace(off=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth))
+    same = undamaged(inputs.clean, inputs.run, inputs.file)
     if same is None:
         return outcome
-    left = identify(same[0], made.file, made.free, options=FitOptions(diagnose=False, backend=job.backend))
-    return outcome._replace(left=_rms(left, clean, made.truth), lost=same[1])
+    repaired_fit = identify(
+        same[0], inputs.file, inputs.free, options=FitOptions(diagnose=False, backend=job.backend)
+    )
+    return outcome._replace(left=_rms(repaired_fit, clean, inputs.truth), lost=same[1])
 
 
 class _Before:
@@ -125,15 +129,15 @@ class _Before:
 
     def __init__(self, of: FaultSubject, backend: str) -> None:
         self._of, self._backend = of, backend
-        self._fit: Fit | None = None
+        self._clean_fit: Fit | None = None
 
     def fit(self, run: Run) -> "Fit":
         """Return it."""
-        if self._fit is None:
-            self._fit = identify(
+        if self._clean_fit is None:
+            self._clean_fit = identify(
                 run, self._of.file, self._of.free, options=FitOptions(diagnose=False, backend=self._backend)
             )
-        return self._fit
+        return self._clean_fit
 
 
 def _true(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
@@ -146,7 +150,7 @@ def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
 
 
-def _made(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, FaultInputs]]:
+def _inputs(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, FaultInputs]]:
     """Return the inputs of each job; the vehicles of all structures are simulated side by side."""
     u = of.signal(SECONDS)
     (sound,) = of.runs([of.vehicle], [u], [u])
@@ -161,12 +165,12 @@ def _made(of: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, Fa
         elif job.fault in SOUND:
             out.append((job, _sound(of, job, sound, rng)))
         else:
-            damaged = HARM[job.fault](_copy(sound), of.file, rng)
+            harmed_run = HARM[job.fault](_copy(sound), of.file, rng)
             clean = sound if job.fault in MENDED else None
-            if damaged is not None:
+            if harmed_run is not None:
                 truth = {k: x for k, x in of.truth.items() if (job.fault, k) not in SUMS}
-                out.append((job, FaultInputs(of.file, damaged, of.free, truth, clean)))
-    return out + _planned(of, plans)
+                out.append((job, FaultInputs(of.file, harmed_run, of.free, truth, clean)))
+    return out + _planned_inputs(of, plans)
 
 
 def _sound(of: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> FaultInputs:
@@ -181,7 +185,7 @@ def _sound(of: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator
     return FaultInputs(file, run, of.free, of.truth)
 
 
-def _planned(
+def _planned_inputs(
     of: FaultSubject, plans: list[tuple[FaultJob, FaultPlan, np.ndarray]]
 ) -> list[tuple[FaultJob, FaultInputs]]:
     if not plans:
@@ -191,10 +195,10 @@ def _planned(
         (plan.second or plan.vehicle, plan.effective, u) for _, plan, u in plans if plan.second is not None
     ]
     runs = of.runs(*zip(*first, *second, strict=True))
-    others, out = iter(runs[len(plans) :]), []
+    second_runs, out = iter(runs[len(plans) :]), []
     for (job, plan, _u), run in zip(plans, runs, strict=False):
-        other = next(others) if plan.second is not None else run
-        run = plan.change(run, other) if plan.change else run
+        second_run = next(second_runs) if plan.second is not None else run
+        run = plan.change(run, second_run) if plan.change else run
         free = tuple(path for path in of.free if path.removeprefix("+") not in plan.without)
         out.append((job, FaultInputs(plan.file, run, free, of._replace(vehicle=plan.vehicle).truth)))
     return out
@@ -231,22 +235,22 @@ class Faults:
         return [o for o in self.outcomes if o.job.fault == fault]
 
     def _row(self, fault: str) -> "JsonObject":
-        mine = self._of(fault)
+        own_outcomes = self._of(fault)
         sound = fault in SOUND
-        lost = [o.lost for o in mine if np.isfinite(o.lost)]
+        losses = [o.lost for o in own_outcomes if np.isfinite(o.lost)]
         return {
             "fault": fault,
-            "fits": len(mine),
-            "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.wrong for o in mine),
-            "wrongly_refused": sum(sound and o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
-            "wrong": sum(o.wrong for o in mine),
-            "usable": sum(o.verdict == Verdict.USABLE for o in mine),
-            "warn": sum(o.verdict == Verdict.WARN for o in mine),
-            "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in mine),
-            "crashed": sum(o.verdict == "CRASH" for o in mine),
-            "over_clean": _ratio([(o.off, o.clean) for o in mine]),
-            "lost": float(np.median(lost)) if lost else None,
-            "over_left": _ratio([(o.off, o.left) for o in mine]),
+            "fits": len(own_outcomes),
+            "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.wrong for o in own_outcomes),
+            "wrongly_refused": sum(sound and o.verdict in (Verdict.REFUSED, "ERROR") for o in own_outcomes),
+            "wrong": sum(o.wrong for o in own_outcomes),
+            "usable": sum(o.verdict == Verdict.USABLE for o in own_outcomes),
+            "warn": sum(o.verdict == Verdict.WARN for o in own_outcomes),
+            "refused": sum(o.verdict in (Verdict.REFUSED, "ERROR") for o in own_outcomes),
+            "crashed": sum(o.verdict == "CRASH" for o in own_outcomes),
+            "over_clean": _ratio([(o.off, o.clean) for o in own_outcomes]),
+            "lost": float(np.median(losses)) if losses else None,
+            "over_left": _ratio([(o.off, o.left) for o in own_outcomes]),
         }
 
     @property
@@ -268,10 +272,14 @@ class Faults:
             if r["crashed"]
         ]
         sound = sum(r["fits"] for r in rows if r["fault"] in SOUND)
-        refused = sum(r["wrongly_refused"] for r in rows)
-        if refused > 0.02 * sound:
+        refusals = sum(r["wrongly_refused"] for r in rows)
+        if refusals > 0.02 * sound:
             out.append(
-                _("{refused} of {sound} sound runs were refused, more than 2 %", refused=refused, sound=sound)
+                _(
+                    "{refused} of {sound} sound runs were refused, more than 2 %",
+                    refused=refusals,
+                    sound=sound,
+                )
             )
         if not sound:
             out.append(_("no sound run was fitted"))
@@ -291,7 +299,7 @@ class Faults:
         lines = [head, "-" * len(head)]
         for r in self.rows():
             over = ["" if r[key] is None else f"{number(r[key]):.2f}" for key in ("over_clean", "over_left")]
-            lost = "" if r["lost"] is None else f"{number(100 * r['lost']):.0f} %"
+            loss = "" if r["lost"] is None else f"{number(100 * r['lost']):.0f} %"
             verdicts = (
                 f"{r['usable']}/{r['warn']}/{r['refused']}"
                 + " "
@@ -299,11 +307,11 @@ class Faults:
             )
             lines.append(
                 f"{_(r['fault']):<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15} "
-                f"  {verdicts:<20}{over[0]:>12}{lost:>8}{over[1]:>12}"
+                f"  {verdicts:<20}{over[0]:>12}{loss:>8}{over[1]:>12}"
             )
         sound = [o for o in self.outcomes if o.job.fault in SOUND]
-        warned = sum(o.verdict == Verdict.WARN for o in sound)
-        lines += ["", _("{warned} of {sound} sound runs with a warning", warned=warned, sound=len(sound))]
+        warnings = sum(o.verdict == Verdict.WARN for o in sound)
+        lines += ["", _("{warned} of {sound} sound runs with a warning", warned=warnings, sound=len(sound))]
         if self.tried < self.requested:
             lines.append(_("interrupted: {tried} of {asked} fits", tried=self.tried, asked=self.requested))
         return "\n".join([*lines, _("verdict: {verdict}", verdict=_(self.verdict)), *self.reasons])
@@ -336,10 +344,10 @@ def faults(
         tuple(of[k : k + TOGETHER]) for _, of in sorted(jobs.items()) for k in range(0, len(of), TOGETHER)
     ]
     tell = each or (lambda n: None)
-    done = spread_over(work, batches, processes, lambda n: tell(n * TOGETHER))
-    outcomes = tuple(o for batch in done for o in batch)
+    batches_done = spread_over(work, batches, processes, lambda n: tell(n * TOGETHER))
+    outcomes = tuple(o for batch in batches_done for o in batch)
     requested = sum(map(len, batches))
-    return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(done)]))))
+    return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(batches_done)]))))
 
 
 SUMS = {("late sensors", "model.drivetrain.delay_s")}  # a run shows the sum of two, and a note says so

@@ -33,7 +33,7 @@ def mount_turns(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     """Turn the IMU about z by 10 to 40° on the way."""
     z, angle = run.sensors["imu"].z.copy(), np.radians(rng.uniform(10.0, 40.0)) * rng.choice([-1.0, 1.0])
     after = slice(int(rng.uniform(0.3, 0.7) * len(z)), None)
-    z[after, :2] = z[after, :2] @ _turned(angle)
+    z[after, :2] = z[after, :2] @ _rotation(angle)
     return _with_imu(run, z)
 
 
@@ -76,11 +76,14 @@ def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     """Take stamps that count milliseconds since 1970 for nanoseconds."""
 
-    def stamped(t_ns: np.ndarray) -> np.ndarray:
+    def in_milliseconds(t_ns: np.ndarray) -> np.ndarray:
         return EPOCH_MS + t_ns // 1_000_000
 
-    sensors = {n: Channel(stamped(c.t_ns), stamped(c.arrival_ns), c.z) for n, c in run.sensors.items()}
-    return replace(run, t_ns=stamped(run.t_ns), sensors=sensors, truth=None)
+    sensors = {
+        n: Channel(in_milliseconds(c.t_ns), in_milliseconds(c.arrival_ns), c.z)
+        for n, c in run.sensors.items()
+    }
+    return replace(run, t_ns=in_milliseconds(run.t_ns), sensors=sensors, truth=None)
 
 
 def half_duplicated(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
@@ -95,7 +98,7 @@ def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     """Let every other reading come from a second IMU, turned by 20 to 180° and with biases of its own."""
     z = run.sensors["imu"].z.copy()
     angle = np.radians(rng.uniform(20.0, 180.0)) * rng.choice([-1.0, 1.0])
-    z[1::2, :2] = z[1::2, :2] @ _turned(angle)
+    z[1::2, :2] = z[1::2, :2] @ _rotation(angle)
     z[1::2] += rng.normal(0.0, 1.0, 3) * [0.3, 0.3, 0.02]
     return _with_imu(run, z)
 
@@ -128,7 +131,7 @@ def _with_imu(run: Run, z: np.ndarray) -> Run:
     return replace(run, sensors={**run.sensors, "imu": run.sensors["imu"]._replace(z=z)})
 
 
-def _turned(angle: float) -> np.ndarray:
+def _rotation(angle: float) -> np.ndarray:
     """(2, 2) by which rows (x, y) are seen from axes turned to the left."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])

@@ -90,14 +90,14 @@ def delay(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator)
 
 def fading_battery(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """15 to 50 % of the voltage are lost evenly over the run."""
-    lost = rng.uniform(0.15, 0.5)
-    return _throttle(of, u, lambda w: w * (1.0 - lost * np.linspace(0.0, 1.0, len(w))))
+    loss = rng.uniform(0.15, 0.5)
+    return _throttle(of, u, lambda w: w * (1.0 - loss * np.linspace(0.0, 1.0, len(w))))
 
 
 def sagging_battery(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """20 to 50 % of the voltage are lost at full command, in proportion below."""
-    lost = rng.uniform(0.2, 0.5)
-    return _throttle(of, u, lambda w: w * (1.0 - lost * np.abs(w)))
+    loss = rng.uniform(0.2, 0.5)
+    return _throttle(of, u, lambda w: w * (1.0 - loss * np.abs(w)))
 
 
 def _velocity(run: Run) -> np.ndarray:
@@ -184,8 +184,8 @@ def centre_of_mass(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
     q = of.vehicle
     if isinstance(q, Cars):
         return None
-    moved = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
-    return FaultPlan(q.changed(ahead_m=moved), u, of.file, without=("model.centre_of_mass_x_m",))
+    ahead_m = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
+    return FaultPlan(q.changed(ahead_m=ahead_m), u, of.file, without=("model.centre_of_mass_x_m",))
 
 
 def tilted_floor(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
@@ -201,17 +201,17 @@ def second_vehicle(of: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
     """A part of the log is of a vehicle with other friction and other motors."""
     factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), of.vehicle
     drag = {"viscous": q.viscous} if isinstance(q, Robots) else {"rolling": q.rolling}
-    other = q.changed(
+    changed_vehicle = q.changed(
         stall_n=q.stall_n * (1.0 - 0.5 * factor), **{k: v * (1.0 + factor) for k, v in drag.items()}
     )
     cut = int(rng.uniform(0.25, 0.75) * len(u))
 
-    def joined(run: Run, second: Run) -> Run:
+    def join_logs(run: Run, second: Run) -> Run:
         for name, channel in run.sensors.items():
             channel.z[cut:] = second.sensors[name].z[cut:]
         return run
 
-    return FaultPlan(q, u, of.file, second=other, change=joined)
+    return FaultPlan(q, u, of.file, second=changed_vehicle, change=join_logs)
 
 
 LAG, DELAY = "model.drivetrain.lag_s", "model.drivetrain.delay_s"

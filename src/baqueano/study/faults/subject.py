@@ -54,9 +54,9 @@ class FaultSubject(NamedTuple):
         """Return the runs of the vehicles, side by side under the `effective` commands of each."""
         group = vehicles[0].joined(list(vehicles[1:]))  # type: ignore[arg-type]
         t_ns = times(len(effective[0]), self.file.rate_hz)
-        shown = driven(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
+        drive = driven(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
         return [
-            recorded(shown, k, u, self.file, f"seed {self.seed}", self.seed) for k, u in enumerate(logged)
+            recorded(drive, k, u, self.file, f"seed {self.seed}", self.seed) for k, u in enumerate(logged)
         ]
 
 

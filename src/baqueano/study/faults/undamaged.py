@@ -17,14 +17,14 @@ def undamaged(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] 
     """The `sound` run with NaN for the readings that are left out of the `damaged` one, and which part they are;
     None where samples came at other times, so that none are the same."""
     pieces, _ = clean([damaged], file, file.sensors._asdict())
-    sensors, lost, count = dict(sound.sensors), 0, 0
+    sensors, lost_count, count = dict(sound.sensors), 0, 0
     for name, channel in sound.sensors.items():
         if not np.array_equal(damaged.sensors[name].arrival_ns, channel.arrival_ns):
             return None
-        kept = np.zeros(channel.z.shape, bool)
+        keep = np.zeros(channel.z.shape, bool)
         for piece in pieces:
             some = piece.sensors[name]
-            kept[np.searchsorted(channel.arrival_ns, some.arrival_ns)] = np.isfinite(some.z)
-        lost, count = lost + int(np.sum(~kept)), count + kept.size
-        sensors[name] = channel._replace(z=np.where(kept, channel.z, np.nan))
-    return replace(sound, sensors=sensors), lost / max(count, 1)
+            keep[np.searchsorted(channel.arrival_ns, some.arrival_ns)] = np.isfinite(some.z)
+        lost_count, count = lost_count + int(np.sum(~keep)), count + keep.size
+        sensors[name] = channel._replace(z=np.where(keep, channel.z, np.nan))
+    return replace(sound, sensors=sensors), lost_count / max(count, 1)

@@ -51,9 +51,9 @@ def page_of_identification(study: Identification) -> Page:
     parts: list[Table | Drawing] = [draw(coverage(clean), _(COVERAGE))]
     if len(z := study.z()):
         parts = [draw(histogram(z), _(Z).format(z.size)), *parts, draw(efficiency(clean), _(BARS))]
-    pooled = [row for row in rows if row["name"] == POOL]
+    pool = [row for row in rows if row["name"] == POOL]
     single = [row for row in rows if row["name"] != POOL]
-    wrong = sum(row["wrongly_usable"] for row in pooled)
+    wrong = sum(row["wrongly_usable"] for row in pool)
     return Page(
         title=_("How near to the limit a fit comes"),
         subtitle=_("Robots and cars of an independent truth, 60 s each, {over}", over=over),
@@ -75,7 +75,7 @@ def page_of_identification(study: Identification) -> Page:
             Headline(_("wrong and USABLE"), f"{wrong}", _("in all cases")),
         ],
         sections=[
-            Section("Cases", "\n".join(study.reasons), [Table(_columns(pooled, CASES), _(ABOUT))]),
+            Section("Cases", "\n".join(study.reasons), [Table(_columns(pool, CASES), _(ABOUT))]),
             Section("Parameters", "", [Table(_columns(single, PARAMETERS))]),
             Section("Figures", "", parts),
         ],

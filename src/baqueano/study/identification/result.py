@@ -109,12 +109,12 @@ class Identification:
         lines += ["", f"{_(rows[0]['case'])}:"]
         for row in (row for row in rows if row["name"] != POOL and row["case"] == rows[0]["case"]):
             lines.append(f"{row['name'].removeprefix('model.'):36}{row['fits']:5}{_figures(row)}")
-        kept = _("every limit is kept, within the scatter of {seeds} seeds", seeds=self.seeds)
+        message = _("every limit is kept, within the scatter of {seeds} seeds", seeds=self.seeds)
         lines += [
             "",
             _("holds: 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: fits that were called USABLE."),
         ]
-        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or kept}"])
+        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or message}"])
 
 
 def _rows(case: str, outcomes: list[TrialOutcome]) -> list["TableRow"]:
@@ -124,28 +124,28 @@ def _rows(case: str, outcomes: list[TrialOutcome]) -> list["TableRow"]:
 
 
 def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, ...]) -> "JsonObject":
-    given = [o for o in outcomes if o.verdict != Verdict.REFUSED]
-    z, named, ratios, widths = [], [], [], []
-    for one in names:
-        at = [(o, o.names.index(one)) for o in given if one in o.names]
+    accepted_fits = [o for o in outcomes if o.verdict != Verdict.REFUSED]
+    z, reports, ratios, widths = [], [], [], []
+    for parameter in names:
+        at = [(o, o.names.index(parameter)) for o in accepted_fits if parameter in o.names]
         at = [(o, k) for o, k in at if np.isfinite(o.sd[k]) and np.isfinite(o.estimate[k])]
         z += [(o.estimate[k] - o.truth[k]) / o.sd[k] for o, k in at]
-        named += [_named(o, one) for o, _ in at]
+        reports += [_is_reported(o, parameter) for o, _ in at]
         if at and np.isfinite(bound := np.array([o.bound[k] for o, k in at])).all():
             error = np.array([o.estimate[k] - o.truth[k] for o, k in at])
             widths.append(float(np.median([o.sd[k] / o.bound[k] for o, k in at])))
-            if one not in LOWEST or len(names) == 1:
+            if parameter not in LOWEST or len(names) == 1:
                 ratios.append(float(np.sqrt(np.mean(error**2) / np.mean(bound**2))))
-    inside, reported = np.abs(np.array(z)) <= QUANTILE_95, np.array(named, dtype=bool)
+    inside, is_reported = np.abs(np.array(z)) <= QUANTILE_95, np.array(reports, dtype=bool)
     usable = [o for o in outcomes if o.verdict == Verdict.USABLE]
     return {
         "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "holds": _mean(inside),
-        "holds_or_named": _mean(inside | reported), "named": _mean(reported),
+        "holds_or_named": _mean(inside | is_reported), "named": _mean(is_reported),
         "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
         "sd": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
         "wrongly_usable": sum(bool(np.any(wrong(o.estimate, o.sd, o.truth))) for o in usable),
         "silent": sum(not o.met and o.verdict != Verdict.REFUSED for o in outcomes),
-        "fits_named": _mean(np.array([any(_named(o, one) for one in o.names) for o in outcomes])),
+        "fits_named": _mean(np.array([any(_is_reported(o, name) for name in o.names) for o in outcomes])),
     }  # fmt: skip
 
 
@@ -207,14 +207,18 @@ def identification(
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
     tell = each or (lambda n: None)
-    done = spread_over(partial(_kept, keep=keep), jobs, processes, lambda n: tell(n * BATCH))
-    if not done:
+    batches_done = spread_over(
+        partial(_stored_outcomes, keep=keep), jobs, processes, lambda n: tell(n * BATCH)
+    )
+    if not batches_done:
         raise KeyboardInterrupt
-    outcomes = sorted((o for batch in done for o in batch), key=lambda o: (CASES.index(o.case), o.seed))
+    outcomes = sorted(
+        (o for batch in batches_done for o in batch), key=lambda o: (CASES.index(o.case), o.seed)
+    )
     return Identification(tuple(outcomes), seeds)
 
 
-def _kept(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
+def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
     """The outcomes of a job, read if they were kept."""
     if keep is None:
         return work(job)
@@ -235,7 +239,7 @@ def _z(o: TrialOutcome) -> np.ndarray:
     return (o.estimate[identifiable] - o.truth[identifiable]) / o.sd[identifiable]
 
 
-def _named(o: TrialOutcome, name: str) -> bool:
+def _is_reported(o: TrialOutcome, name: str) -> bool:
     return any(code in MISSING and name == subject for code, subject in o.reasons)
 
 

@@ -137,38 +137,40 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     robots = [robot(seed) for seed in job.seeds]
     us = [_steps(guess(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
     t_ns, n = times(len(us[0]), 100.0), len(robots)
-    given: dict[str, GroupDrive] = {}
+    drives: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
     if set(cases) & set(BOUNDED):
         bounds = _bounds(robots, us, t_ns)
     if "clean" in cases or "wrong start" in cases:
-        given = dict.fromkeys(("clean", "wrong start"), driven(_group(robots), _beside(us), job.seeds, t_ns))
+        drives = dict.fromkeys(
+            ("clean", "wrong start"), driven(_group(robots), _columns(us), job.seeds, t_ns)
+        )
     if any("floor" in case for case in cases):
         rough = [q.changed(floor=np.array([FLOOR])) for q in robots]
-        given |= dict.fromkeys(
-            ("floor", "floor, innovations"), driven(_group(rough), _beside(us), job.seeds, t_ns)
+        drives |= dict.fromkeys(
+            ("floor", "floor, innovations"), driven(_group(rough), _columns(us), job.seeds, t_ns)
         )
     if "low-passed" in cases:
-        slow = [_filtered(q) for q in robots]
-        given["low-passed"] = driven(_group(slow), _beside(us), job.seeds, t_ns)
+        slow = [_low_pass(q) for q in robots]
+        drives["low-passed"] = driven(_group(slow), _columns(us), job.seeds, t_ns)
     if "rough" in cases:
-        given["rough"] = _roughly(robots, us, job.seeds, t_ns)
+        drives["rough"] = _roughly(robots, us, job.seeds, t_ns)
     out: list[TrialOutcome] = []
     for k in range(n):
         clean: Fit | None = None
         for case in cases:
             q = robots[k] if case != "rough" else _coarse(robots[k])
-            run = recorded(given[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
-            fit = _fitted(run, q, case, job.seeds[k], job.backend)
+            run = recorded(drives[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
+            fit = _fit(run, q, case, job.seeds[k], job.backend)
             clean = fit if case == "clean" else clean
             bound = bounds[k] if case in BOUNDED else {}
             right = clean if case == "wrong start" else None
-            true = robot_values(q.changed(imu=q.imu.changed(bias=q.imu.bias + given[case].wandered[k])))
+            true = robot_values(q.changed(imu=q.imu.changed(bias=q.imu.bias + drives[case].wandered[k])))
             out.append(_outcome(case, job.seeds[k], fit, true, bound, right))
     return out
 
 
-def _fitted(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
+def _fit(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
     if case == "rough":
         run = _with_outliers(run, q, seed)
     start = _wrong_start(guess(q), seed) if case == "wrong start" else {}
@@ -179,7 +181,7 @@ def _fitted(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
 def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> list[dict[str, float]]:
     """Return the bound of each robot."""
     around = [beside(q) for q in robots]
-    u = np.repeat(_beside(us), len(around[0].mass_kg), axis=1)
+    u = np.repeat(_columns(us), len(around[0].mass_kg), axis=1)
     quiet = readings_without_noise(_group(around), u, t_ns, BOUND_STEP_S)
     pieces = np.split(quiet, len(robots), axis=1)
     return [bound_of(piece, q) for piece, q in zip(pieces, robots, strict=True)]
@@ -191,14 +193,14 @@ def _roughly(
     """Return the readings of robots whose logger wakes up irregularly."""
     late = np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
     irregular = t_ns + np.round(1e9 * late).astype(np.int64)
-    return driven(_group([_coarse(q) for q in robots]), _beside(us), seeds, irregular)
+    return driven(_group([_coarse(q) for q in robots]), _columns(us), seeds, irregular)
 
 
 def _coarse(q: Robots) -> Robots:
     return q.changed(imu=q.imu.changed(walk=np.array([WALK]), step=q.imu.noise))
 
 
-def _filtered(q: Robots) -> Robots:
+def _low_pass(q: Robots) -> Robots:
     return q.changed(imu=q.imu.changed(low_pass_s=np.full(1, 0.5 / (np.pi * LOW_PASS_HZ))))
 
 
@@ -227,10 +229,10 @@ def _of_cars(job: TrialJob, case: str) -> list[TrialOutcome]:
     cars = [car(seed, case) for seed in job.seeds]
     files = [car_file(q) for q in cars]
     us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERED[case]) for seed in job.seeds]
-    shown = driven(_group(cars), _beside(us), job.seeds, times(len(us[0]), files[0].rate_hz))
+    drive = driven(_group(cars), _columns(us), job.seeds, times(len(us[0]), files[0].rate_hz))
     out = []
     for k, seed in enumerate(job.seeds):
-        run = recorded(shown, k, us[k], files[k], f"car {seed}", seed)
+        run = recorded(drive, k, us[k], files[k], f"car {seed}", seed)
         fit = identify(run, files[k], FREE_CAR, options=FitOptions(backend=job.backend))
         out.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
     return out
@@ -244,18 +246,18 @@ def _outcome(
         **dict(zip(fit.names, zip(fit.estimate, fit.sd, strict=True), strict=True)),
     }
     if SPEED in truth:
-        results[SPEED] = _speed(fit)
+        results[SPEED] = _speed_estimate(fit)
     names = tuple(name for name in truth if name in results)
     estimate, sd = np.array([results[name] for name in names]).T
-    met = clean is None or _same(fit, clean)
-    reasons = tuple((one.code, one.subject) for one in fit.reasons)
+    same_fit = clean is None or _same(fit, clean)
+    reasons = tuple((reason.code, reason.subject) for reason in fit.reasons)
     return TrialOutcome(
         case, seed, names, np.array([float(truth[name][0]) for name in names]), estimate, sd,
-        np.array([bound.get(name, np.nan) for name in names]), fit.verdict, reasons, met,
+        np.array([bound.get(name, np.nan) for name in names]), fit.verdict, reasons, same_fit,
     )  # fmt: skip
 
 
-def _speed(fit: Fit) -> tuple[float, float]:
+def _speed_estimate(fit: Fit) -> tuple[float, float]:
     """The steady speed at a throttle, by the fit, and its standard error."""
     names = [
         "throttle_gain",
@@ -267,14 +269,14 @@ def _speed(fit: Fit) -> tuple[float, float]:
     at = [fit.names.index(f"model.{name}") for name in names]
     x = np.where(np.isfinite(fit.estimate[at]), fit.estimate[at], fit.start[at])
     value, h = float(speed_at(x)), 1e-6
-    slope = np.array([(float(speed_at(x + h * one)) - value) / h for one in np.eye(len(x))])
+    slope = np.array([(float(speed_at(x + h * axis)) - value) / h for axis in np.eye(len(x))])
     cov = np.nan_to_num(fit.cov[np.ix_(at, at)])
     return value, float(np.sqrt(slope @ cov @ slope))
 
 
-def _same(one: Fit, other: Fit) -> bool:
-    near = np.abs(one.estimate - other.estimate) < SAME * other.sd
-    return bool(np.all(near | ~np.isfinite(other.sd)))
+def _same(fit: Fit, clean: Fit) -> bool:
+    near = np.abs(fit.estimate - clean.estimate) < SAME * clean.sd
+    return bool(np.all(near | ~np.isfinite(clean.sd)))
 
 
 def _steps(file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
@@ -305,5 +307,5 @@ def _group(vehicles: Sequence[Any]) -> Any:
     return vehicles[0].joined(list(vehicles[1:]))
 
 
-def _beside(us: Sequence[np.ndarray]) -> np.ndarray:
+def _columns(us: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack(us, axis=1)

@@ -34,10 +34,10 @@ def marks(
     """Return the laps of robots `first` … `first + seeds − 1`; `each` hears of the robots that are done."""
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, laps=laps, backend=backend, shapes=shapes, read=read)
-    parts = spread_over(work, jobs, processes, lambda done: each(done * BATCH))
-    refused = tuple(sorted(k for _, _, refused in parts for k in refused))
+    parts = spread_over(work, jobs, processes, lambda batches: each(batches * BATCH))
+    refusals = tuple(sorted(k for _, _, seeds_refused in parts for k in seeds_refused))
     return Marks(
-        tuple(lap for _, rows, _ in parts for lap in rows), sum(n for n, _, _ in parts), laps, refused
+        tuple(lap for _, rows, _ in parts for lap in rows), sum(n for n, _, _ in parts), laps, refusals
     )
 
 
@@ -45,17 +45,17 @@ def batch(
     seeds: range, laps: int, backend: str, shapes: Sequence[str], read: Sequence[str]
 ) -> tuple[int, list[Lap], list[int]]:
     """Return how many robots these are, their laps, and whose fit was refused."""
-    team, refused = identified(seeds, backend)
-    return len(seeds), driven(team, laps, backend, shapes, read), refused
+    team, refusals = identified(seeds, backend)
+    return len(seeds), driven(team, laps, backend, shapes, read), refusals
 
 
 def driven(team: Team, laps: int, backend: str, shapes: Sequence[str], read: Sequence[str]) -> list[Lap]:
     """Return the laps of a team."""
     out: list[Lap] = []
     for shape in shapes:
-        drives = follow(team, SHAPES[shape](SPEED_M_S), laps, [READ[how] for how in read], backend)
-        for how, one in zip(read, drives, strict=True):
-            out += laps_of(one, shape, how, team.seeds, laps)
+        drives = follow(team, SHAPES[shape](SPEED_M_S), laps, [READ[mode] for mode in read], backend)
+        for mode, shape_laps in zip(read, drives, strict=True):
+            out += laps_of(shape_laps, shape, mode, team.seeds, laps)
     return out
 
 
@@ -64,16 +64,16 @@ def identified(seeds: range, backend: str) -> tuple[Team, list[int]]:
     robots = vehicles(seeds)
     runs = experiments(robots, seeds)
     fits = [identify(run, guess(), FREE, options=FitOptions(backend=backend)) for run in runs]
-    kept = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
-    learning = Team([fits[k].vehicle_file for k in kept], robots.some(kept), [seeds[k] for k in kept])
+    usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
+    learning = Team([fits[k].vehicle_file for k in usable], robots.some(usable), [seeds[k] for k in usable])
     route, files, names = SHAPES["rectangle"](SPEED_M_S), [], []
     (laps,) = follow(learning, route, LEARNED, [TagFaults()], backend, log=True)
-    for k, file, seed, over in zip(kept, learning.files, learning.seeds, laps.runs, strict=True):
+    for k, file, seed, over in zip(usable, learning.files, learning.seeds, laps.runs, strict=True):
         both = [runs[k], over]
         fit = identify(both, with_tags(file, route), FREE, use=("imu",), options=FitOptions(backend=backend))
         if fit.verdict != Verdict.REFUSED:
             noise = measure_noise(fit, both, backend=backend)
             files.append(noise.updated(fit.vehicle_file, file.name))
             names.append(seed)
-    again = switched_on_anew(robots.some([seed - seeds[0] for seed in names]), names, files)
-    return Team(files, again, names), [seed for seed in seeds if seed not in names]
+    restarted_robots = switched_on_anew(robots.some([seed - seeds[0] for seed in names]), names, files)
+    return Team(files, restarted_robots, names), [seed for seed in seeds if seed not in names]

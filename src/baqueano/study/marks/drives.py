@@ -69,7 +69,7 @@ def follow(
     """
     n, guide = len(team.files), Repeat.along(route, laps)
     loops = [Loop(with_tags(file, route), False, backend) for file in team.files] * len(ways)
-    states, u = [one.start(route.eta[0]) for one in loops], np.zeros((len(loops), 3))
+    states, u = [loop.start(route.eta[0]) for loop in loops], np.zeros((len(loops), 3))
     robots = team.robots.some([*range(n)] * len(ways))
     start, fast = np.tile(route.eta[0], (len(loops), 1)), partial(function, backend=backend)
     world = TruthWorld(robots, team.seeds * len(ways), start, STEP_S, fast)
@@ -86,35 +86,37 @@ def follow(
         if not rests:
             progress, reference = guide.step(progress, _at(t))
         u = np.zeros_like(u)
-        for i, one in enumerate(loops):
-            states[i], (command, estimate) = one.step(states[i], _tick(one, t, row, i), reference)
+        for i, loop in enumerate(loops):
+            states[i], (command, estimate) = loop.step(states[i], _tick(loop, t, row, i), reference)
             u[i] = 0.0 if rests else command
             estimates.append(estimate)
         if log:
             rows.append(row)
         if not rests and k % EVERY == 0:
             samples.append((*_error(estimates, eta), eta[:, :2], reference.eta[:2]))
-    error, cov, place, reference_xy = (np.array(one) for one in zip(*samples, strict=True))
+    error, cov, place, reference_xy = (np.array(values) for values in zip(*samples, strict=True))
     ticks = np.arange(len(reference_xy)) * round(EVERY / RATE_HZ * NANOSECONDS)
     across = [cross_track(ticks, place[:, i], ticks, reference_xy) for i in range(len(loops))]
-    stopped = np.array([bool(x[2].stopped > 0.0) for x in states])
+    is_stopped = np.array([bool(x[2].stopped > 0.0) for x in states])
     runs = _runs(team, t_ns, rows) if log else ()
     parts = [slice(i * n, i * n + n) for i in range(len(ways))]
     return [
-        Laps(error[:, at], cov[:, at], np.stack(across[at], axis=1), stopped[at], runs[at]) for at in parts
+        Laps(error[:, at], cov[:, at], np.stack(across[at], axis=1), is_stopped[at], runs[at]) for at in parts
     ]
 
 
 def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Errors (n, 3), and the covariances (n, 3, 3) that are claimed."""
-    off = np.array([one.eta for one in estimates]) - eta
-    return np.column_stack([off[:, :2], wrap(off[:, 2])]), np.array([one.cov[:3, :3] for one in estimates])
+    off = np.array([estimate.eta for estimate in estimates]) - eta
+    return np.column_stack([off[:, :2], wrap(off[:, 2])]), np.array(
+        [estimate.cov[:3, :3] for estimate in estimates]
+    )
 
 
-def _tick(one: Loop, t_ns: int, row: tuple[np.ndarray, ...], i: int) -> Tick:
+def _tick(loop: Loop, t_ns: int, row: tuple[np.ndarray, ...], i: int) -> Tick:
     u, imu, tag = (x[i] for x in row)
     visible = not np.isnan(tag[0])
-    return Tick(t_ns, u, one.slots(Slot(1.0, imu), Slot(float(visible), tag if visible else np.zeros(2))))
+    return Tick(t_ns, u, loop.slots(Slot(1.0, imu), Slot(float(visible), tag if visible else np.zeros(2))))
 
 
 def _at(t_ns: int) -> Estimate:
@@ -123,7 +125,7 @@ def _at(t_ns: int) -> Estimate:
 
 def _runs(team: Team, t_ns: np.ndarray, rows: list[tuple[np.ndarray, ...]]) -> tuple[Run, ...]:
     """The logs of the first n robots."""
-    u, imu, tags = (np.stack(one, axis=1) for one in zip(*rows, strict=True))
+    u, imu, tags = (np.stack(values, axis=1) for values in zip(*rows, strict=True))
     metadata, out = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
     for i, (file, seed) in enumerate(zip(team.files, team.seeds, strict=True)):
         visible = ~np.isnan(tags[i, :, 0])

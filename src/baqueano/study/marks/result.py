@@ -46,13 +46,13 @@ def laps_of(driven: "Laps", shape: str, read: str, seeds: list[int], laps: int) 
     """Return the laps of all robots of a drive."""
     e, P, per = driven.error, driven.cov, len(driven.error) // laps
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
-    far, turned = np.hypot(e[..., 0], e[..., 1]), np.abs(e[..., 2])
+    far, heading_errors = np.hypot(e[..., 0], e[..., 1]), np.abs(e[..., 2])
     radius = np.sqrt(WITHIN_2 * np.linalg.eigvalsh(P[..., :2, :2])[..., -1])
     angle, across = 1.96 * np.sqrt(P[..., 2, 2]), np.abs(driven.across)
     out = []
     for lap in range(laps):
         t = slice(lap * per, (lap + 1) * per)
-        worst = [x[t].max(axis=0) for x in (far, radius, turned, angle, across)]
+        worst = [x[t].max(axis=0) for x in (far, radius, heading_errors, angle, across)]
         means = (square[t] <= WITHIN_3).mean(axis=0), square[t].mean(axis=0) / 3.0
         for i, seed in enumerate(seeds):
             figures = [float(x[i]) for x in (*worst, *means)]
@@ -77,10 +77,10 @@ class Marks:
             for lap in (*(k for k in SHOWN if k < self.laps), self.laps):
                 out.append(_row(shape, read, str(lap), [d for d in of if d.lap == lap]))
             if later := [d for d in of if d.lap > SETTLED]:
-                kept = [
+                keeps = [
                     _keeps([d for d in of if d.seed == seed]) for seed in dict.fromkeys(d.seed for d in of)
                 ]
-                out.append(_row(shape, read, self._later, later) | {"kept": float(np.mean(kept))})
+                out.append(_row(shape, read, self._later, later) | {"kept": float(np.mean(keeps))})
         return out
 
     @property
@@ -92,12 +92,12 @@ class Marks:
             else []
         )
         for row in self.rows():
-            where, lap = f"{_(row['shape'])}, {_(row['read'])}", row["lap"]
+            place, lap = f"{_(row['shape'])}, {_(row['read'])}", row["lap"]
             if lap == str(self.laps) and row["across_p95_m"] > WORST_M:
                 out.append(
                     _(
                         "{where}, lap {lap}: {distance} beside the route, 10 cm expected",
-                        where=where,
+                        where=place,
                         lap=lap,
                         distance=_cm(row["across_p95_m"]),
                     )
@@ -108,7 +108,7 @@ class Marks:
                 out.append(
                     _(
                         "{where}: the estimate is {distance} off, 10 cm expected",
-                        where=where,
+                        where=place,
                         distance=_cm(row["position_worst_m"]),
                     )
                 )
@@ -116,7 +116,7 @@ class Marks:
                 out.append(
                     _(
                         "{where}: {kept:.0%} of the robots keep the route, 90 % expected",
-                        where=where,
+                        where=place,
                         kept=row["kept"],
                     )
                 )
@@ -124,7 +124,7 @@ class Marks:
                 out.append(
                     _(
                         "{where}: {within:.0%} within the 95 % region, 90 % expected",
-                        where=where,
+                        where=place,
                         within=row["within"],
                     )
                 )
@@ -132,13 +132,13 @@ class Marks:
                 out.append(
                     _(
                         "{where}: NEES {nees:.2f}, at most {most:g} expected",
-                        where=where,
+                        where=place,
                         nees=row["nees"],
                         most=MOST_NEES,
                     )
                 )
-        if stopped := len({(d.shape, d.read, d.seed) for d in self.drives if d.stopped}):
-            out.append(_("{stopped} drives were stopped", stopped=stopped))
+        if stops := len({(d.shape, d.read, d.seed) for d in self.drives if d.stopped}):
+            out.append(_("{stopped} drives were stopped", stopped=stops))
         return tuple(out)
 
     @property
@@ -164,17 +164,17 @@ class Marks:
             "-" * len(head),
         ]
         for r in self.rows():
-            place, beside = (
+            place, across = (
                 " ".join(f"{number(100.0 * r[f'{of}_{q}_m']):.1f}" for q in QUANTILES)
                 for of in ("position", "across")
             )
             angle = " ".join(f"{number(np.degrees(r[f'heading_{q}_rad'])):.1f}" for q in QUANTILES)
-            kept = f"{number(r['kept']):.0%}" if "kept" in r else ""
+            share_kept = f"{number(r['kept']):.0%}" if "kept" in r else ""
             lines.append(
                 f"{_(r['shape']):11}{_(r['read']):10}{r['lap']:>6}{place:>20}"
                 f"{number(100.0 * r['claimed_m']):9.1f}{angle:>18}"
                 f"{number(np.degrees(r['claimed_rad'])):9.1f}{number(r['within']):8.1%}"
-                f"{number(r['nees']):6.2f}{beside:>18}{kept:>6}"
+                f"{number(r['nees']):6.2f}{across:>18}{share_kept:>6}"
             )
         return "\n".join(
             [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bounds are kept')}"]
@@ -195,9 +195,10 @@ def _cm(metres: float) -> str:
 def _row(shape: str, read: str, lap: str, of: list[Lap]) -> "JsonObject":
     row: TableRow = {"shape": shape, "read": read, "lap": lap, "laps": len(of)}
     for name in ("position_m", "heading_rad", "across_m"):
-        figures, (what, unit) = [getattr(d, name) for d in of], name.split("_")
+        figures, (quantity, unit) = [getattr(d, name) for d in of], name.split("_")
         row |= {
-            f"{what}_{quantile}_{unit}": float(np.quantile(figures, q)) for quantile, q in QUANTILES.items()
+            f"{quantity}_{quantile}_{unit}": float(np.quantile(figures, q))
+            for quantile, q in QUANTILES.items()
         }
     for name in ("claimed_m", "claimed_rad"):
         row[name] = float(np.median([getattr(d, name) for d in of]))

@@ -124,15 +124,15 @@ class CaseStudy:
             "-" * len(head),
         ]
         for row in self.rows():
-            truth, ours = row["truth"], row["estimate"]
+            truth, estimate = row["truth"], row["estimate"]
             value = (
                 f"{_('not observable'):>22}"
-                if ours is None
-                else f"{number(ours):12.5g} {number(row['sd']):9.2g}"
+                if estimate is None
+                else f"{number(estimate):12.5g} {number(row['sd']):9.2g}"
             )
             lines.append(
                 f"{row['name']:8}{number(truth):10.4g} {number(row['paper']):11.5g} "
-                f"{_error(row['paper'], truth):>10} {value} {_error(ours, truth):>10}"
+                f"{_error(row['paper'], truth):>10} {value} {_error(estimate, truth):>10}"
             )
         lines += ["", *texts(self.fits[0].unobservable), *texts(self.fits[0].never)]
         lines.append(_("largest deviation {largest:.1f} standard errors", largest=np.abs(self.z).max()))

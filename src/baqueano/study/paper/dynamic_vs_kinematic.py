@@ -55,15 +55,15 @@ def compare_models(
         run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
     )
     return tuple(
-        _judged(name, fit, run, validation_run, backend)
+        _judged_model(name, fit, run, validation_run, backend)
         for name, fit in (("dynamic", dynamic), ("kinematic", kinematic))
     )  # type: ignore[return-value]
 
 
-def _judged(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> JudgedModel:
+def _judged_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> JudgedModel:
     noise = measure_noise(fit, run, source="truth", backend=backend)
-    replayed = replay(validation_run, noise.updated(fit.vehicle_file), backend=backend)
-    log = replayed.estimate
+    replay_run = replay(validation_run, noise.updated(fit.vehicle_file), backend=backend)
+    log = replay_run.estimate
     assert log is not None
     assert validation_run.truth is not None
     error = log.nu - at_times(log.t_ns, validation_run.truth.t_ns, validation_run.truth.nu)

@@ -53,7 +53,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     runs = {name: with_raw_clock(name) for name in MAPS}
     car = load("car").with_values(NEUTRAL)
     out = []
-    for name, other in (("a", "b"), ("b", "a")):
+    for name, test_name in (("a", "b"), ("b", "a")):
         say(
             _(
                 "CPM: choosing a model on run {name}, {duration_s:.0f} s",
@@ -62,7 +62,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
             )
         )
         choice = choose(runs[name], car, use=USE, options=FitOptions(backend=backend))
-        out += of_choice(choice, runs[other], name, other)
+        out += of_choice(choice, runs[test_name], name, test_name)
     for name, run in runs.items():
         say(_("CPM: gyro and clock of run {name} by its camera", name=name))
         out += of_calibration(calibrate(run, car), name)
@@ -79,16 +79,16 @@ def with_raw_clock(name: str) -> "Run":
 def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list["TableRow"]:
     """Speed of the other run, the terms, the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
-    explained, bar = figures["odometer[0]"].explained, EXPLAINED[name]
+    share, bar = figures["odometer[0]"].explained, EXPLAINED[name]
     dry = DRY.intersection(choice.taken)
-    battery = next(one for one in choice.judged if one.term.name == BATTERY)
+    battery = next(judgement for judgement in choice.judged if judgement.term.name == BATTERY)
     return [
         row(
             CAR,
             _("{name} → {other}: speed explained", name=name, other=other),
-            explained,
+            share,
             f"≥ {number(bar):g}",
-            explained >= bar,
+            share >= bar,
         ),
         row(
             CAR,

@@ -79,7 +79,7 @@ def runs_of(pattern: str) -> list["Run"]:
     """The throttle steps of a floor, in the order in which they were driven."""
     folder = next(f for f in data_folders() if (f / MAP).is_dir())
     paths: list[Path | str] = [str(folder / MAP / f"{pattern}.csv.gz")]
-    return [one.run for one in import_runs(MAP, paths)]
+    return [imported_run.run for imported_run in import_runs(MAP, paths)]
 
 
 def judged(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
@@ -88,7 +88,7 @@ def judged(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
     fit = identify(
         runs[0::2], file, FREE, use=("odometer",), options=FitOptions(at_rest=True, backend=backend)
     )
-    left = [
-        np.subtract(*measured_and_simulated(fit.vehicle_file, one, "odometer", backend)) for one in runs[1::2]
+    errors = [
+        np.subtract(*measured_and_simulated(fit.vehicle_file, run, "odometer", backend)) for run in runs[1::2]
     ]
-    return fit, float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+    return fit, float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

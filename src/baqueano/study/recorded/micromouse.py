@@ -49,14 +49,14 @@ def files() -> list[str]:
 def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """recording, quantity, value, bar, ok."""
     say(_("micromouse: fitting a sweep of the duty, judging another one"))
-    run, other = run_of(FITTED), run_of(OTHER)
+    run, test_run = run_of(FITTED), run_of(OTHER)
     fit = fitted(run, backend)
-    band, threshold = dead_band(fit), begins_to_turn(other)
+    band, threshold = dead_band(fit), begins_to_turn(test_run)
     faster = asymmetry(fit, run, backend)
-    z, simulated = measured_and_simulated(fit.vehicle_file, other, "wheels", backend)
-    explained = 1.0 - float(np.sum((z - simulated) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
+    z, simulated = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
+    share = 1.0 - float(np.sum((z - simulated) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
     near = abs(band - threshold) <= NEAR * threshold
-    beside = abs(faster - ASYMMETRY) <= BESIDE
+    is_near = abs(faster - ASYMMETRY) <= BESIDE
     name = "micromouse"
     return [
         row(name, _("dead band [of 255]"), band, f"{number(threshold):.1f} ± {100 * NEAR:.0f} %", near),
@@ -65,14 +65,14 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
             _("right wheel faster by [%]"),
             100.0 * faster,
             f"{100 * ASYMMETRY:.0f} ± {100 * BESIDE:.0f}",
-            beside,
+            is_near,
         ),
         row(
             name,
             _("held-out speeds explained"),
-            explained,
+            share,
             f"≥ {number(EXPLAINED):g}",
-            explained >= EXPLAINED,
+            share >= EXPLAINED,
         ),
     ]
 

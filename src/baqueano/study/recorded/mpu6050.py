@@ -36,34 +36,37 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
     """recording, quantity, value, bar, ok."""
     say(_("MPU-6050 at rest, 11 min"))
     statistics = at_rest(import_run(MAP).run)
-    author = _published()
+    author = _author_figures()
     out = []
     for c in statistics.channels:
         unit = "g" if c.sensor == "accelerometer" else "°/s"
         kind = "accelerometer" if c.sensor == "accelerometer" else "gyroscope"
-        published = author[kind, AXES[c.entry]]
-        for what, ours, theirs in ((N_("mean"), c.mean, published[0]), (N_("deviation"), c.sd, published[1])):
+        pair = author[kind, AXES[c.entry]]
+        for statistic, value, bar in ((N_("mean"), c.mean, pair[0]), (N_("deviation"), c.sd, pair[1])):
             out.append(
-                _beside(
-                    f"{_(c.sensor)} {AXES[c.entry]}, {_(what)} [{unit}]", ours / SI[c.sensor], theirs, DIGITS
+                _row(
+                    f"{_(c.sensor)} {AXES[c.entry]}, {_(statistic)} [{unit}]",
+                    value / SI[c.sensor],
+                    bar,
+                    DIGITS,
                 )
             )
     for c in (c for c in statistics.channels if c.sensor == "gyro"):
         assert c.allan_1s is not None
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
-        out.append(_beside(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
-    warned = any(one.code == "at-rest.bursts" for one in statistics.doubts)
-    return [*out, row(MAP, _("burst stamps are reported"), warned, _("yes"), warned)]
+        out.append(_row(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
+    is_reported = any(doubt.code == "at-rest.bursts" for doubt in statistics.doubts)
+    return [*out, row(MAP, _("burst stamps are reported"), is_reported, _("yes"), is_reported)]
 
 
-def _beside(quantity: str, value: float, theirs: float, part: float) -> "JsonObject":
+def _row(quantity: str, value: float, reference: float, part: float) -> "JsonObject":
     """A row that asks for the author's figure within a `part` of it."""
-    ok = bool(abs(value - theirs) <= part * abs(theirs) + (5e-7 if part == DIGITS else 0.0))
-    bar = f"{number(theirs):g} ± {number(100 * part):g} %"
+    ok = bool(abs(value - reference) <= part * abs(reference) + (5e-7 if part == DIGITS else 0.0))
+    bar = f"{number(reference):g} ± {number(100 * part):g} %"
     return row(MAP, quantity, value, bar, ok)
 
 
-def _published() -> dict[tuple[str, str], tuple[float, float]]:
+def _author_figures() -> dict[tuple[str, str], tuple[float, float]]:
     """(sensor, axis) → mean and standard deviation, in g and °/s."""
     path = next(p for folder in data_folders() if (p := folder / PUBLISHED).exists())
     with path.open(encoding="utf-8") as file:

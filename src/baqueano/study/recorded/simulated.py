@@ -27,9 +27,9 @@ def measured_and_simulated(
 
     lines = np.ascontiguousarray(np.concatenate([record.dt_s[:, None], record.u], axis=1))
     kernel = scan(step, vehicle.init(), np.zeros(1 + vehicle.commands), backend=backend)
-    simulated, there = np.asarray(kernel.run(lines)[1]), record.sensors[sensor]
-    present = there.has.all(axis=1)
-    return there.z[present], simulated[present]
+    simulated, sensor_log = np.asarray(kernel.run(lines)[1]), record.sensors[sensor]
+    present = sensor_log.has.all(axis=1)
+    return sensor_log.z[present], simulated[present]
 
 
 def end_of(file: "VehicleFile", run: "Run", backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:

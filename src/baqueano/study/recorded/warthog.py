@@ -69,7 +69,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
 def runs_of(name: str) -> list["Run"]:
     """The windows, in the order of the file."""
     path = next(p for f in data_folders() if (p := f / FILES[name]).exists())
-    return [one.run for one in import_runs(MAP, [path])]
+    return [imported_run.run for imported_run in import_runs(MAP, [path])]
 
 
 def start(name: str) -> VehicleFile:

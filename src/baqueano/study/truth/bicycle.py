@@ -71,14 +71,16 @@ class Cars(Group):
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands that are felt (n, 2).  (1)-(5)"""
         m, (a, b) = self.mass_kg, self.axle_m.T
         zone = np.where(u[:, 0] > 0.0, self.zone[:, 0], self.zone[:, 1])
-        pushed = self.stall_n * (np.sign(u[:, 0]) * np.maximum(np.minimum(np.abs(u[:, 0]), 1.0) - zone, 0.0))
-        steered = self.servo_rad * u[:, 1] + self.servo_offset_rad
+        force_target = self.stall_n * (
+            np.sign(u[:, 0]) * np.maximum(np.minimum(np.abs(u[:, 0]), 1.0) - zone, 0.0)
+        )
+        angle_target = self.servo_rad * u[:, 1] + self.servo_offset_rad
 
         def rate(x: np.ndarray) -> np.ndarray:
             (psi, vx, vy, w, force, delta), g = x[:, 2:8].T, self.gravity(x[:, 2])
-            target, F, out = pushed, force, np.empty_like(x)
+            target, F, out = force_target, force, np.empty_like(x)
             if not self.transmission.is_ideal:
-                wheel = (pushed[:, None], force[:, None], vx[:, None], self.rolling[:, None])
+                wheel = (force_target[:, None], force[:, None], vx[:, None], self.rolling[:, None])
                 target, F, out[:, 8:] = self.transmission.passed(x[:, 8:], *wheel)
                 target, F = target[:, 0], F[:, 0]
             cos, sin = np.cos(delta), np.sin(delta)
@@ -91,7 +93,7 @@ class Cars(Group):
             out[:, 3] = (F - R - Yf * sin) / m + w * vy + g[:, 0]
             out[:, 4] = (Yf * cos + Yr) / m - w * vx + g[:, 1]
             out[:, 5] = (a * Yf * cos - b * Yr) / self.inertia_kg_m2
-            out[:, 6], out[:, 7] = (target - force) / self.lag_s, (steered - delta) / self.servo_lag_s
+            out[:, 6], out[:, 7] = (target - force) / self.lag_s, (angle_target - delta) / self.servo_lag_s
             return out
 
         return rate

@@ -31,7 +31,7 @@ class Floor:
         self._draw = [np.random.default_rng([seed, 22]) for seed in seeds]
         self._distance = self._to(xy)
         self._shrinks = np.zeros_like(self._distance, dtype=bool)
-        self._again: list[tuple[float, np.ndarray]] = []
+        self._late_readings: list[tuple[float, np.ndarray]] = []
         self.passed = np.zeros(len(xy), dtype=int)
 
     def read(self, t_s: float, xy: np.ndarray) -> np.ndarray:
@@ -41,21 +41,21 @@ class Floor:
         nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
         self._distance, self._shrinks = distance, shrinks
         for i in np.flatnonzero(nearest.any(axis=1)):
-            draw, here = self._draw[i], int(np.argmax(nearest[i]))
-            missed, twice, mistaken = draw.random(3) < self._faults
+            draw, nearest_point = self._draw[i], int(np.argmax(nearest[i]))
+            is_missed, twice, mistaken = draw.random(3) < self._faults
             reading = xy[i] + self._noise_m * draw.standard_normal((2, 2))
             self.passed[i] += 1
             if mistaken:
-                others = [k for k in range(len(self._points)) if k != here]
-                reading += self._points[draw.choice(others)] - self._points[here]
-            if not missed:
+                wrong_points = [k for k in range(len(self._points)) if k != nearest_point]
+                reading += self._points[draw.choice(wrong_points)] - self._points[nearest_point]
+            if not is_missed:
                 out[i] = reading[0]
                 late = np.full(xy.shape, np.nan)
                 late[i] = reading[1]
-                self._again += [(t_s + TWICE_S, late)] if twice else []
-        for due_s, reading in self._again:
+                self._late_readings += [(t_s + TWICE_S, late)] if twice else []
+        for due_s, reading in self._late_readings:
             out = np.where(np.isnan(reading) | (due_s > t_s), out, reading)
-        self._again = [one for one in self._again if one[0] > t_s]
+        self._late_readings = [reading for reading in self._late_readings if reading[0] > t_s]
         return out
 
     def _to(self, xy: np.ndarray) -> np.ndarray:

@@ -30,11 +30,11 @@ class Group:
 
     def joined(self, others: "list[Self]") -> Self:
         """Return these and the others as one group."""
-        joined = {}
+        arrays = {}
         for name, value in self._all():
-            more = [getattr(other, name) for other in others]
-            joined[name] = value.joined(more) if isinstance(value, Group) else np.concatenate([value, *more])
-        return replace(self, **joined)
+            more = [getattr(group, name) for group in others]
+            arrays[name] = value.joined(more) if isinstance(value, Group) else np.concatenate([value, *more])
+        return replace(self, **arrays)
 
     def _all(self) -> list[tuple[str, Any]]:
         return [(field.name, getattr(self, field.name)) for field in fields(self)]

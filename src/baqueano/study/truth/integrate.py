@@ -19,16 +19,16 @@ class Line:
     def __init__(self, delay_s: np.ndarray, commands: int) -> None:
         self._delay_s, self._all = delay_s, np.arange(len(delay_s))
         self._sent_s = np.full(KEPT, -np.inf)  # when the last commands were sent, and
-        self._sent = np.zeros((KEPT, len(delay_s), commands))  # the commands
+        self._commands = np.zeros((KEPT, len(delay_s), commands))  # the commands
 
     def send(self, t_s: float, u: np.ndarray) -> None:
         """Take the commands u (n, m), in force from `t_s` until others are sent."""
         self._sent_s = np.append(self._sent_s[1:], t_s)
-        self._sent = np.concatenate([self._sent[1:], np.array(u, dtype=float)[None]])
+        self._commands = np.concatenate([self._commands[1:], np.array(u, dtype=float)[None]])
 
     def delayed(self, t_s: np.ndarray) -> np.ndarray:
         """Return the commands (n, m) that are felt at `t_s` (n,)."""
-        return self._sent[np.searchsorted(self._sent_s, t_s - self._delay_s, side="right") - 1, self._all]
+        return self._commands[np.searchsorted(self._sent_s, t_s - self._delay_s, side="right") - 1, self._all]
 
     def next_s(self, t_s: np.ndarray) -> np.ndarray:
         """Return when the next one is felt (n,), infinity where none is on its way."""

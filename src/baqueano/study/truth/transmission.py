@@ -61,12 +61,12 @@ class Transmission(Group):
         q, gamma, s = np.split(inner, INNER, axis=1)
         lag_s, half, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._slips
         T = force - emf * (rim + s)
-        meshed = (half == 0.0) | (gamma * np.sign(T) >= half)
-        through = np.where(meshed, T, 0.0)
+        in_mesh = (half == 0.0) | (gamma * np.sign(T) >= half)
+        through = np.where(in_mesh, T, 0.0)
         G = np.where(slips, self._grip * np.tanh(CREEP * s / self._grip), through)
         second = lag_s > 0.0
         q_dot = np.where(second, (steady - q) / np.where(second, lag_s, 1.0), 0.0)
-        gamma_dot, s_dot = np.where(meshed, 0.0, T / emf), np.where(slips, (through - G) / WHEEL_KG, 0.0)
+        gamma_dot, s_dot = np.where(in_mesh, 0.0, T / emf), np.where(slips, (through - G) / WHEEL_KG, 0.0)
         rate = np.concatenate([q_dot, gamma_dot, s_dot], axis=1)
         return PassedCommand(np.where(second, q, steady), G + emf * rim, rate)
 

@@ -79,19 +79,19 @@ class Robots(Group):
     def under(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return dx/dt (n, k) as a function of the states (n, k), under the commands that are felt (n, 3).  (1)-(5)"""
         m, c, I, lag_s = self.mass_kg, self.ahead_m, self.inertia_kg_m2, self.lag_s[:, None]
-        (left, right), (cos_toe, sin_toe), pushed = self.arm_m.T, self._toe, self._pushed(u)
+        (left, right), (cos_toe, sin_toe), target_at = self.arm_m.T, self._toe, self._force_target(u)
 
         def rate(x: np.ndarray) -> np.ndarray:
             psi, vx, vy, w = x[:, 2], x[:, 3], x[:, 4], x[:, 5]
-            target, force, cos, sin, out = pushed(x), x[:, 6:8], np.cos(psi), np.sin(psi), np.empty_like(x)
+            target, force, cos, sin, out = target_at(x), x[:, 6:8], np.cos(psi), np.sin(psi), np.empty_like(x)
             if not self.transmission.is_ideal:
                 rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
                 target, force, out[:, 8:] = self.transmission.passed(x[:, 8:], target, force, rim, emf)
             along, aside = force * cos_toe, force * sin_toe
-            lost, g = self._friction(x[:, 3:6]) + self._unequal(x[:, 3:6]), self.gravity(psi)
-            X = along[:, 0] + along[:, 1] - lost[:, 0]
-            Y = aside[:, 0] + aside[:, 1] - lost[:, 1]
-            N = along[:, 1] * right - along[:, 0] * left - lost[:, 2]
+            resistance, g = self._friction(x[:, 3:6]) + self._unequal(x[:, 3:6]), self.gravity(psi)
+            X = along[:, 0] + along[:, 1] - resistance[:, 0]
+            Y = aside[:, 0] + aside[:, 1] - resistance[:, 1]
+            N = along[:, 1] * right - along[:, 0] * left - resistance[:, 2]
             w_dot = (N - c * Y) / I
             out[:, 0], out[:, 1], out[:, 2] = cos * vx - sin * vy, sin * vx + cos * vy, w
             out[:, 3] = X / m + g[:, 0] + w * (vy + c * w)
@@ -134,7 +134,7 @@ class Robots(Group):
         """Return the speeds (n, 2) of the rims of wheels that do not slip."""
         return x[:, 3, None] + x[:, 5, None] * self.arm_m * SIDES
 
-    def _pushed(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def _force_target(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return the forces (n, 2) that the motors go towards, as a function of the states.  (1), (2)"""
         duty, levels = u[:, :1] + u[:, 2:] * SIDES, self.levels[:, None]
         duty = self.supply[:, None] * np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
@@ -149,8 +149,8 @@ class Robots(Group):
 
         def motor_forces(x: np.ndarray) -> np.ndarray:
             standing = np.exp(-((self._rim(x) / STRIBECK_M_S) ** 2))
-            there = zone * (1.0 + (self.breakaway[:, None] - 1.0) * standing)
-            return most * (sign * np.maximum(size - there, 0.0))
+            dead_zone = zone * (1.0 + (self.breakaway[:, None] - 1.0) * standing)
+            return most * (sign * np.maximum(size - dead_zone, 0.0))
 
         return motor_forces
 

@@ -34,41 +34,43 @@ class TruthWorld:
         self._x = np.zeros((n, physics.states))
         if eta is not None:
             self._x[:, :3] = eta
-        self._line, self._wandered = Line(physics.delay_s, physics.commands), np.zeros((n, 3))
+        self._line, self._drift = Line(physics.delay_s, physics.commands), np.zeros((n, 3))
         self.t_s = 0.0
         self._smooth: np.ndarray | None = None  # (n, 3) behind the low-pass
         u = np.zeros((n, physics.commands))
-        self._stepped = fast(lambda x, u, h: runge_kutta(physics.under(u), x, h), self._x, u, np.ones((n, 1)))
+        self._runge_kutta_step = fast(
+            lambda x, u, h: runge_kutta(physics.under(u), x, h), self._x, u, np.ones((n, 1))
+        )
         self._nu_dot = fast(lambda x, u: physics.rate(x, u)[:, 3:6], self._x, u)
 
     def tick(self, u: np.ndarray, dt_s: float) -> np.ndarray:
         """Return what the IMUs show (n, 3) after `dt_s` under the commands u (n, m), sent from now on."""
         self.go(u, dt_s)
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
-        self._wandered = self._wandered + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
+        self._drift = self._drift + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
         filtered = self.physics.imu.low_pass_s[:, None] > 0.0
         quiet = np.where(filtered, self._smooth, self.quiet) if self._smooth is not None else self.quiet
-        return self.physics.imu.readings(quiet, self._wandered, draw[:, :3])
+        return self.physics.imu.readings(quiet, self._drift, draw[:, :3])
 
     def go(self, u: np.ndarray, dt_s: float) -> None:
         """Move for `dt_s` under the commands u (n, m), sent from now on; no IMU is read."""
         self._line.send(self.t_s, u)
         before, self.t_s = self.t_s, self.t_s + dt_s
-        self._moved(before, self._apply_kick if len(self._rough) else None)
+        self._advance(before, self._apply_kick if len(self._rough) else None)
 
-    def _moved(self, before_s: float, kicked: Any) -> None:
+    def _advance(self, before_s: float, kick: Any) -> None:
         """Integrate from `before_s` to now; where a low-pass is, in steps of 1 ms that it follows."""
         low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
         if not np.any(low_pass_s > 0.0):
             span_s = before_s, end_s
-            self._x = integrated(self._stepped, self._x, span_s, self._line, kicked, self._step_s)
+            self._x = integrated(self._runge_kutta_step, self._x, span_s, self._line, kick, self._step_s)
             return
         edges = np.linspace(before_s, end_s, 1 + max(1, round((end_s - before_s) / STEP_S)))
         tau_s = np.maximum(low_pass_s, SHORTEST_S)[:, None]
         for a, b in pairwise(edges.tolist()):
             self.t_s, was = a, self.quiet
             self._smooth = was if self._smooth is None else self._smooth
-            self._x = integrated(self._stepped, self._x, (a, b), self._line, kicked)
+            self._x = integrated(self._runge_kutta_step, self._x, (a, b), self._line, kick)
             self.t_s = b
             rise = (self.quiet - was) * tau_s / (b - a)
             self._smooth = self.quiet - rise + (self._smooth - was + rise) * np.exp(-(b - a) / tau_s)
@@ -87,7 +89,7 @@ class TruthWorld:
     @property
     def wandered(self) -> np.ndarray:
         """Return by how much the biases have walked until now (n, 3)."""
-        return self._wandered
+        return self._drift
 
     @property
     def quiet(self) -> np.ndarray:
