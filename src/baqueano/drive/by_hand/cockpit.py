@@ -85,7 +85,7 @@ class Cockpit(Observer):
             hold=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
-        self._given, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
+        self._given_line, self._pad, self._trusted, self._wishes_latch = line, pad, trusted, latched
         self._now, self._sleep = now, sleep
         self._screen, self._drawn_s = screen.Screen(), float("-inf")
         self._begun_s = now()
@@ -94,7 +94,7 @@ class Cockpit(Observer):
         self._marks, self._new_marks, self._sent_marks = 0, 0, 0
 
     def __enter__(self) -> "Cockpit":
-        self._line = terminal() if self._given is None else self._given
+        self._line = terminal() if self._given_line is None else self._given_line
         self._life = Heartbeat(
             self._line.write if self._trusted and self._line.answers else lambda data: None
         )
@@ -124,7 +124,7 @@ class Cockpit(Observer):
         u = np.zeros(len(self._limit))
         u[0], u[-1] = ahead, left
         self.status.requested = u * self.status.share * self._limit * self.near  # (1)
-        self.status.still = self._still()
+        self.status.still = self._standstill_reason()
         self._draw(now_s)
         return self.status.requested.copy()
 
@@ -189,7 +189,7 @@ class Cockpit(Observer):
             straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
 
-    def _still(self) -> str:
+    def _standstill_reason(self) -> str:
         """Return why nothing moves although the driver wants motion, in the words of the screen. The nudge of a tap is
         over too soon for a reason."""
         by_pad = self._pad is not None and self._pad.holds
