@@ -28,17 +28,17 @@ def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | N
         return None
     causes = list(_causes(message))
     for cause in causes:
-        if (corrected := _put_right(cause, args)) is not None:
-            return fault("next.put-right", typed(*corrected))
+        if (corrected_args := _put_right(cause, args)) is not None:
+            return fault("next.put-right", typed(*corrected_args))
     if any(cause.code in TO_ALLOW for cause in causes):
         return fault("next.allow-blocks", typed(*args, "--allow-blocks"))
     missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
     for path in missing:
         if (near_path := _nearest(path)) is not None and str(path) in args:
-            corrected = [str(near_path) if Path(arg) == path else arg for arg in args]
-            return fault("next.near-file", typed(*corrected), meant=near_path)
-    if code == USAGE and (corrected := _with_points(args)) != args:
-        return fault("next.decimal-comma", typed(*corrected))
+            corrected_args = [str(near_path) if Path(arg) == path else arg for arg in args]
+            return fault("next.near-file", typed(*corrected_args), meant=near_path)
+    if code == USAGE and (corrected_args := _with_points(args)) != args:
+        return fault("next.decimal-comma", typed(*corrected_args))
     if any(cause.fix for cause in causes):
         return None
     if code == USAGE:
@@ -61,15 +61,15 @@ def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
 
 def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
     """Return the command with what was meant in the place of what was found; None where nothing is near it."""
-    mistyped, near = str(cause.figures.get("found", "")), cause.figures.get("near")
+    mistyped_word, near = str(cause.figures.get("found", "")), cause.figures.get("near")
     suggestion = near.figures.get("meant") if isinstance(near, Diagnostic) else None
     for k, arg in enumerate(args):
         if (
-            mistyped
+            mistyped_word
             and suggestion is not None
-            and mistyped in (arg, *arg.split(":"), *arg.split("="), Path(arg).name)
+            and mistyped_word in (arg, *arg.split(":"), *arg.split("="), Path(arg).name)
         ):
-            return [*args[:k], arg.replace(mistyped, str(suggestion), 1), *args[k + 1 :]]
+            return [*args[:k], arg.replace(mistyped_word, str(suggestion), 1), *args[k + 1 :]]
     return None
 
 

@@ -177,10 +177,10 @@ def busy(label: Diagnostic | str) -> Iterator[Say]:
     """A line on stderr for work whose end is not known; a person who looks sees the seconds pass, and what the
     work says of itself; where nobody does, a line of it stands every EVERY_S.  Yields say(text)."""
     say, person, label = Say(), watched(), text(label)
-    start, finished = time.monotonic(), threading.Event()
+    start, end_event = time.monotonic(), threading.Event()
 
     def count() -> None:
-        while not finished.wait(0.5 if person else EVERY_S):
+        while not end_event.wait(0.5 if person else EVERY_S):
             suffix = f"  {say.text}" if say.text else ""
             line = f"{label}  {time.monotonic() - start:.0f} s{suffix}"
             _rewrite(line) if person else talk(line)
@@ -191,7 +191,7 @@ def busy(label: Diagnostic | str) -> Iterator[Say]:
     try:
         yield say
     finally:
-        finished.set()
+        end_event.set()
         counting.join()
         say.done()
         _rewrite(f"{label}  {time.monotonic() - start:.1f} s\n")

@@ -221,15 +221,15 @@ class Remote:
 
     def _pieces(self, run: str, most: int) -> Iterator[bytes]:
         """The bytes of a run, at most so many."""
-        size, received = None, 0
-        while size is None or received < size:
+        size, received_bytes = None, 0
+        while size is None or received_bytes < size:
             message = self.hear(("file",), 10.0)
             try:
                 piece = base64.b64decode(message["data"], validate=True)
             except ValueError:
                 piece, message["left"] = b"", -1
-            received += len(piece)
-            size = received + message["left"] if size is None else size
+            received_bytes += len(piece)
+            size = received_bytes + message["left"] if size is None else size
             if size > min(most, LONGEST_RUN):
                 raise FileError(
                     fault(
@@ -241,7 +241,7 @@ class Remote:
                         longest_gb=LONGEST_RUN >> 30,
                     )
                 )
-            if received + message["left"] != size or size < 0 or (received < size and not piece):
+            if received_bytes + message["left"] != size or size < 0 or (received_bytes < size and not piece):
                 raise RobotUnreachable(fault("remote.run-otherwise", host=self.name, run=run))
             yield piece
 

@@ -92,12 +92,12 @@ class Watchdog:
         self, state: WatchdogState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[WatchdogState, Command]:
         """The command (n,) that may reach the motors."""
-        inner, limited = self.supervisor.step(state.supervisor, command, tick, estimate)
+        inner, safe_command = self.supervisor.step(state.supervisor, command, tick, estimate)
         # the cause before what follows from it
         reason = state.why or self._reason(tick.t_ns) or stop_reason(inner)
         if reason is not None:
-            limited = limited._replace(u=np.zeros(len(tick.u)))
-        return WatchdogState(inner, reason), limited
+            safe_command = safe_command._replace(u=np.zeros(len(tick.u)))
+        return WatchdogState(inner, reason), safe_command
 
     def _reason(self, t_ns: int) -> Diagnostic | None:
         reasons = [observer.why(t_ns) for observer in self.observers]

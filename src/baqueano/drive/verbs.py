@@ -294,8 +294,8 @@ def replay(
     world = ReplayedWorld(run, file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     with allowed(allow_blocks):
-        chosen = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
-    return drive(chosen, file, "replay", world=world, ticking=world.times, **options)
+        replay_blocks = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
+    return drive(replay_blocks, file, "replay", world=world, ticking=world.times, **options)
 
 
 def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:

@@ -107,12 +107,12 @@ def signal_map(
     swaps = {(i, j): _swap(of, i, j, worth) for i in range(len(of)) for j in range(i + 1, h.shape[1])}
     for i, j in sorted((pair for pair in swaps if swaps[pair] > 0.0), key=lambda pair: -swaps[pair]):
         pairs = _pairs(of, i, j)
-        crossed = {a: _hypothesis(b, of[a][b], channels[a], worth) for a, b in pairs}
+        swap_hypotheses = {a: _hypothesis(b, of[a][b], channels[a], worth) for a, b in pairs}
         if all(
             hypotheses[a].code != "swapped" and np.isfinite(hypothesis.ratio)
-            for a, hypothesis in crossed.items()
+            for a, hypothesis in swap_hypotheses.items()
         ):
-            for a, hypothesis in crossed.items():
+            for a, hypothesis in swap_hypotheses.items():
                 hypotheses[a] = hypothesis._replace(code="swapped")
     return hypotheses
 

@@ -273,8 +273,8 @@ def _check_header(entry: Entry) -> None:
     """A column that is called `speed [km/h]` is not in m/s."""
     in_header = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
     by_header, by_map = unit(in_header[1]) if in_header else None, unit(entry.unit)
-    named = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
-    if named and by_map is not None and by_header != by_map and by_map.measures != "raw":
+    has_unit = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
+    if has_unit and by_map is not None and by_header != by_map and by_map.measures != "raw":
         raise FileError(
             fault(
                 "import.unit-of-name",

@@ -151,9 +151,9 @@ def _left_out(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) ->
     """Return the values that a file lacks: their parts are left out."""
     for lacking, of in by_file.items():
         for file, file_values in by_file.items():
-            unmatched = [value for value in file_values if value not in of]
-            if unmatched:
-                values = _values_of(m, file, unmatched)
+            unmatched_values = [value for value in file_values if value not in of]
+            if unmatched_values:
+                values = _values_of(m, file, unmatched_values)
                 reason = note(
                     "recording.not-in-all", map=m.path.name, values=values, file=file, lacking=lacking
                 )

@@ -123,20 +123,20 @@ def cost(statements: Iterable[Statement]) -> float:
 
 def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:
     """Return all terms under the roots, arguments before users, without those already computed and their terms."""
-    visited: set[Term] = set()
+    visited_terms: set[Term] = set()
     order = []
     for root in roots:
         stack = [root]
         while stack:
             term = stack[-1]
-            if term in visited or is_given(term):
+            if term in visited_terms or is_given(term):
                 stack.pop()
                 continue
-            pending = [a for a in term.args if a not in visited and not is_given(a)]
+            pending = [a for a in term.args if a not in visited_terms and not is_given(a)]
             if pending:
                 stack += reversed(pending)
             else:
-                visited.add(term)
+                visited_terms.add(term)
                 order.append(term)
     return order
 
