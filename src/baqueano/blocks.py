@@ -163,7 +163,7 @@ def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> typ
     if folder is None:
         if _leads_away(Path(file)) or not path.is_relative_to(working_folder):
             raise FileError(fault("block.in-run-elsewhere", kind=kind))
-        own, code = _named_here(kind), "block.in-run"
+        own, code = _is_in_own_file(kind), "block.in-run"
     else:
         home = Path(folder).resolve()
         own = path.is_relative_to(home) or (
@@ -179,7 +179,7 @@ def _leads_away(file: Path) -> bool:
     return file.expanduser().is_absolute() or file.is_absolute() or ".." in file.parts
 
 
-def _named_here(kind: str) -> bool:
+def _is_in_own_file(kind: str) -> bool:
     """Return whether the vehicle file of the folder in which we stand names this block, too."""
     try:
         tables = list(tomllib.loads(Path(OWN_FILE).read_text(encoding="utf-8")).values())

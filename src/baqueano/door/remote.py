@@ -125,7 +125,7 @@ class Remote:
         ends the drive by KeyboardInterrupt, as Ctrl-C does; `words` gives further messages to send, `on_state` gets the
         vehicle's state and "link_ms", the way there and back. SafetyStop if the vehicle was stopped; the run is
         there."""
-        self._forget_others()
+        self._drop_old_messages()
         name = uuid4().hex
         self._check_version()
         self.say(do="mission", id=name, mission=mission.json(), attended=attended, door=VERSION)
@@ -178,7 +178,7 @@ class Remote:
             fix = typed("robot", "setup", self.name)
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
-    def _forget_others(self) -> None:
+    def _drop_old_messages(self) -> None:
         """Drop the messages until now: they are of other drives."""
         while not self.inbox.empty():
             message = self.inbox.get()

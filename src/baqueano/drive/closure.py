@@ -132,8 +132,8 @@ def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
 def _whole(turned_rad: float, name: str) -> int:
     """k of a lap. AnswerNo for another."""
     turns = round(turned_rad / (2.0 * np.pi))
-    left_rad = abs(turned_rad - 2.0 * np.pi * turns)
-    if abs(turns) > MOST_TURNS or left_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
+    residual_rad = abs(turned_rad - 2.0 * np.pi * turns)
+    if abs(turns) > MOST_TURNS or residual_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
         figures = {"turned_deg": np.degrees(turned_rad), "within_percent": 100 * WRONG, "most": MOST_TURNS}
         raise AnswerNo(fault("marks.no-whole-turn", subject=name, **figures))
     return turns

@@ -132,7 +132,7 @@ def grouped(messages: Sequence[Diagnostic]) -> list[str]:
     alike: dict[Any, list[Diagnostic]] = {}
     for message in messages:
         alike.setdefault((message.severity, _kind(message)), []).append(message)
-    return [text(_as_one(same)) for same in alike.values()]
+    return [text(_merge(same)) for same in alike.values()]
 
 
 def _kind(message: Diagnostic) -> tuple[Any, ...]:
@@ -141,7 +141,7 @@ def _kind(message: Diagnostic) -> tuple[Any, ...]:
     return message.code, *((k, _kind(v) if isinstance(v, Diagnostic) else v) for k, v in words.items())
 
 
-def _as_one(same: Sequence[Diagnostic]) -> Diagnostic:
+def _merge(same: Sequence[Diagnostic]) -> Diagnostic:
     first, subjects = same[0], [*dict.fromkeys(message.subject for message in same)][1:]
     if subjects:
         rest = ", …" if len(subjects) > NAMED else ""

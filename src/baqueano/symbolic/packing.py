@@ -81,13 +81,13 @@ def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
     if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
         return None
     first = shape.children[0]
-    return first if _is_kept(first) and size(first) and _alike(first, shapes[0]) else None
+    return first if _is_fixed(first) and size(first) and _alike(first, shapes[0]) else None
 
 
-def _is_kept(shape: Shape) -> bool:
+def _is_fixed(shape: Shape) -> bool:
     """Return whether nothing of it can change but the numbers in its arrays, which are parts of a row."""
     if isinstance(shape, Branch):
-        return issubclass(shape.kind, tuple) and all(map(_is_kept, shape.children))
+        return issubclass(shape.kind, tuple) and all(map(_is_fixed, shape.children))
     return isinstance(shape, ConstantLeaf) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
 
 

@@ -160,7 +160,7 @@ class Cockpit(Observer):
     def look(self, record: Record) -> None:
         """A tick of a world in this process, for the screen."""
         self.status.applied = np.asarray(record.tick.u)
-        self._held_by(record.requested.u)
+        self._update_hold(record.requested.u)
         self.status.speed_m_s, self.status.yaw_rate_rad_s = (
             float(record.estimate.nu[0]),
             float(record.estimate.nu[2]),
@@ -176,13 +176,13 @@ class Cockpit(Observer):
         s.degraded = text(state.get("degraded"))
         if state.get("u") is not None and len(state["u"]) == len(self._limit):
             s.applied = np.array(state["u"], dtype=float)
-            self._held_by(state.get("requested", state["u"]))
+            self._update_hold(state.get("requested", state["u"]))
 
     def say(self, line: str) -> None:
         """A line for the driver."""
         self.status.line = line
 
-    def _held_by(self, requested: Sequence[float] | np.ndarray) -> None:
+    def _update_hold(self, requested: Sequence[float] | np.ndarray) -> None:
         """Return the request to the motors where the driver wants straight on, for the screen."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:

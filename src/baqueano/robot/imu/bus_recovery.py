@@ -101,13 +101,13 @@ def recover(path: str) -> RecoveryOutcome:
     try:
         pins = _pins(path)
         sda, scl = pins.look()
-        left_behind = {sda.function, scl.function} != {I2C}
-        if left_behind:
+        foreign_mode = {sda.function, scl.function} != {I2C}
+        if foreign_mode:
             pins.give_back()
             sda, scl = pins.look()
         if not scl.high:
             return RecoveryOutcome(False, note("bus.scl-held", Severity.WARNING))
-        if sda.high and left_behind:
+        if sda.high and foreign_mode:
             return RecoveryOutcome(True, note("bus.given-back", Severity.WARNING))
         if sda.high:
             return RecoveryOutcome(False, note("bus.free", Severity.WARNING))

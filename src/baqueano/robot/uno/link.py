@@ -214,11 +214,11 @@ class Uno:
         none comes within ANSWER_S."""
         received_reply: Any = None
         self._replies.pop(answer, None)
-        end_ns, again_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
+        end_ns, retry_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
         while self._now_ns() < end_ns:
-            if self._now_ns() >= again_ns:
+            if self._now_ns() >= retry_ns:
                 self._send(question)
-                again_ns = self._now_ns() + round(ASK_AGAIN_S * 1e9)
+                retry_ns = self._now_ns() + round(ASK_AGAIN_S * 1e9)
             wait(0.002)
             self.pump()
             received_reply = self._replies.pop(answer, received_reply)

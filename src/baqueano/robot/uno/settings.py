@@ -140,8 +140,8 @@ def _with(settings: Settings, name: str, text: str) -> Settings:
         return settings._replace(**{field: kind[word.upper()]})
     if name in PLUGS:
         flag, words = PLUGS[name]
-        other_way_round = words.index(_word(name, text, list(words)))
-        return settings._replace(wiring=settings.wiring & ~flag | flag * other_way_round)
+        is_reversed = words.index(_word(name, text, list(words)))
+        return settings._replace(wiring=settings.wiring & ~flag | flag * is_reversed)
     if name in NUMBERS:
         field, unit = NUMBERS[name]
         return settings._replace(**{field: _number(name, text, text, Settings, field, unit)})

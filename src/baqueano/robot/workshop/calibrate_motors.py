@@ -341,11 +341,11 @@ def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...]
     settings = settings._replace(ways=tuple(new_ways))
     floor.store(settings)
     (forwards, turn_f), (backwards, turn_b) = (_differ(floor, sign, reach) for sign in (1.0, -1.0))
-    held_f, held_b = (_held_heading(floor, sign, reach) for sign in (1.0, -1.0))
+    error_f, error_b = (_heading_error(floor, sign, reach) for sign in (1.0, -1.0))
     return Motors(
         settings, sweeps, (before[0], before[1]), (forwards, backwards),
         (float(np.degrees(turn_f)), float(np.degrees(turn_b))),
-        (float(np.degrees(held_f)), float(np.degrees(held_b))),
+        (float(np.degrees(error_f)), float(np.degrees(error_b))),
     )  # fmt: skip
 
 
@@ -359,7 +359,7 @@ def _differ(floor: "FloorTests", sign: float, reach: float) -> tuple[float, floa
     return turn / (request * reach), turn
 
 
-def _held_heading(floor: "FloorTests", sign: float, reach: float) -> float:
+def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
     """The heading [rad] that is off after a straight drive in which it was held.  (6)"""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))

@@ -152,7 +152,7 @@ class _RunAssembly:
         rows = self.read("/command/applied", "u", self.sized(messages.command_layout))
         if rows is None:
             topics = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
-            cause = _as_one(self.contents.problems[:2])
+            cause = _join_causes(self.contents.problems[:2])
             if self.contents.metadata.get(METADATA) is None and self.topics:
                 raise FileError(
                     fault(
@@ -266,7 +266,7 @@ class _RunAssembly:
         if self.contents.problems:
             more = max(self.contents.places - 3, 0)
             problems, code = (
-                _as_one(self.contents.problems[:3]),
+                _join_causes(self.contents.problems[:3]),
                 "run.damaged-often" if more else "run.damaged",
             )
             warnings.append(_warning(code, **of, places=problems, more=more))
@@ -340,7 +340,7 @@ def _warning(code: str, **figures: Any) -> Diagnostic:
     return note(code, Severity.WARNING, **figures)
 
 
-def _as_one(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
+def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
     """Return several causes as one, None of none."""
     first = causes[0] if causes else None
     for then in causes[1:]:

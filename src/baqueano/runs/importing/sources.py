@@ -126,7 +126,7 @@ def _match(
     if not common:
         text = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in by_file.items())
         raise FileError(fault("import.split-no-value", map=m.path.name, found=text))
-    doubts += _left_out(m, by_file)
+    doubts += _missing_values(m, by_file)
     labelled_parts = []
     for value in common:
         of_value = {file: of[value] for file, of in by_file.items()}
@@ -147,7 +147,7 @@ def _match(
     return labelled_parts
 
 
-def _left_out(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
+def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
     """Return the values that a file lacks: their parts are left out."""
     for lacking, of in by_file.items():
         for file, file_values in by_file.items():
@@ -185,10 +185,10 @@ def _within(source: Source, t_ns: np.ndarray) -> Source:
 
 def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
     """The map's, or that of the file where the map is for many files."""
-    paths_given = [
+    run_paths = [
         paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)
     ]
-    return paths_given[0].name.split(".csv")[0].split(".bag")[0] if paths_given else m.name
+    return run_paths[0].name.split(".csv")[0].split(".bag")[0] if run_paths else m.name
 
 
 def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:

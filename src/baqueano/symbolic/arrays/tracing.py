@@ -58,7 +58,7 @@ def tracing() -> Iterator[int]:
                     setattr(np, name, original)
 
 
-def _only_here(original: Callable[..., Value], make: Callable[..., Value]) -> Callable[..., Value]:
+def _while_traced(original: Callable[..., Value], make: Callable[..., Value]) -> Callable[..., Value]:
     def call(*args: Value, **kwargs: Value) -> Value:
         if not _context.depth or sys._getframe(1).f_globals.get("__name__", "").startswith(_OURS):
             return original(*args, **kwargs)
@@ -94,4 +94,4 @@ def _fill(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Valu
 _MAKES: dict[str, Callable[..., Value]] = {"array": _array}
 _MAKES |= dict.fromkeys(("asarray", "asanyarray", "ascontiguousarray"), _same_array)
 _MAKES |= dict.fromkeys(_JOINED, _join) | dict.fromkeys(_FILLED, _fill)
-_MAKERS = {name: _only_here(getattr(np, name), make) for name, make in _MAKES.items()}
+_MAKERS = {name: _while_traced(getattr(np, name), make) for name, make in _MAKES.items()}

@@ -86,12 +86,12 @@ def _traced_step(
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
     next_carry = _matching(graph, result[0], carry_shape, "the step")
-    carry_kinds = _kept_kinds(carry_shape, symbols, next_carry, kinds)
+    carry_kinds = _stable_kinds(carry_shape, symbols, next_carry, kinds)
     shape, outputs = _flat(graph, result[1], "output", kinds)
     return Trace(graph, theta, entering, initial, symbols, next_carry, outputs, shape, carry_kinds)
 
 
-def _kept_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
+def _stable_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
     """The shape of a carry, where an integer or truth that becomes a float is one; `kinds` too."""
     changed_symbols = symbols
     while changed_symbols:

@@ -113,7 +113,7 @@ class Foxglove:
         if not self._clients:
             return
         fields = self._about()["fields"]
-        self._advertise_again()
+        self._renew_channels()
         bodies: dict[str, list[tuple[int, bytes]]] = {}
         for client in self._clients.values():
             messages = []
@@ -163,7 +163,7 @@ class Foxglove:
             for k, topic in enumerate(self._topics, 1)
         ]  # fmt: skip
 
-    def _advertise_again(self) -> None:
+    def _renew_channels(self) -> None:
         """Another vehicle may have other columns: those that know the old channels get the new ones."""
         before = self._topics
         channels = self._channels()
